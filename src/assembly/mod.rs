@@ -136,7 +136,7 @@ pub(crate) fn calibration(rig: &config::Rig) -> Result<(Calibration, Mounting), 
         config::Mount::LeftDistal => MountedOn::LeftDistal,
         config::Mount::RightDistal => MountedOn::RightDistal,
     };
-    let mounting = Mounting { link, angle_rad: sensor.mounting_angle_rad.get() }.checked()?;
+    let mounting = Mounting::new(link, sensor.mounting_angle_rad.get())?;
     Ok((Calibration::new(matrix, i32::try_from(sensor.range_counts).unwrap_or(i32::MAX))?, mounting))
 }
 

@@ -70,7 +70,14 @@ fn exit_codes_tell_what_happened() {
         assert_eq!(exit(&line), wanted, "{arguments}");
     }
     // Refused before anything is computed or written.
-    for study in ["hold --mujoco mujoco", "plant --mujoco no-such-program", "fixture --shard 1/2"] {
+    for study in [
+        "hold --mujoco mujoco",
+        "plant --mujoco no-such-program",
+        "fixture --shard 1/2",
+        "all --point mass:1",
+        "all --mujoco no-such-program",
+        "all --merge --out no-such-folder",
+    ] {
         assert_eq!(exit(&format!("yieldwall -q study {study}")), Exit::Usage, "{study}");
     }
 }

@@ -353,7 +353,7 @@ impl Cycle {
     ///
     /// Real-time: yes.
     pub fn is_there(&self) -> bool {
-        self.lead.zip(self.reference).is_some_and(|(lead, reference)| lead.is_there(reference.angles))
+        self.lead.zip(self.reference).is_some_and(|(lead, reference)| lead.is_there(reference.angles()))
     }
 
     /// Lowers the greatest torque of each joint, in N m, until [`Cycle::restart`]. It is not raised before.
@@ -398,7 +398,7 @@ impl Cycle {
         // move the reference, command the joints, pass the gate
         let mut signals = Signals::default();
         let before = self.reference;
-        let command = match self.act(directive.motion, &reading, &mut signals) {
+        let command = match self.act(directive.motion, &reading, before.as_ref(), &mut signals) {
             Ok(command) => command,
             Err(fault) => {
                 // A fault found on the way stops all axes in this same cycle: along the ramp, from the last reference
@@ -406,7 +406,7 @@ impl Cycle {
                 self.faults.observe(fault, true);
                 directive = self.supervise(&inputs.drives, Request::None);
                 self.reference = before;
-                self.act(directive.motion, &reading, &mut signals).unwrap_or_else(|fault| {
+                self.act(directive.motion, &reading, before.as_ref(), &mut signals).unwrap_or_else(|fault| {
                     // A position to rest at would be a leap for drives that still move.
                     let devices = self.faults.devices(fault);
                     directive = self.supervisor.stop_at_once(Cause { fault, devices });
@@ -471,10 +471,10 @@ impl Cycle {
     }
 
     fn sense(&mut self, sample: Option<&RawSample>) -> Reading {
-        let distal_angles = self.posture.as_ref().map(|posture| posture.distal_angle_rad).unwrap_or_default();
-        let link_angle_rad = self.sensing.mounting().link_angle_rad(distal_angles);
+        let distal = self.posture.as_ref().map(|posture| posture.distal_rotation).unwrap_or_default();
+        let link = self.sensing.mounting().link_rotation(distal);
         let acceleration = self.reference.as_ref().map(|reference| reference.acceleration).unwrap_or_default();
-        self.sensing.step(sample, link_angle_rad, acceleration)
+        self.sensing.step(sample, link, acceleration)
     }
 
     fn supervise(&mut self, drives: &[DriveSample; 2], request: Request) -> Directive {
@@ -510,12 +510,12 @@ impl Cycle {
         &mut self,
         motion: Motion,
         reading: &Reading,
+        before: Option<&Reference>,
         signals: &mut Signals,
     ) -> Result<Allowed<JointCommand>, Fault> {
         let Some(posture) = self.posture.filter(|_| motion != Motion::Rest && !self.homes) else {
             return Ok(self.rest());
         };
-        let before = self.reference;
         let reference = self.advance(motion, reading, &posture, signals)?;
         let effort = self.servo.command(&self.linkage, &reference, &posture)?;
         let (allowed, cut) = self.gate.check(&effort.command, &self.measured)?;
@@ -524,7 +524,7 @@ impl Cycle {
         // Joints that are led go where they are led; one that is blocked is a following error.
         let before = before.filter(|_| self.lead.is_none());
         if let (Some(overreach), Some(before), Motion::Run) = (effort.overreach, before, motion) {
-            self.draw_back(overreach, &before, &reference, &posture)?;
+            self.draw_back(overreach, before, &reference, &posture)?;
         }
         Ok(allowed)
     }
@@ -561,7 +561,7 @@ impl Cycle {
             true => signals.signed_distance_m,
             false => self.fixture.signed_distance_m(&signals.proxy.0),
         };
-        signals.target_angles = self.reference.as_ref().map_or(self.measured.angles, |reference| reference.angles);
+        signals.target_angles = self.reference.as_ref().map_or(self.measured.angles, |reference| reference.angles());
     }
 }
 

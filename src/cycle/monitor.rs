@@ -155,7 +155,7 @@ impl Cycle {
 
     fn observe_arm(&mut self) {
         let error = match &self.reference {
-            Some(reference) if is_moving(self.supervisor.state()) => reference.angles - self.measured.angles,
+            Some(reference) if is_moving(self.supervisor.state()) => reference.angles() - self.measured.angles,
             _ => JointAngles::default(),
         };
         let own = self.settings.following_error_limit_rad;

@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 use super::servo::Deviation;
 use super::{Cycle, Settings, Signals};
 use crate::guard::{Fault, Motion, StopRamp};
-use crate::linkage::Posture;
+use crate::linkage::{Closure, Posture};
 use crate::quantity::{JointAngles, JointRates, TipDisplacement, TipPoint, TipVelocity};
 use crate::sensing::Reading;
 
@@ -28,8 +28,8 @@ pub struct Reference {
     pub velocity: TipVelocity,
     /// Its acceleration in m/s^2, base frame.
     pub acceleration: Vector2<f64>,
-    /// The joint angles that put the tool there.
-    pub angles: JointAngles,
+    /// The linkage with its tool there.
+    pub closure: Closure,
     /// Their rates.
     pub rates: JointRates,
     /// Their accelerations in rad/s^2.
@@ -37,30 +37,35 @@ pub struct Reference {
 }
 
 impl Reference {
+    /// The joint angles that put the tool there.
+    pub fn angles(&self) -> JointAngles {
+        self.closure.angles()
+    }
+
     /// At rest where the arm is measured to be.
-    pub fn at_rest(point: TipPoint, angles: JointAngles) -> Self {
+    pub fn at_rest(point: TipPoint, closure: Closure) -> Self {
         Self {
             point,
             velocity: TipVelocity::default(),
             acceleration: Vector2::zeros(),
-            angles,
+            closure,
             rates: JointRates::default(),
             accelerations: Vector2::zeros(),
         }
     }
 
-    /// The reference of the next cycle, which has come to this point and these angles within `period_s`.
+    /// The reference of the next cycle, which has come to this point within `period_s`.
     ///
     /// Real-time: yes.
     #[must_use]
-    pub fn moved(&self, point: TipPoint, angles: JointAngles, period_s: f64) -> Self {
+    pub fn moved(&self, point: TipPoint, closure: Closure, period_s: f64) -> Self {
         let velocity = (point - self.point).over_s(period_s);
-        let rates = (angles - self.angles).over_s(period_s);
+        let rates = (closure.angles() - self.angles()).over_s(period_s);
         Self {
             point,
             velocity,
             acceleration: ((velocity - self.velocity) / period_s).0,
-            angles,
+            closure,
             rates,
             accelerations: ((rates - self.rates) / period_s).0,
         }
@@ -80,10 +85,11 @@ impl Cycle {
         signals: &mut Signals,
     ) -> Result<Reference, Fault> {
         let Some(last) = self.reference else {
-            let start = Reference::at_rest(posture.tip, self.measured.angles);
+            let closure = self.linkage.close(posture.angles).map_err(|_| Fault::NotFinite)?;
+            let start = Reference::at_rest(posture.tip, closure);
             self.reset_fixture(start.point)?;
             self.servo.reset(&start, posture);
-            self.lead.iter_mut().for_each(|lead| lead.rest(start.angles));
+            self.lead.iter_mut().for_each(|lead| lead.rest(start.angles()));
             self.reference = Some(start);
             return Ok(start);
         };
@@ -94,20 +100,20 @@ impl Cycle {
         };
         // Joints that are led are not led around an edge: they stay before it.
         let braked = self.brake(candidate, &last).filter(|point| self.lead.is_none() || *point == candidate);
-        let next = match braked.and_then(|point| self.admit(point, &last).map(|angles| (point, angles))) {
-            Some((point, angles)) => {
+        let next = match braked.and_then(|point| self.admit(point, &last).map(|closure| (point, closure))) {
+            Some((point, closure)) => {
                 self.faults.observe(Fault::WorkspaceEdge, point != candidate);
                 if point != candidate && motion == Motion::Run {
                     self.fixture.hold_back_to(&point.0).map_err(|_| Fault::NotFinite)?;
                 }
-                last.moved(point, angles, self.settings.period_s)
+                last.moved(point, closure, self.settings.period_s)
             }
             None => {
                 self.faults.observe(Fault::WorkspaceEdge, true);
                 self.reset_fixture(last.point)?;
-                self.lead.iter_mut().for_each(|lead| lead.rest(last.angles));
+                self.lead.iter_mut().for_each(|lead| lead.rest(last.angles()));
                 self.halt = self.halt.map(|_| StopRamp::new(last.point, TipVelocity::default(), 1.0));
-                last.moved(last.point, last.angles, self.settings.period_s)
+                last.moved(last.point, last.closure, self.settings.period_s)
             }
         };
         if next.velocity.norm() > self.settings.tool_speed_limit_m_per_s {
@@ -137,11 +143,11 @@ impl Cycle {
     fn led(&mut self, last: &Reference) -> TipPoint {
         let was_halted = self.halt.take().is_some();
         let period_s = self.settings.period_s;
-        let angles = self.lead.as_mut().map_or(last.angles, |lead| {
+        let angles = self.lead.as_mut().map_or(last.angles(), |lead| {
             if was_halted {
-                lead.rest(last.angles);
+                lead.rest(last.angles());
             }
-            lead.step(last.angles, period_s)
+            lead.step(last.angles(), period_s)
         });
         self.linkage.forward(angles).map_or(last.point, |posture| posture.tip)
     }
@@ -163,7 +169,7 @@ impl Cycle {
             Deviation::Joints(by) => posture.tip_velocity(JointRates(by.0)).map_err(|_| Fault::NotFinite)?.0,
         };
         let point = TipPoint(self.fixture.draw_back(&by));
-        let drawn = self.admit(point, before).map(|angles| before.moved(point, angles, self.settings.period_s));
+        let drawn = self.admit(point, before).map(|closure| before.moved(point, closure, self.settings.period_s));
         match drawn.filter(|drawn| drawn.velocity.norm() <= self.settings.tool_speed_limit_m_per_s) {
             Some(drawn) => {
                 self.servo.draw_back(&drawn, posture);
@@ -189,17 +195,16 @@ impl Cycle {
         Ok(if is_led { point } else { TipPoint(self.fixture.lead_to(&point.0)) })
     }
 
-    /// The joint angles for `candidate`, or `None` if the linkage cannot go there, or if the arm is within the margin
+    /// The linkage with its tool at `candidate`, or `None` if the linkage cannot go there, or if the arm is within the margin
     /// and `candidate` leads further in.
-    fn admit(&self, candidate: TipPoint, last: &Reference) -> Option<JointAngles> {
-        let angles = self.linkage.inverse_near(candidate, last.angles).ok()?;
+    fn admit(&self, candidate: TipPoint, last: &Reference) -> Option<Closure> {
+        let closure = self.linkage.close_near(candidate, last.angles()).ok()?;
         if self.clearance_m >= self.settings.singularity_margin_m {
-            return Some(angles);
+            return Some(closure);
         }
-        let here = self.linkage.forward(last.angles).map(|posture| self.clearance_of_m(&posture)).ok()?;
-        let there = self.linkage.forward(angles).map(|posture| self.clearance_of_m(&posture)).ok()?;
+        let [here, there] = [last.closure, closure].map(|at| self.clearance_of_m(&self.linkage.posture(&at)));
         let least = here.min(self.settings.singularity_margin_m) - CLEARANCE_TOLERANCE_M;
-        (there >= least).then_some(angles)
+        (there >= least).then_some(closure)
     }
 
     /// `candidate`, brought back so far that the reference can still come to rest at the margin within the deceleration of
@@ -215,9 +220,8 @@ impl Cycle {
             return Some(candidate);
         }
         let clearance = |point: TipPoint| {
-            let angles = self.linkage.inverse_near(point, last.angles).ok()?;
-            let posture = self.linkage.forward(angles).ok()?;
-            Some(self.clearance_of_m(&posture))
+            let closure = self.linkage.close_near(point, last.angles()).ok()?;
+            Some(self.clearance_of_m(&self.linkage.posture(&closure)))
         };
         let here = clearance(last.point)?;
         let fall = (2.0 * deceleration * (here - margin).max(0.0)).sqrt() * period_s;
@@ -251,6 +255,6 @@ impl Cycle {
     }
 
     pub(super) fn clearance_of_m(&self, posture: &Posture) -> f64 {
-        self.linkage.clearance(posture).nearest().1
+        self.linkage.clearance(posture).least_m()
     }
 }

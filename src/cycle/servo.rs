@@ -91,9 +91,9 @@ impl Servo {
         posture: &Posture,
     ) -> Result<Effort, Fault> {
         match self {
-            Servo::Position => Ok(Effort::of(JointCommand::Position(reference.angles))),
+            Servo::Position => Ok(Effort::of(JointCommand::Position(reference.angles()))),
             Servo::Velocity(law) => {
-                let error = reference.angles - posture.angles;
+                let error = reference.angles() - posture.angles;
                 let first = law.command(error.left(), reference.rates.left());
                 let second = law.command(error.right(), reference.rates.right());
                 if !(first.valid && second.valid) {
@@ -225,7 +225,7 @@ impl TorqueServo {
         if self.is_cartesian {
             Deviation::Tool(reference.point - posture.tip)
         } else {
-            Deviation::Joints(reference.angles - posture.angles)
+            Deviation::Joints(reference.angles() - posture.angles)
         }
     }
 
@@ -263,7 +263,7 @@ impl TorqueServo {
 
     fn inertia_term(&self, linkage: &FiveBar, reference: &Reference) -> Option<InertiaTerm> {
         let model = self.inertia.as_ref()?;
-        let dynamics = linkage.dynamics(model, reference.angles, reference.rates).ok()?;
+        let dynamics = linkage.dynamics_of(model, &reference.closure, reference.rates).ok()?;
         let mass_matrix: Matrix2<f64> = dynamics.mass;
         Some(InertiaTerm { mass_matrix, accelerations: reference.accelerations, bias_n_m: dynamics.bias.0 })
     }

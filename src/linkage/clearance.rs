@@ -52,6 +52,15 @@ impl Clearance {
         let start = (Singularity::WorkspaceEdge, self.edge_m);
         candidates.into_iter().fold(start, |best, next| if next.1 <= best.1 { next } else { best })
     }
+
+    /// How far the nearest singularity is in m, as [`nearest`](Self::nearest) says.
+    ///
+    /// Real-time: yes.
+    pub fn least_m(&self) -> f64 {
+        let Self { stretched_m, folded_m, distal_stretched_m, distal_folded_m, edge_m } = *self;
+        let of_chains = stretched_m[0].min(stretched_m[1]).min(folded_m[0].min(folded_m[1]));
+        of_chains.min(distal_stretched_m.min(distal_folded_m)).min(edge_m)
+    }
 }
 
 /// A point of a disc that the linkage does not reach.
@@ -77,13 +86,13 @@ impl FiveBar {
         let [e0, e1] = posture.elbows_m.map(Complex::from);
         let reach = Chain::BOTH.map(|chain| {
             let carried = if chain == self.carrier { tip } else { wrist };
-            (carried - self.base[chain.index()]).length()
+            (carried - self.base[chain.index()]).square().sqrt()
         });
         let range = Chain::BOTH.map(|chain| self.chain_range_m(chain));
         let stretched_m = [range[0].0 - reach[0], range[1].0 - reach[1]];
         let folded_m = [reach[0] - range[0].1, reach[1] - range[1].1];
         let (longest, shortest) = self.distal_range_m();
-        let elbows = (e1 - e0).length();
+        let elbows = (e1 - e0).square().sqrt();
         let (h, f) = (self.carrier.index(), self.carrier.other().index());
         let free = stretched_m[f].min(folded_m[f]);
         // `min` leaves out a way that is not a number.
@@ -108,7 +117,7 @@ impl FiveBar {
         let carried = Complex::from(posture.tip.to_array()) - elbow;
         let crank = (elbow - self.base[h]).left();
         let reach = Complex::from(posture.wrist_m) - self.base[f];
-        let length = reach.length();
+        let length = reach.square().sqrt();
         if length <= 0.0 {
             // On the base joint the reach has no gradient.
             return gap_m;
@@ -120,7 +129,7 @@ impl FiveBar {
         let conjugate = Complex::new(w.re, -w.im);
         let along = crank * Complex::new(1.0 - w.re, -w.im);
         let gradient = (reach * conjugate).scale(lever) + carried.scale(along.dot(reach));
-        gap_m * lever.abs() * length / gradient.length()
+        gap_m * lever.abs() * length / gradient.square().sqrt()
     }
 
     /// The clearance of a posture, if both elbows lie on their sides and nothing is nearer than `margin_m`.

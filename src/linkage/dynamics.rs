@@ -1,6 +1,6 @@
 use super::complex::Complex;
 use super::error::LinkageError;
-use super::five_bar::{Closure, FiveBar};
+use super::five_bar::{Closure, FiveBar, Transmission};
 use super::geometry::GeometryError;
 use super::posture::{finite_vector, matrix};
 use crate::quantity::{JointAngles, JointRates, JointTorques, TipPoint, TipVelocity};
@@ -96,21 +96,37 @@ impl FiveBar {
         angles: JointAngles,
         rates: JointRates,
     ) -> Result<Dynamics, LinkageError> {
+        self.dynamics_of(model, &self.close(angles)?, rates)
+    }
+
+    /// [`dynamics`](Self::dynamics) of a loop that is closed already.
+    ///
+    /// Real-time: yes.
+    ///
+    /// # Errors
+    /// As [`dynamics`](Self::dynamics), but those of the angles.
+    #[inline]
+    pub fn dynamics_of(
+        &self,
+        model: &MassModel,
+        closure: &Closure,
+        rates: JointRates,
+    ) -> Result<Dynamics, LinkageError> {
         let [w0, w1] = rates.to_array();
         if !(w0.abs() <= RATE_LIMIT_RAD_PER_S && w1.abs() <= RATE_LIMIT_RAD_PER_S) {
             return Err(LinkageError::NotFinite { what: "joint rates in rad/s", values: [w0, w1] });
         }
-        let closure = self.close(angles)?;
-        let tip_column = self.tip_columns(&closure);
+        let transmission = closure.transmission();
+        let tip_column = self.tip_columns(closure, &transmission);
         let tip_velocity = tip_column[0].scale(w0) + tip_column[1].scale(w1);
         let elbow_bias = [closure.proximal[0].scale(-w0 * w0), closure.proximal[1].scale(-w1 * w1)];
-        let wrist_bias = wrist_bias(&closure, [w0, w1], elbow_bias);
+        let wrist_bias = wrist_bias(closure, &transmission, [w0, w1], elbow_bias);
         let tip_bias = self.at_tip(wrist_bias, elbow_bias[self.carrier.index()]);
 
         let mut sum = Sum::new(self.geometry.proximal_m, model);
         sum.add_point(model.tool_kg, tip_column, tip_bias);
         if model.distal_kg != [0.0; 2] {
-            sum.add_distal_rods(model.distal_kg, &closure, elbow_bias, wrist_bias);
+            sum.add_distal_rods(model.distal_kg, closure, transmission.wrist_column, elbow_bias, wrist_bias);
         }
         let [[m00, m01], [_, m11]] = sum.mass;
         let determinant = m00 * m11 - m01 * m01;
@@ -119,7 +135,7 @@ impl FiveBar {
         }
         let bias = finite_vector("Coriolis torques in N m", Vector2::from(sum.bias))?;
         Ok(Dynamics {
-            tip: self.tip(&closure).to_array().into(),
+            tip: self.tip(closure).to_array().into(),
             tip_velocity: tip_velocity.to_array().into(),
             tip_bias_m_per_s2: tip_bias.to_array(),
             jacobian: matrix(tip_column),
@@ -148,13 +164,14 @@ impl FiveBar {
 /// Acceleration of the wrist without joint accelerations. A distal link keeps its length, so along it the wrist's
 /// acceleration is that of the elbow less the square of their relative velocity.
 #[inline]
-fn wrist_bias(closure: &Closure, rates: [f64; 2], elbow_bias: [Complex; 2]) -> Complex {
-    let velocity = closure.wrist_column[0].scale(rates[0]) + closure.wrist_column[1].scale(rates[1]);
+fn wrist_bias(closure: &Closure, transmission: &Transmission, rates: [f64; 2], elbow_bias: [Complex; 2]) -> Complex {
+    let Transmission { dual, wrist_column } = transmission;
+    let velocity = wrist_column[0].scale(rates[0]) + wrist_column[1].scale(rates[1]);
     let along = |i: usize| {
         let relative = velocity - closure.proximal[i].left().scale(rates[i]);
         closure.distal[i].dot(elbow_bias[i]) - relative.square()
     };
-    closure.dual[0].scale(along(0)) + closure.dual[1].scale(along(1))
+    dual[0].scale(along(0)) + dual[1].scale(along(1))
 }
 
 /// Mass matrix (its upper half) and bias, summed over the bodies.
@@ -184,8 +201,14 @@ impl Sum {
 
     /// Both distal rods: a third of their masses at the wrist, a third at the elbows, a sixth between the two.
     #[inline]
-    fn add_distal_rods(&mut self, mass: [f64; 2], closure: &Closure, elbow_bias: [Complex; 2], wrist_bias: Complex) {
-        let column = closure.wrist_column;
+    fn add_distal_rods(
+        &mut self,
+        mass: [f64; 2],
+        closure: &Closure,
+        column: [Complex; 2],
+        elbow_bias: [Complex; 2],
+        wrist_bias: Complex,
+    ) {
         self.add_point((mass[0] + mass[1]) / 3.0, column, wrist_bias);
         // The elbows' accelerations towards the base joints do no work on the elbows themselves.
         self.mass[0][0] += mass[0] / 3.0 * closure.proximal[0].square();

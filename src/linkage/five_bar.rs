@@ -4,6 +4,7 @@ use super::geometry::{Chain, Geometry, GeometryError, Side};
 use super::posture::{Posture, matrix};
 use crate::elementary;
 use crate::quantity::{JointAngles, TipPoint};
+use nalgebra::UnitComplex;
 use std::f64::consts::TAU;
 
 /// Sine of the angle between the distal links below which the posture counts as singular of type 2. There the
@@ -28,19 +29,50 @@ pub struct FiveBar {
     /// Elbow -> tool point over elbow -> wrist on the link that holds the tool. One without an offset.
     pub(super) tool_ratio: Complex,
     pub(super) wrist_ratio: Complex,
+    per_distal_m: [f64; 2],
 }
 
-/// The loop closed at a pair of angles.
-pub(super) struct Closure {
+/// The loop closed at a pair of joint angles: where its links are, which kinematics and dynamics share.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Closure {
+    pub(super) angles: JointAngles,
     /// Base joint -> elbow.
     pub(super) proximal: [Complex; 2],
     pub(super) elbow: [Complex; 2],
     /// Elbow -> wrist.
     pub(super) distal: [Complex; 2],
+    /// Cross product of the distal vectors, left x right.
+    cross: f64,
+}
+
+/// How the wrist of a closed loop moves with the joints.
+pub(super) struct Transmission {
     /// `x = dual[0] r[0] + dual[1] r[1]` solves `distal[i] . x = r[i]`.
     pub(super) dual: [Complex; 2],
     /// Wrist velocity per joint rate.
     pub(super) wrist_column: [Complex; 2],
+}
+
+impl Closure {
+    /// The joint angles.
+    pub fn angles(&self) -> JointAngles {
+        self.angles
+    }
+
+    /// With an angle that is none, as a bit that flips leaves it.
+    #[cfg(test)]
+    pub(crate) fn at_no_angle(self) -> Self {
+        Self { angles: JointAngles::new(f64::NAN, self.angles.right()), ..self }
+    }
+
+    #[inline]
+    pub(super) fn transmission(&self) -> Transmission {
+        let Self { proximal, distal, .. } = self;
+        let per_cross = 1.0 / self.cross;
+        let dual = [distal[1].left().scale(-per_cross), distal[0].left().scale(per_cross)];
+        let wrist_column = [dual[0].scale(proximal[0].cross(distal[0])), dual[1].scale(proximal[1].cross(distal[1]))];
+        Transmission { dual, wrist_column }
+    }
 }
 
 /// Two sides of a triangle, which say how the third point lies against the base between the first two.
@@ -109,6 +141,7 @@ impl FiveBar {
             carrier,
             tool_ratio,
             wrist_ratio: tool_ratio.inverse(),
+            per_distal_m: [1.0 / l0, 1.0 / l1],
         })
     }
 
@@ -128,6 +161,11 @@ impl FiveBar {
     /// Names the chain that cannot reach and by how much; refuses a type 2 singularity, a solution that belongs to the
     /// other assembly mode, and numbers that are not finite.
     pub fn inverse(&self, tip: TipPoint) -> Result<JointAngles, LinkageError> {
+        self.close_at(tip).map(|closure| closure.angles)
+    }
+
+    /// The loop closed so that the tool point is at `tip`.
+    fn close_at(&self, tip: TipPoint) -> Result<Closure, LinkageError> {
         if !tip.is_finite() {
             return Err(LinkageError::NotFinite { what: "tool point in m", values: tip.to_array() });
         }
@@ -136,14 +174,17 @@ impl FiveBar {
         let mut proximal = [Complex::default(); 2];
         let mut distal = [Complex::default(); 2];
         let (h, f) = (held.index(), free.index());
+        let mut elbow = [Complex::default(); 2];
         proximal[h] = self.reach(held, tip)?;
-        let elbow = self.base[h] + proximal[h];
-        distal[h] = (tip - elbow) * self.wrist_ratio;
-        let wrist = elbow + distal[h];
+        elbow[h] = self.base[h] + proximal[h];
+        distal[h] = (tip - elbow[h]) * self.wrist_ratio;
+        let wrist = elbow[h] + distal[h];
         proximal[f] = self.reach(free, wrist)?;
-        distal[f] = wrist - (self.base[f] + proximal[f]);
-        self.check_assembly(distal)?;
-        Ok(JointAngles::new(proximal[0].angle_rad(), proximal[1].angle_rad()))
+        elbow[f] = self.base[f] + proximal[f];
+        distal[f] = wrist - elbow[f];
+        let cross = self.check_assembly(distal)?;
+        let angles = JointAngles::new(proximal[0].angle_rad(), proximal[1].angle_rad());
+        Ok(Closure { angles, proximal, elbow, distal, cross })
     }
 
     /// [`inverse`](Self::inverse) with each angle moved by whole turns to within half a turn of `near`: fed with the
@@ -154,10 +195,22 @@ impl FiveBar {
     /// # Errors
     /// As [`inverse`](Self::inverse); also if `near` is not within [`ANGLE_LIMIT_RAD`].
     pub fn inverse_near(&self, tip: TipPoint, near: JointAngles) -> Result<JointAngles, LinkageError> {
+        self.close_near(tip, near).map(|closure| closure.angles)
+    }
+
+    /// [`inverse_near`](Self::inverse_near) with the loop that it closes, for [`posture`](Self::posture) and
+    /// [`dynamics_of`](Self::dynamics_of), which need no sine then.
+    ///
+    /// Real-time: yes.
+    ///
+    /// # Errors
+    /// As [`inverse_near`](Self::inverse_near).
+    pub fn close_near(&self, tip: TipPoint, near: JointAngles) -> Result<Closure, LinkageError> {
         check_angles(near)?;
-        let angles = self.inverse(tip)?;
-        let turns = ((near - angles) / TAU).map(f64::round);
-        Ok(angles + turns * TAU)
+        let mut closure = self.close_at(tip)?;
+        let turns = ((near - closure.angles) / TAU).map(f64::round);
+        closure.angles += turns * TAU;
+        Ok(closure)
     }
 
     /// Everything about the posture at a pair of joint angles. The elbows may lie on other sides than the working mode
@@ -169,11 +222,13 @@ impl FiveBar {
     /// Where the distal links do not meet, or lie on one line to within [`LEAST_SINE`] (type 2, by kind); angles that
     /// are not within [`ANGLE_LIMIT_RAD`].
     pub fn forward(&self, angles: JointAngles) -> Result<Posture, LinkageError> {
-        let closure = self.close(angles)?;
-        Ok(self.posture(angles, &closure))
+        self.close(angles).map(|closure| self.posture(&closure))
     }
 
-    fn posture(&self, angles: JointAngles, closure: &Closure) -> Posture {
+    /// Everything about the posture of a closed loop.
+    ///
+    /// Real-time: yes.
+    pub fn posture(&self, closure: &Closure) -> Posture {
         let tip = self.tip(closure);
         let wrist = closure.elbow[0] + closure.distal[0];
         let side = |chain: Chain| {
@@ -182,14 +237,19 @@ impl FiveBar {
             let left = (carried - self.base[i]).cross(closure.proximal[i]) >= 0.0;
             if left { Side::Left } else { Side::Right }
         };
+        let distal_rotation = Chain::BOTH.map(|chain| {
+            let i = chain.index();
+            let Complex { re, im } = closure.distal[i].scale(self.per_distal_m[i]);
+            UnitComplex::from_cos_sin_unchecked(re, im)
+        });
         Posture {
-            angles,
+            angles: closure.angles,
             tip: tip.to_array().into(),
             wrist_m: wrist.to_array(),
             elbows_m: closure.elbow.map(Complex::to_array),
-            distal_angle_rad: closure.distal.map(Complex::angle_rad),
+            distal_rotation,
             elbow_sides: Chain::BOTH.map(side),
-            jacobian: matrix(self.tip_columns(closure)),
+            jacobian: matrix(self.tip_columns(closure, &closure.transmission())),
         }
     }
 
@@ -211,7 +271,8 @@ impl FiveBar {
         Ok(base * triangle.apex(square, area).0)
     }
 
-    fn check_assembly(&self, distal: [Complex; 2]) -> Result<(), LinkageError> {
+    /// The cross product of these distal vectors, if they belong to this assembly mode.
+    fn check_assembly(&self, distal: [Complex; 2]) -> Result<f64, LinkageError> {
         let cross = distal[0].cross(distal[1]);
         if cross.abs() < self.least_cross {
             return Err(self.type_2(distal[0] - distal[1]));
@@ -219,7 +280,7 @@ impl FiveBar {
         if cross * self.distal.sign < 0.0 {
             return Err(LinkageError::OtherAssembly { wrist_offset_m: cross / (distal[0] - distal[1]).length() });
         }
-        Ok(())
+        Ok(cross)
     }
 
     /// The kind of type 2 singularity at this vector from left to right elbow.
@@ -234,9 +295,14 @@ impl FiveBar {
         }
     }
 
-    /// Closes the loop at the wrist. One sine and cosine per joint, one square root, two divisions.
+    /// Closes the loop at a pair of joint angles. One sine and cosine per joint, one square root, one division.
+    ///
+    /// Real-time: yes.
+    ///
+    /// # Errors
+    /// As [`forward`](Self::forward).
     #[inline]
-    pub(super) fn close(&self, angles: JointAngles) -> Result<Closure, LinkageError> {
+    pub fn close(&self, angles: JointAngles) -> Result<Closure, LinkageError> {
         check_angles(angles)?;
         let [l0, l1] = self.geometry.proximal_m;
         let proximal = [Complex::polar(l0, angles.left()), Complex::polar(l1, angles.right())];
@@ -250,11 +316,7 @@ impl FiveBar {
         }
         let (apex, cross) = self.distal.apex(square, area);
         let first = elbows * apex;
-        let distal = [first, first - elbows];
-        let per_cross = 1.0 / cross;
-        let dual = [distal[1].left().scale(-per_cross), distal[0].left().scale(per_cross)];
-        let wrist_column = [dual[0].scale(proximal[0].cross(distal[0])), dual[1].scale(proximal[1].cross(distal[1]))];
-        Ok(Closure { proximal, elbow, distal, dual, wrist_column })
+        Ok(Closure { angles, proximal, elbow, distal: [first, first - elbows], cross })
     }
 
     /// Tool point of a closed loop.
@@ -272,11 +334,12 @@ impl FiveBar {
 
     /// Tool velocity per joint rate.
     #[inline]
-    pub(super) fn tip_columns(&self, closure: &Closure) -> [Complex; 2] {
+    pub(super) fn tip_columns(&self, closure: &Closure, transmission: &Transmission) -> [Complex; 2] {
         let i = self.carrier.index();
         let mut elbow = [Complex::default(); 2];
         elbow[i] = closure.proximal[i].left();
-        [self.at_tip(closure.wrist_column[0], elbow[0]), self.at_tip(closure.wrist_column[1], elbow[1])]
+        let [left, right] = transmission.wrist_column;
+        [self.at_tip(left, elbow[0]), self.at_tip(right, elbow[1])]
     }
 
     /// Longest and shortest distance between base joint and carried point of each chain, in m.

@@ -42,7 +42,7 @@ mod tests;
 pub use clearance::{Clearance, DiscError};
 pub use dynamics::{Dynamics, MassModel, RATE_LIMIT_RAD_PER_S};
 pub use error::LinkageError;
-pub use five_bar::{ANGLE_LIMIT_RAD, FiveBar, LEAST_SINE};
+pub use five_bar::{ANGLE_LIMIT_RAD, Closure, FiveBar, LEAST_SINE};
 pub use geometry::{Chain, Geometry, GeometryError, LENGTH_RANGE_M, Side, Tool, WristSide};
 pub use posture::{CONDITION_LIMIT, Posture};
 pub use singularity::Singularity;

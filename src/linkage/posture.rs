@@ -3,7 +3,7 @@ use super::error::LinkageError;
 use super::geometry::Side;
 use crate::elementary;
 use crate::quantity::{Force, JointAngles, JointRates, JointTorques, TipPoint, TipVelocity};
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Matrix2, UnitComplex, Vector2};
 
 /// Condition number at which a Jacobian counts as singular; [`Posture::condition`] is never larger.
 pub const CONDITION_LIMIT: f64 = 1e9;
@@ -19,8 +19,8 @@ pub struct Posture {
     pub wrist_m: [f64; 2],
     /// Elbows, left then right, in m, base frame.
     pub elbows_m: [[f64; 2]; 2],
-    /// Angles of the distal links, elbow to wrist, against the base frame's x axis, in rad, within (-pi, pi].
-    pub distal_angle_rad: [f64; 2],
+    /// Rotations from the base frame's x axis to the distal links, elbow to wrist, left then right.
+    pub distal_rotation: [UnitComplex<f64>; 2],
     /// The sides on which the elbows lie, by the rule of [`Side`].
     pub elbow_sides: [Side; 2],
     /// Tool velocity per joint rate, in m/rad: row x, y; column left, right joint.

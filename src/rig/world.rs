@@ -304,8 +304,8 @@ impl World {
     /// What the force sensor's channels read at `now`, in counts; notes the truth of this moment.
     pub(super) fn feel(&mut self, now: Time) -> Result<[i32; 6], RigError> {
         let posture = self.posture(now)?;
-        let link_angle = self.mounting.link_angle_rad(posture.distal_angle_rad);
-        let mut counts = self.calibration.counts_for(&self.mounting.to_sensor(self.truth.force, 0.0, link_angle));
+        let link = self.mounting.link_rotation(posture.distal_rotation);
+        let mut counts = self.calibration.counts_for(&self.mounting.to_sensor(self.truth.force, 0.0, link));
         if self.noise_counts > 0.0 {
             let range = self.calibration.range_counts();
             for count in &mut counts {

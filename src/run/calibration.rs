@@ -74,7 +74,7 @@ impl<P: Place> Runner<P> {
             homed?;
             let posture = self.master().cycle().linkage().forward(angles);
             let posture = posture.map_err(|_| RunError::NoPosture)?;
-            let expected = mounting.to_sensor(force, 0.0, mounting.link_angle_rad(posture.distal_angle_rad));
+            let expected = mounting.to_sensor(force, 0.0, mounting.link_rotation(posture.distal_rotation));
             all.push(Pulled { force, expected, shown });
         }
         Ok(all)

@@ -1,7 +1,7 @@
 //! Between the sensor frame, which turns with a link, and the base frame.
 
 use crate::elementary;
-use nalgebra::Vector6;
+use nalgebra::{UnitComplex, Vector6};
 
 use super::Wrench;
 use super::error::SensingError;
@@ -18,60 +18,55 @@ pub enum MountedOn {
     RightDistal,
 }
 
-/// How the sensor sits on its link: its x axis stands at `angle_rad`, counter-clockwise, from the link's direction; its z
-/// axis points up as the base frame's.
+/// How the sensor sits on its link. Its z axis points up as the base frame's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mounting {
-    /// The link.
-    pub link: MountedOn,
-    /// Sensor x axis against the link, rad.
-    pub angle_rad: f64,
+    link: MountedOn,
+    /// From the link's direction to the sensor's x axis.
+    rotation: UnitComplex<f64>,
 }
 
 impl Mounting {
-    /// This mounting, if its angle is finite.
+    /// A sensor whose x axis stands at `angle_rad`, counter-clockwise, from the direction of this link.
     ///
     /// # Errors
-    /// [`SensingError::OutOfRange`].
-    pub fn checked(self) -> Result<Self, SensingError> {
-        if self.angle_rad.is_finite() {
-            Ok(self)
-        } else {
-            let value = self.angle_rad;
-            Err(SensingError::OutOfRange { name: "mounting angle", value, requirement: "finite" })
+    /// [`SensingError::OutOfRange`] if the angle is not finite.
+    pub fn new(link: MountedOn, angle_rad: f64) -> Result<Self, SensingError> {
+        if !angle_rad.is_finite() {
+            return Err(SensingError::OutOfRange { name: "mounting angle", value: angle_rad, requirement: "finite" });
         }
+        let (sin, cos) = elementary::sin_cos(angle_rad);
+        Ok(Self { link, rotation: UnitComplex::from_cos_sin_unchecked(cos, sin) })
     }
 
-    /// The angle of the link it sits on, out of those of the left and right distal link in rad against the base frame's
-    /// x axis; zero on the base.
+    /// The rotation of the link it sits on, out of those of the left and right distal link from the base frame's x axis;
+    /// none on the base.
     ///
     /// Real-time: yes.
-    pub fn link_angle_rad(&self, distal_angles_rad: [f64; 2]) -> f64 {
-        let [left, right] = distal_angles_rad;
+    pub fn link_rotation(&self, distal_rotations: [UnitComplex<f64>; 2]) -> UnitComplex<f64> {
+        let [left, right] = distal_rotations;
         match self.link {
-            MountedOn::Base => 0.0,
+            MountedOn::Base => UnitComplex::identity(),
             MountedOn::LeftDistal => left,
             MountedOn::RightDistal => right,
         }
     }
 
-    /// The planar force of a sensor-frame wrench in the base frame, N, with the link at `link_angle_rad`.
+    /// The planar force of a sensor-frame wrench in the base frame, N, with the link turned by `link` from the base frame's
+    /// x axis.
     ///
     /// Real-time: yes.
     #[inline]
-    pub fn to_base(&self, wrench: &Wrench, link_angle_rad: f64) -> Force {
-        let (sin, cos) = elementary::sin_cos(link_angle_rad + self.angle_rad);
-        let (x, y) = (wrench.0.x, wrench.0.y);
-        Force::new(cos * x - sin * y, sin * x + cos * y)
+    pub fn to_base(&self, wrench: &Wrench, link: UnitComplex<f64>) -> Force {
+        Force(link * self.rotation * wrench.0.xy())
     }
 
-    /// The sensor-frame wrench of a planar force in the base frame (N) and a torque about z (N m), with the link at
-    /// `link_angle_rad`: the inverse of [`Mounting::to_base`], with nothing out of the plane.
+    /// The sensor-frame wrench of a planar force in the base frame (N) and a torque about z (N m), with the link
+    /// turned by `link`: the inverse of [`Mounting::to_base`], with nothing out of the plane.
     ///
     /// Real-time: yes.
-    pub fn to_sensor(&self, force: Force, torque_z_n_m: f64, link_angle_rad: f64) -> Wrench {
-        let (sin, cos) = elementary::sin_cos(link_angle_rad + self.angle_rad);
-        let [x, y] = force.to_array();
-        Wrench(Vector6::new(cos * x + sin * y, cos * y - sin * x, 0.0, 0.0, 0.0, torque_z_n_m))
+    pub fn to_sensor(&self, force: Force, torque_z_n_m: f64, link: UnitComplex<f64>) -> Wrench {
+        let planar = (link * self.rotation).inverse_transform_vector(&force.0);
+        Wrench(Vector6::new(planar.x, planar.y, 0.0, 0.0, 0.0, torque_z_n_m))
     }
 }

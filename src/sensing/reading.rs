@@ -1,6 +1,6 @@
 //! The chain as a whole, one step per cycle, and what it says about its own trustworthiness.
 
-use nalgebra::Vector2;
+use nalgebra::{UnitComplex, Vector2};
 
 use super::error::{SensingError, not_negative, positive};
 use super::{Calibration, LowPass, Mounting, RawSample, Tare, TareParameters, TareState, Wrench};
@@ -158,7 +158,7 @@ impl Sensing {
         let low_pass = parameters.low_pass_hz.map(|hz| LowPass::new(hz, interval_s)).transpose()?;
         Ok(Self {
             calibration: parameters.calibration,
-            mounting: parameters.mounting.checked()?,
+            mounting: parameters.mounting,
             handle_mass_kg: not_negative("handle mass", parameters.handle_mass_kg)?,
             low_pass,
             cycle_period_s,
@@ -192,15 +192,15 @@ impl Sensing {
     }
 
     /// One cycle. `sample` is what arrived since the last step, `None` if nothing did; a sample whose sequence counter
-    /// has not changed is not new. `link_angle_rad` is the angle of the link under the sensor
-    /// ([`Mounting::link_angle_rad`]) and `tool_acceleration` that of the handle in m/s^2, base frame, both at the time
+    /// has not changed is not new. `link` is the rotation of the link under the sensor
+    /// ([`Mounting::link_rotation`]) and `tool_acceleration` that of the handle in m/s^2, base frame, both at the time
     /// of the sample.
     ///
     /// The handle's mass `m` lies between hand and sensor, so the sensor carries the hand's force less what
     /// accelerates the handle: `h = sensed + m a`.
     ///
     /// Without a new sample the force stays as it is, in the base frame. If the sensor says that the sample is not valid,
-    /// or if angle or acceleration are not finite, the force stays too and the reading is not valid. A force further from
+    /// or if rotation or acceleration are not finite, the force stays too and the reading is not valid. A force further from
     /// that of the sample before than the limit, once for each sample interval between them, is moved towards it by the
     /// limit. While a tare is under way the force is zero and not valid.
     ///
@@ -208,11 +208,11 @@ impl Sensing {
     pub fn step(
         &mut self,
         sample: Option<&RawSample>,
-        link_angle_rad: f64,
+        link: UnitComplex<f64>,
         tool_acceleration: Vector2<f64>,
     ) -> Reading {
         match sample.filter(|sample| self.is_new(sample)) {
-            Some(sample) => self.take(sample, link_angle_rad, tool_acceleration),
+            Some(sample) => self.take(sample, link, tool_acceleration),
             None => {
                 self.cycles_since_new = self.cycles_since_new.saturating_add(1);
                 self.last.new_sample = false;
@@ -234,7 +234,7 @@ impl Sensing {
         }
     }
 
-    fn take(&mut self, sample: &RawSample, link_angle_rad: f64, tool_acceleration: Vector2<f64>) {
+    fn take(&mut self, sample: &RawSample, link: UnitComplex<f64>, tool_acceleration: Vector2<f64>) {
         let same = self.last_sample.is_some_and(|last| last.counts == sample.counts);
         if self.is_resting && self.last_sample.is_some() {
             self.noise.note(!same);
@@ -257,7 +257,7 @@ impl Sensing {
             return self.refuse();
         }
         let wrench = Wrench(wrench.0 - self.bias.0);
-        let sensed = self.mounting.to_base(&wrench, link_angle_rad);
+        let sensed = self.mounting.to_base(&wrench, link);
         let hand = sensed + Force(tool_acceleration * self.handle_mass_kg);
         if !hand.is_finite() {
             return self.refuse();

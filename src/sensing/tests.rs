@@ -1,7 +1,7 @@
 //! The chain from counts to force and back, its flags, and what it refuses.
 
 use crate::elementary;
-use nalgebra::{Matrix6, Vector2, Vector6};
+use nalgebra::{Matrix6, UnitComplex, Vector2, Vector6};
 use proptest::prelude::*;
 
 use super::*;
@@ -21,13 +21,23 @@ fn calibration() -> Calibration {
 fn parameters() -> SensingParameters {
     SensingParameters {
         calibration: calibration(),
-        mounting: Mounting { link: MountedOn::RightDistal, angle_rad: 0.0 },
+        mounting: mounted(MountedOn::RightDistal, 0.0),
         handle_mass_kg: 0.0,
         low_pass_hz: None,
         sample_rate_hz: 1000.0,
         cycle_period_s: 1e-3,
         force_step_limit_n: f64::INFINITY,
     }
+}
+
+fn mounted(link: MountedOn, angle_rad: f64) -> Mounting {
+    Mounting::new(link, angle_rad).unwrap()
+}
+
+/// The rotation by an angle.
+fn turned(angle_rad: f64) -> UnitComplex<f64> {
+    let (sine, cosine) = elementary::sin_cos(angle_rad);
+    UnitComplex::from_cos_sin_unchecked(cosine, sine)
 }
 
 fn sensing(parameters: SensingParameters) -> Sensing {
@@ -47,7 +57,7 @@ fn counts_become_newtons_and_newton_metres() {
     let wrench = calibration().wrench(&sample([1600, -3200, 160, 1000, -2000, 10000]));
     let expected = Vector6::new(10.0, -20.0, 1.0, 0.3, -0.6, 3.0);
     assert!((wrench.0 - expected).amax() < 1e-12);
-    let reading = sensing(parameters()).step(Some(&sample([1600, -3200, 160, 1000, -2000, 10000])), 0.0, STILL);
+    let reading = sensing(parameters()).step(Some(&sample([1600, -3200, 160, 1000, -2000, 10000])), turned(0.0), STILL);
     assert!((reading.force - Force::new(10.0, -20.0)).norm() < 1e-12 && (reading.torque_z_n_m - 3.0).abs() < 1e-12);
     assert!(reading.is_usable() && reading.new_sample && reading.age_s == 0.0 && reading.identical_samples == 1);
 }
@@ -57,23 +67,24 @@ fn the_force_turns_with_link_and_mounting() {
     let quarter = std::f64::consts::FRAC_PI_2;
     // Sensor x along base y with the link at 90 degrees; along base -x with 90 degrees of mounting on top.
     let mut chain = sensing(parameters());
-    assert!((chain.step(Some(&newton(10.0)), quarter, STILL).force - Force::new(0.0, 10.0)).norm() < 1e-12);
-    let mounting = Mounting { link: MountedOn::LeftDistal, angle_rad: quarter };
+    assert!((chain.step(Some(&newton(10.0)), turned(quarter), STILL).force - Force::new(0.0, 10.0)).norm() < 1e-12);
+    let mounting = mounted(MountedOn::LeftDistal, quarter);
     let mut chain = sensing(SensingParameters { mounting, ..parameters() });
-    assert!((chain.step(Some(&newton(10.0)), quarter, STILL).force - Force::new(-10.0, 0.0)).norm() < 1e-12);
-    assert_eq!(mounting.link_angle_rad([1.0, 2.0]), 1.0);
-    assert_eq!(Mounting { link: MountedOn::RightDistal, ..mounting }.link_angle_rad([1.0, 2.0]), 2.0);
-    assert_eq!(Mounting { link: MountedOn::Base, ..mounting }.link_angle_rad([1.0, 2.0]), 0.0);
+    assert!((chain.step(Some(&newton(10.0)), turned(quarter), STILL).force - Force::new(-10.0, 0.0)).norm() < 1e-12);
+    let distal = [turned(1.0), turned(2.0)];
+    assert_eq!(mounting.link_rotation(distal), distal[0]);
+    assert_eq!(mounted(MountedOn::RightDistal, quarter).link_rotation(distal), distal[1]);
+    assert_eq!(mounted(MountedOn::Base, quarter).link_rotation(distal), turned(0.0));
 }
 
 #[test]
 fn the_handle_does_not_push_its_own_inertia() {
     let mut chain = sensing(SensingParameters { handle_mass_kg: 0.5, ..parameters() });
     // A hand pushes with 10 N and the handle accelerates at 4 m/s^2 under it: 2 N never reach the sensor.
-    let reading = chain.step(Some(&newton(8.0)), 0.0, Vector2::new(4.0, 0.0));
+    let reading = chain.step(Some(&newton(8.0)), turned(0.0), Vector2::new(4.0, 0.0));
     assert!((reading.force - Force::new(10.0, 0.0)).norm() < 1e-12);
     // Nobody pushes; the link drags the handle along at -6 m/s^2 and the sensor feels it lag: still no hand.
-    let reading = chain.step(Some(&newton(3.0)), 0.0, Vector2::new(-6.0, 0.0));
+    let reading = chain.step(Some(&newton(3.0)), turned(0.0), Vector2::new(-6.0, 0.0));
     assert!(reading.force.norm() < 1e-12);
 }
 
@@ -86,17 +97,22 @@ fn saturation_starts_at_98_percent_of_the_range_or_with_the_overload_bit() {
     assert!(calibration.is_saturated(&sample([0, 0, 0, 0, 0, i32::MIN])));
     assert!(calibration.is_saturated(&RawSample { overload: true, ..RawSample::default() }));
     let mut chain = sensing(parameters());
-    let reading = chain.step(Some(&sample([31360, 0, 0, 0, 0, 0])), 0.0, STILL);
+    let reading = chain.step(Some(&sample([31360, 0, 0, 0, 0, 0])), turned(0.0), STILL);
     assert!(reading.saturated && reading.valid && !reading.is_usable());
     // It is the last sample's flag until the next sample.
-    assert!(chain.step(None, 0.0, STILL).saturated && !chain.step(Some(&newton(1.0)), 0.0, STILL).saturated);
+    assert!(
+        chain.step(None, turned(0.0), STILL).saturated && !chain.step(Some(&newton(1.0)), turned(0.0), STILL).saturated
+    );
 }
 
 /// Missed samples and the stale flag in `cycles` cycles of 1 ms after one sample.
 fn after_one_sample(sample_rate_hz: f64, cycle_period_s: f64, cycles: usize) -> Vec<(u32, bool)> {
     let mut chain = sensing(SensingParameters { sample_rate_hz, cycle_period_s, ..parameters() });
-    chain.step(Some(&newton(1.0)), 0.0, STILL);
-    (0..cycles).map(|_| chain.step(None, 0.0, STILL)).map(|reading| (reading.missed_samples, reading.stale)).collect()
+    chain.step(Some(&newton(1.0)), turned(0.0), STILL);
+    (0..cycles)
+        .map(|_| chain.step(None, turned(0.0), STILL))
+        .map(|reading| (reading.missed_samples, reading.stale))
+        .collect()
 }
 
 #[test]
@@ -121,7 +137,7 @@ fn a_slow_sensor_is_never_stale_while_it_keeps_its_rate() {
     let mut ages = 0.0_f64;
     for cycle in 0..1000 {
         let sample = newton(f64::from(cycle % 100));
-        let reading = chain.step((cycle % 5 == 0).then_some(&sample), 0.0, STILL);
+        let reading = chain.step((cycle % 5 == 0).then_some(&sample), turned(0.0), STILL);
         assert!(reading.is_usable() && reading.missed_samples == 0 && reading.new_sample == (cycle % 5 == 0));
         ages = ages.max(reading.age_s);
     }
@@ -132,46 +148,46 @@ fn a_slow_sensor_is_never_stale_while_it_keeps_its_rate() {
 fn a_repeated_counter_is_no_new_sample() {
     let mut chain = sensing(parameters());
     let with = |sequence, x| RawSample { sequence: Some(sequence), ..newton(x) };
-    assert!(chain.step(Some(&with(255, 1.0)), 0.0, STILL).new_sample);
+    assert!(chain.step(Some(&with(255, 1.0)), turned(0.0), STILL).new_sample);
     for missed in 1..=3 {
-        let reading = chain.step(Some(&with(255, 2.0)), 0.0, STILL);
+        let reading = chain.step(Some(&with(255, 2.0)), turned(0.0), STILL);
         assert!(!reading.new_sample && reading.missed_samples == missed && reading.stale == (missed == 3));
         assert!((reading.force.x() - 1.0).abs() < 1e-12);
     }
-    let reading = chain.step(Some(&with(0, 2.0)), 0.0, STILL);
+    let reading = chain.step(Some(&with(0, 2.0)), turned(0.0), STILL);
     assert!(reading.new_sample && !reading.stale && (reading.force.x() - 2.0).abs() < 1e-12);
     // A sensor that stops sending its counter is taken at its word.
-    assert!(chain.step(Some(&newton(3.0)), 0.0, STILL).new_sample);
+    assert!(chain.step(Some(&newton(3.0)), turned(0.0), STILL).new_sample);
 }
 
 #[test]
 fn identical_samples_are_counted_on_all_six_axes() {
     let mut chain = sensing(parameters());
-    assert_eq!(chain.step(None, 0.0, STILL).identical_samples, 0);
+    assert_eq!(chain.step(None, turned(0.0), STILL).identical_samples, 0);
     for count in 1..=60 {
         let sequence = Some(count as u8);
         let sample = RawSample { sequence, ..sample([5, 4, 3, 2, 1, 0]) };
-        assert_eq!(chain.step(Some(&sample), 0.0, STILL).identical_samples, count);
+        assert_eq!(chain.step(Some(&sample), turned(0.0), STILL).identical_samples, count);
         // Neither silence nor a repetition is another sample.
-        assert_eq!(chain.step(None, 0.0, STILL).identical_samples, count);
-        assert_eq!(chain.step(Some(&sample), 0.0, STILL).identical_samples, count);
+        assert_eq!(chain.step(None, turned(0.0), STILL).identical_samples, count);
+        assert_eq!(chain.step(Some(&sample), turned(0.0), STILL).identical_samples, count);
     }
-    assert_eq!(chain.step(Some(&sample([5, 4, 3, 2, 1, 1])), 0.0, STILL).identical_samples, 1);
+    assert_eq!(chain.step(Some(&sample([5, 4, 3, 2, 1, 1])), turned(0.0), STILL).identical_samples, 1);
 }
 
 #[test]
 fn bad_angles_and_accelerations_hold_the_last_force() {
     let mut chain = sensing(SensingParameters { handle_mass_kg: 1e10, low_pass_hz: Some(30.0), ..parameters() });
-    assert!(!chain.step(Some(&newton(1.0)), f64::NAN, STILL).valid);
-    assert_eq!(chain.step(Some(&newton(1.0)), f64::INFINITY, STILL).force, Force::default());
-    let good = chain.step(Some(&newton(1.0)), 0.0, STILL);
+    assert!(!chain.step(Some(&newton(1.0)), turned(f64::NAN), STILL).valid);
+    assert_eq!(chain.step(Some(&newton(1.0)), turned(f64::INFINITY), STILL).force, Force::default());
+    let good = chain.step(Some(&newton(1.0)), turned(0.0), STILL);
     assert!(good.is_usable() && good.refused_samples == 0);
     for (refused, bad) in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300].into_iter().enumerate() {
-        let reading = chain.step(Some(&newton(2.0)), 0.0, Vector2::new(bad, 0.0));
+        let reading = chain.step(Some(&newton(2.0)), turned(0.0), Vector2::new(bad, 0.0));
         assert!(!reading.valid && reading.force == good.force && reading.refused_samples == refused as u32 + 1);
     }
     // Silence does not make it valid again.
-    assert!(!chain.step(None, 0.0, STILL).valid && chain.step(Some(&newton(2.0)), 0.0, STILL).valid);
+    assert!(!chain.step(None, turned(0.0), STILL).valid && chain.step(Some(&newton(2.0)), turned(0.0), STILL).valid);
 }
 
 #[test]
@@ -181,9 +197,9 @@ fn the_low_pass_lags_by_its_stated_delay() {
     // 1/(2 pi 30 Hz) - T/2 = 4.8 ms.
     assert!((delay - (1.0 / (std::f64::consts::TAU * 30.0) - 0.5e-3)).abs() < 2e-5, "{delay}");
     // A ramp of 160 counts per ms, 1000 N/s: the output runs behind by the delay.
-    let mut reading = chain.step(Some(&newton(0.0)), 0.0, STILL);
+    let mut reading = chain.step(Some(&newton(0.0)), turned(0.0), STILL);
     for i in 1..=190 {
-        reading = chain.step(Some(&sample([160 * i, 0, 0, 0, 0, 0])), 0.0, STILL);
+        reading = chain.step(Some(&sample([160 * i, 0, 0, 0, 0, 0])), turned(0.0), STILL);
     }
     assert!((190.0 - reading.force.x() - 1000.0 * delay).abs() < 1e-9, "{reading:?}");
     assert_eq!(sensing(parameters()).filter_delay_s(), 0.0);
@@ -192,7 +208,7 @@ fn the_low_pass_lags_by_its_stated_delay() {
     let mut peak = 0.0_f64;
     for cycle in 0..3000 {
         let x = 100.0 * elementary::sin(std::f64::consts::TAU * 5e-3 * f64::from(cycle));
-        let reading = chain.step((cycle % 5 == 0).then_some(&newton(x)), 0.0, STILL);
+        let reading = chain.step((cycle % 5 == 0).then_some(&newton(x)), turned(0.0), STILL);
         peak = if cycle > 1000 { peak.max(reading.force.x()) } else { 0.0 };
     }
     assert!((peak - 70.7).abs() < 4.0, "{peak}");
@@ -203,20 +219,20 @@ const TARE: TareParameters = TareParameters { samples: 100, force_spread_limit_n
 #[test]
 fn a_tare_takes_the_mean_out_of_what_follows() {
     let mut chain = sensing(parameters());
-    assert!(chain.tare_state().is_none() && chain.step(Some(&newton(7.0)), 0.0, STILL).is_usable());
+    assert!(chain.tare_state().is_none() && chain.step(Some(&newton(7.0)), turned(0.0), STILL).is_usable());
     chain.start_tare(TARE).unwrap();
-    assert!(!chain.step(None, 0.0, STILL).valid);
+    assert!(!chain.step(None, turned(0.0), STILL).valid);
     for i in 0..100 {
         assert_eq!(chain.tare_state(), Some(TareState::Collecting { remaining: 100 - i }));
         // 800 and 810 counts in turn: mean 805 counts, 5.03125 N; the torque stays at 0.3 N m.
-        let reading = chain.step(Some(&sample([800 + 10 * (i as i32 % 2), 0, 0, 0, 0, 1000])), 1.0, STILL);
+        let reading = chain.step(Some(&sample([800 + 10 * (i as i32 % 2), 0, 0, 0, 0, 1000])), turned(1.0), STILL);
         assert!(!reading.valid && reading.force == Force::default());
         // Cycles without a sample do not count.
-        chain.step(None, 1.0, STILL);
+        chain.step(None, turned(1.0), STILL);
     }
     let Some(TareState::Done(bias)) = chain.tare_state() else { panic!("{:?}", chain.tare_state()) };
     assert!((bias.0 - Vector6::new(5.03125, 0.0, 0.0, 0.0, 0.0, 0.3)).amax() < 1e-12 && bias == chain.bias());
-    let reading = chain.step(Some(&sample([805, 0, 0, 0, 0, 2000])), 1.0, STILL);
+    let reading = chain.step(Some(&sample([805, 0, 0, 0, 0, 2000])), turned(1.0), STILL);
     assert!(reading.is_usable() && reading.force.norm() < 1e-12 && (reading.torque_z_n_m - 0.3).abs() < 1e-12);
 }
 
@@ -226,7 +242,7 @@ fn a_tare_fails_when_somebody_holds_the_handle_and_leaves_the_bias() {
     let tare = |chain: &mut Sensing, bad: RawSample| {
         chain.start_tare(TARE).unwrap();
         for i in 0..100 {
-            chain.step(Some(&if i == 50 { bad } else { newton(2.0) }), 0.0, STILL);
+            chain.step(Some(&if i == 50 { bad } else { newton(2.0) }), turned(0.0), STILL);
         }
         chain.tare_state()
     };
@@ -239,7 +255,7 @@ fn a_tare_fails_when_somebody_holds_the_handle_and_leaves_the_bias() {
         other => panic!("{other:?}"),
     }
     assert_eq!(chain.bias(), bias);
-    assert!(chain.step(Some(&newton(2.0)), 0.0, STILL).valid);
+    assert!(chain.step(Some(&newton(2.0)), turned(0.0), STILL).valid);
     let twisted = sample([320, 0, 0, 0, 100, 0]);
     assert!(matches!(tare(&mut chain, twisted), Some(TareState::Failed(TareFault::Moving { .. }))));
     let overload = RawSample { overload: true, ..newton(2.0) };
@@ -295,9 +311,11 @@ fn bad_parameters_are_refused() {
         SensingParameters { sample_rate_hz: 0.0, ..parameters() },
         SensingParameters { sample_rate_hz: 1e-320, ..parameters() },
         SensingParameters { cycle_period_s: 1e300, ..parameters() },
-        SensingParameters { mounting: Mounting { link: MountedOn::Base, angle_rad: f64::NAN }, ..parameters() },
     ] {
         assert!(matches!(Sensing::new(zero), Err(SensingError::OutOfRange { .. })));
+    }
+    for angle_rad in [f64::NAN, f64::INFINITY] {
+        assert!(matches!(Mounting::new(MountedOn::Base, angle_rad), Err(SensingError::OutOfRange { .. })));
     }
     for samples in [0, 60_001] {
         let error = Tare::new(TareParameters { samples, ..TARE }).unwrap_err();
@@ -344,7 +362,7 @@ proptest! {
     fn base_frame_to_sensor_frame_and_back(
         x in -200.0..200.0, y in -200.0..200.0, torque in -9.0..9.0, link in -10.0..10.0, angle in -4.0..4.0,
     ) {
-        let mounting = Mounting { link: MountedOn::RightDistal, angle_rad: angle };
+        let (mounting, link) = (mounted(MountedOn::RightDistal, angle), turned(link));
         let wrench = mounting.to_sensor(Force::new(x, y), torque, link);
         prop_assert!((mounting.to_base(&wrench, link) - Force::new(x, y)).norm() < 1e-10);
         prop_assert_eq!(wrench.0.b, torque);
@@ -364,9 +382,9 @@ proptest! {
                 chain.start_tare(TareParameters { samples: 2, ..TARE }).unwrap();
             }
             let raw = raw.map(|(counts, sequence)| RawSample { counts, sequence, ..RawSample::default() });
-            let reading = chain.step(raw.as_ref(), angle, Vector2::from(acceleration));
+            let reading = chain.step(raw.as_ref(), turned(angle), Vector2::from(acceleration));
             prop_assert!(reading.force.is_finite() && reading.torque_z_n_m.is_finite() && reading.age_s.is_finite());
-            prop_assert!(!(reading.new_sample && reading.valid) || (angle.is_finite()));
+            prop_assert!(!(reading.new_sample && reading.valid) || angle.is_finite());
         }
     }
 }
@@ -374,17 +392,17 @@ proptest! {
 #[test]
 fn an_invalid_sample_is_not_used() {
     let mut chain = sensing(parameters());
-    let before = chain.step(Some(&newton(10.0)), 0.0, STILL);
+    let before = chain.step(Some(&newton(10.0)), turned(0.0), STILL);
     let invalid = RawSample { invalid: true, ..newton(20.0) };
     for count in 1..=3 {
-        let reading = chain.step(Some(&invalid), 0.0, STILL);
+        let reading = chain.step(Some(&invalid), turned(0.0), STILL);
         assert_eq!((reading.force, reading.valid, reading.new_sample), (before.force, false, true));
         assert_eq!(reading.refused_samples, count);
     }
-    let after = chain.step(Some(&newton(20.0)), 0.0, STILL);
+    let after = chain.step(Some(&newton(20.0)), turned(0.0), STILL);
     assert!(after.valid && after.refused_samples == 0 && (after.force.x() - 20.0).abs() < 1e-9);
     chain.start_tare(TareParameters { samples: 3, force_spread_limit_n: 1.0, torque_spread_limit_n_m: 1.0 }).unwrap();
-    chain.step(Some(&invalid), 0.0, STILL);
+    chain.step(Some(&invalid), turned(0.0), STILL);
     assert!(matches!(chain.tare_state(), Some(TareState::Failed(_))), "nor is a tare made of it");
 }
 
@@ -393,7 +411,7 @@ fn a_step_of_the_force_goes_by_its_limit() {
     let mut chain = sensing(SensingParameters { force_step_limit_n: 15.0, ..parameters() });
     let mut force = |newtons: Option<f64>| {
         let sample = newtons.map(newton);
-        let reading = chain.step(sample.as_ref(), 0.0, STILL);
+        let reading = chain.step(sample.as_ref(), turned(0.0), STILL);
         (reading.force.x().round(), reading.stepped)
     };
     assert_eq!(force(Some(100.0)), (100.0, false), "the first sample has none before it");
@@ -415,7 +433,7 @@ proptest! {
         let mut chain = sensing(SensingParameters { force_step_limit_n: 10.0, ..parameters() });
         let mut last: Option<Force> = None;
         for count in counts {
-            let reading = chain.step(Some(&sample([count, 0, 0, 0, 0, 0])), 0.0, STILL);
+            let reading = chain.step(Some(&sample([count, 0, 0, 0, 0, 0])), turned(0.0), STILL);
             let sensed = f64::from(count) * 0.00625;
             if let Some(last) = last {
                 prop_assert!((reading.force - last).norm() <= 10.0 * (1.0 + 1e-12));
@@ -434,10 +452,10 @@ fn a_sensor_that_hangs_is_stuck_only_if_its_noise_was_seen_at_rest() {
         let mut chain = sensing(parameters());
         chain.set_resting(true);
         for &count in at_rest {
-            assert!(!chain.step(Some(&sample([count, 0, 0, 0, 0, 0])), 0.0, STILL).stuck);
+            assert!(!chain.step(Some(&sample([count, 0, 0, 0, 0, 0])), turned(0.0), STILL).stuck);
         }
         chain.set_resting(false);
-        (1..=300).find(|_| chain.step(Some(&sample([7, 8, 9, 0, 0, 0])), 0.0, STILL).stuck)
+        (1..=300).find(|_| chain.step(Some(&sample([7, 8, 9, 0, 0, 0])), turned(0.0), STILL).stuck)
     };
     let noisy: Vec<i32> = (0..20).map(|at| at % 3).collect();
     assert_eq!(longest_clean_run(&noisy), Some(50));

@@ -5,6 +5,7 @@ use std::hint::black_box;
 use hil_tests::machine::Machine;
 use hil_tests::stopwatch::{Spread, Stopwatch};
 use hil_tests::tape::Tape;
+use nalgebra::UnitComplex;
 use yieldwall::canopen::{Frame, cob};
 use yieldwall::control::{AxisController, EffortRange, InertiaTerm};
 use yieldwall::cycle::{Servo, Signals, Timing};
@@ -92,7 +93,11 @@ impl Stages {
         let prepare = || self.tape.cycle().sensing().clone();
         self.time(prepare, |sensing| {
             for period in &self.tape.periods {
-                black_box(sensing.step(black_box(&period.inputs).sample.as_ref(), 1.0, Default::default()));
+                black_box(sensing.step(
+                    black_box(&period.inputs).sample.as_ref(),
+                    UnitComplex::from_cos_sin_unchecked(0.6, 0.8),
+                    Default::default(),
+                ));
             }
         })
     }
@@ -115,7 +120,7 @@ impl Stages {
             || (),
             |()| {
                 for signals in self.signals() {
-                    keep(linkage.inverse_near(signals.proxy, signals.target_angles));
+                    keep(linkage.close_near(signals.proxy, signals.target_angles));
                 }
             },
         )
@@ -125,14 +130,13 @@ impl Stages {
         let linkage = self.tape.cycle().linkage();
         let Servo::Torque(servo) = self.tape.cycle().servo() else { return Spread::NONE };
         let Some(model) = &servo.inertia else { return Spread::NONE };
-        self.time(
-            || (),
-            |()| {
-                for signals in self.signals() {
-                    keep(linkage.dynamics(model, signals.target_angles, JointRates::new(0.1, -0.2)));
-                }
-            },
-        )
+        let closures =
+            || self.signals().filter_map(|signals| linkage.close(signals.target_angles).ok()).collect::<Vec<_>>();
+        self.time(closures, |closures| {
+            for closure in closures {
+                keep(linkage.dynamics_of(model, closure, JointRates::new(0.1, -0.2)));
+            }
+        })
     }
 
     fn fixture(&self) -> Spread {
@@ -342,8 +346,8 @@ impl Stages {
                 let time_s = period.sync_at.as_secs_f64() - tape.hand_from_s;
                 let acceleration = tip.acceleration_m_per_s2.into();
                 let force = hand.force_on_tool(time_s, tip.position.0, tip.velocity.0, acceleration);
-                let link_angle_rad = mounting.link_angle_rad(posture.distal_angle_rad);
-                let wrench = mounting.to_sensor(yieldwall::quantity::Force(force), 0.0, link_angle_rad);
+                let link = mounting.link_rotation(posture.distal_rotation);
+                let wrench = mounting.to_sensor(yieldwall::quantity::Force(force), 0.0, link);
                 black_box(calibration.counts_for(&wrench));
             }
         })

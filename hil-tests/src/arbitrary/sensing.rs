@@ -1,6 +1,7 @@
 //! From counts to force.
 
-use nalgebra::{Matrix6, Vector2, Vector6};
+use nalgebra::{Matrix6, UnitComplex, Vector2, Vector6};
+use yieldwall::elementary;
 use yieldwall::sensing::{
     Calibration, MountedOn, Mounting, RawSample, Sensing, SensingParameters, TareParameters, TareState, Wrench,
 };
@@ -66,12 +67,11 @@ pub(super) fn calibrations() -> Vec<Vec<u8>> {
 pub fn sensing(bytes: &[u8]) {
     let mut bytes = Bytes::new(bytes);
     let Ok(calibration) = Calibration::new(matrix(&mut bytes), 32_000) else { return };
+    let link = bytes.pick(&[MountedOn::RightDistal, MountedOn::LeftDistal, MountedOn::Base]);
+    let Ok(mounting) = Mounting::new(link, bytes.f64()) else { return };
     let parameters = SensingParameters {
         calibration,
-        mounting: Mounting {
-            link: bytes.pick(&[MountedOn::RightDistal, MountedOn::LeftDistal, MountedOn::Base]),
-            angle_rad: bytes.f64(),
-        },
+        mounting,
         handle_mass_kg: bytes.f64(),
         low_pass_hz: bytes.bool().then(|| bytes.f64()),
         sample_rate_hz: bytes.f64(),
@@ -89,16 +89,24 @@ pub fn sensing(bytes: &[u8]) {
             });
         }
         let raw = (bytes.u8() >= 32).then(|| sample(&mut bytes));
-        let link_angle = chain.mounting().link_angle_rad([bytes.f64(), bytes.f64()]);
+        let distal = [bytes.f64(), bytes.f64()].map(|angle_rad| {
+            let (sin, cos) = elementary::sin_cos(angle_rad);
+            UnitComplex::from_cos_sin_unchecked(cos, sin)
+        });
+        let link = chain.mounting().link_rotation(distal);
         let acceleration = Vector2::new(bytes.f64(), bytes.f64());
-        let reading = chain.step(raw.as_ref(), link_angle, acceleration);
+        let reading = chain.step(raw.as_ref(), link, acceleration);
         let numbers = [reading.force.x(), reading.force.y(), reading.torque_z_n_m, reading.age_s];
         assert!(numbers.iter().all(|value| value.is_finite()), "{reading:?}");
         assert!(!reading.new_sample || raw.is_some());
         let age_s = raw.map_or(0.0, |raw| 1e-9 * f64::from(raw.age_ns));
         assert!(!reading.new_sample || (reading.missed_samples == 0 && !reading.stale && reading.age_s == age_s));
         if reading.new_sample && reading.valid {
-            assert!(link_angle.is_finite() && !matches!(chain.tare_state(), Some(TareState::Collecting { .. })));
+            assert!(
+                link.re.is_finite()
+                    && link.im.is_finite()
+                    && !matches!(chain.tare_state(), Some(TareState::Collecting { .. }))
+            );
         }
         if let Some(TareState::Done(bias)) = chain.tare_state() {
             assert!(bias.0.iter().all(|value| value.is_finite()), "{bias:?}");

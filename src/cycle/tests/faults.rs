@@ -107,7 +107,7 @@ fn inject(fault: Fault, bench: &mut Bench) -> Outputs {
             // The whole history is there: only the posture is wrong.
             bench.cycle.measured.angles = angles;
             if let Some(reference) = &mut bench.cycle.reference {
-                reference.angles = angles;
+                reference.closure = bench.cycle.linkage.close(angles).unwrap();
             }
             bench.angles = angles.to_array().map(Some);
         }
@@ -119,10 +119,10 @@ fn inject(fault: Fault, bench: &mut Bench) -> Outputs {
             // The whole arm is taken there, reference and all: only the place is wrong.
             if let Some(reference) = &mut bench.cycle.reference {
                 let tip = reference.point + TipDisplacement::new(0.0, 2e-4);
-                if let Ok(angles) = bench.cycle.linkage.inverse(tip) {
-                    (reference.point, reference.angles) = (tip, angles);
+                if let Ok(closure) = bench.cycle.linkage.close_near(tip, reference.angles()) {
+                    (reference.point, reference.closure) = (tip, closure);
                     bench.cycle.fixture.reset(&tip.0).unwrap();
-                    bench.angles = angles.to_array().map(Some);
+                    bench.angles = closure.angles().to_array().map(Some);
                 }
             }
             return bench.step(Request::None);
@@ -130,7 +130,7 @@ fn inject(fault: Fault, bench: &mut Bench) -> Outputs {
         Fault::OverSpeed => bench.force = [140.0, 0.0],
         Fault::NotFinite => {
             if let Some(reference) = &mut bench.cycle.reference {
-                reference.angles.0.x = f64::NAN;
+                reference.closure = reference.closure.at_no_angle();
             }
         }
         Fault::LinkDown => bench.link.send_failed = DeviceSet::interface(1),

@@ -66,7 +66,7 @@ fn sensing() -> Sensing {
 fn sensing_with(sample_rate_hz: f64, force_step_limit_n: f64) -> Sensing {
     Sensing::new(SensingParameters {
         calibration: Calibration::new(Matrix6::identity() / COUNTS_PER_N, RANGE_COUNTS).unwrap(),
-        mounting: Mounting { link: MountedOn::RightDistal, angle_rad: 0.3 },
+        mounting: Mounting::new(MountedOn::RightDistal, 0.3).unwrap(),
         handle_mass_kg: 0.0,
         low_pass_hz: None,
         sample_rate_hz,
@@ -220,7 +220,7 @@ impl Bench {
         self.sequence = self.sequence.wrapping_add(1);
         let angles = JointAngles::from(self.angles.map(Option::unwrap_or_default));
         let mounting = self.cycle.sensing.mounting();
-        let link = self.cycle.linkage.forward(angles).map(|posture| mounting.link_angle_rad(posture.distal_angle_rad));
+        let link = self.cycle.linkage.forward(angles).map(|posture| mounting.link_rotation(posture.distal_rotation));
         let wrench = mounting.to_sensor(Force::from(self.force), 0.0, link.unwrap_or_default());
         let counts = <[f64; 6]>::from(wrench.0 * COUNTS_PER_N).map(|count| count.round() as i32);
         let (overload, invalid) = (self.overload, self.invalid);

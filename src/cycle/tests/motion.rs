@@ -25,7 +25,7 @@ fn it_starts_where_it_is_measured_and_without_force() {
         let first = bench.enable();
         let measured = JointAngles::from(bench.angles.map(Option::unwrap));
         let reference = bench.reference();
-        assert_eq!(reference.angles, measured, "starts-in-place");
+        assert_eq!(reference.angles(), measured, "starts-in-place");
         assert_eq!(reference.point, first.signals.tool);
         assert_eq!((reference.velocity, reference.rates), (TipVelocity::default(), JointRates::default()));
         match first.command.get() {
@@ -91,7 +91,7 @@ fn a_position_command_is_the_reference() {
     bench.force = [0.0, 9.0];
     for _ in 0..100 {
         let outputs = bench.follow();
-        assert_eq!(*outputs.command.get(), JointCommand::Position(bench.reference().angles));
+        assert_eq!(*outputs.command.get(), JointCommand::Position(bench.reference().angles()));
     }
     assert!(bench.reference().point.y() > 0.01);
 }
@@ -202,7 +202,7 @@ fn the_workspace_edge_holds_the_reference_and_lets_it_back() {
 /// Speed of the reference across the edge in the last cycle, m/s: how fast its clearance fell.
 fn approach(bench: &Bench, before: &Reference) -> f64 {
     let clearance =
-        |reference: &Reference| bench.cycle.clearance_of_m(&bench.cycle.linkage.forward(reference.angles).unwrap());
+        |reference: &Reference| bench.cycle.clearance_of_m(&bench.cycle.linkage.forward(reference.angles()).unwrap());
     (clearance(before) - clearance(&bench.reference())) / PERIOD_S
 }
 
@@ -217,7 +217,7 @@ fn the_reference_comes_to_rest_at_the_edge_without_a_jerk() {
             let before = bench.reference();
             bench.follow();
             assert_eq!((bench.cycle.state(), bench.fault()), (State::Running, None), "{force:?}");
-            let here = bench.cycle.linkage.forward(bench.reference().angles).unwrap();
+            let here = bench.cycle.linkage.forward(bench.reference().angles()).unwrap();
             let clearance = bench.cycle.clearance_of_m(&here);
             assert!(clearance > MARGIN_M - 1e-6, "{force:?}: {clearance}");
             let approach = approach(&bench, &before);
@@ -289,7 +289,7 @@ fn whole_turns_of_the_encoders_change_nothing() {
         for _ in 0..200 {
             bench.follow();
         }
-        (bench.reference().point, bench.reference().angles - JointAngles::from(shift))
+        (bench.reference().point, bench.reference().angles() - JointAngles::from(shift))
     };
     let (point, angles) = run([0.0, 0.0]);
     for turns in [[1.0, -1.0], [-3.0, 2.0]] {

@@ -14,6 +14,7 @@ use crate::time::Time;
 
 /// Frames that one port can have waiting. More are lost and counted, as with the transmit queue of a real interface.
 pub const QUEUE_FRAMES: usize = 64;
+const NS_PER_S: u64 = 1_000_000_000;
 
 /// What [`VirtualBus::new`] refuses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -135,6 +136,9 @@ impl Port {
         if self.is_held {
             return None;
         }
+        if self.queue.len() <= 1 {
+            return self.queue.front().filter(|queued| queued.ready <= start).map(|queued| (0, queued));
+        }
         let mut waiting = self.queue.iter().enumerate().take_while(|(_, queued)| queued.ready <= start);
         match self.order {
             QueueOrder::Fifo => waiting.next(),
@@ -166,6 +170,8 @@ struct Next {
 /// follows it.
 pub struct VirtualBus {
     timing: BitTiming,
+    /// What a bit takes in ns, where that is a whole number; 0 where it is not.
+    bit_ns: u64,
     ports: Vec<Port>,
     idle_from: Time,
     waiting: usize,
@@ -218,8 +224,15 @@ impl VirtualBus {
             .iter()
             .map(|&order| Port { order, queue: VecDeque::with_capacity(QUEUE_FRAMES), is_held: false })
             .collect();
+        let bit_ns = match timing {
+            BitTiming::Arbitrated { bit_rate } if NS_PER_S.is_multiple_of(bit_rate.into()) => {
+                NS_PER_S / u64::from(bit_rate)
+            }
+            _ => 0,
+        };
         Ok(VirtualBus {
             timing,
+            bit_ns,
             ports,
             idle_from: Time(0),
             waiting: 0,
@@ -284,11 +297,12 @@ impl VirtualBus {
     /// deliveries is that on the wire.
     pub fn advance(&mut self, until: Time) -> Option<Delivery> {
         while let Some(next) = self.next.filter(|next| next.end <= until) {
-            let sent = self.ports.get_mut(next.port)?.queue.remove(next.position)?.frame;
+            let queue = &mut self.ports.get_mut(next.port)?.queue;
+            let sent = if next.position == 0 { queue.pop_front() } else { queue.remove(next.position) }?.frame;
             self.waiting -= 1;
             self.counters.frames += 1;
             self.counters.bits += u64::from(next.bits);
-            self.idle_from = next.start + self.on_wire(next.bits);
+            self.idle_from = self.after(next.start, next.bits);
             self.count_clashes(&next);
             self.next = self.arbitrate();
             let passed = match &mut self.tamper {
@@ -341,19 +355,21 @@ impl VirtualBus {
         &self.counters
     }
 
-    /// Time that `bits` bits take, rounded down to a nanosecond.
-    fn on_wire(&self, bits: u32) -> Duration {
-        match self.timing {
-            BitTiming::Arbitrated { bit_rate } => {
-                Duration::from_nanos(u64::from(bits) * 1_000_000_000 / u64::from(bit_rate))
-            }
-            BitTiming::Ideal => Duration::ZERO,
-        }
+    /// The moment when `bits` bits from `start` on are over, rounded down to a nanosecond.
+    fn after(&self, start: Time, bits: u32) -> Time {
+        let bits = u64::from(bits);
+        let takes_ns = match self.timing {
+            BitTiming::Ideal => 0,
+            // Frames are many and divisions slow.
+            BitTiming::Arbitrated { .. } if self.bit_ns > 0 => bits * self.bit_ns,
+            BitTiming::Arbitrated { bit_rate } => bits * NS_PER_S / u64::from(bit_rate),
+        };
+        Time(start.0.saturating_add(takes_ns))
     }
 
     fn sending(&self, port: usize, position: usize, start: Time, queued: &Queued) -> Next {
         let Queued { frame, bits, .. } = queued;
-        let end = start + self.on_wire(bits - INTERFRAME_BITS);
+        let end = self.after(start, bits - INTERFRAME_BITS);
         Next { port, position, id: frame.id(), bits: *bits, start, end }
     }
 

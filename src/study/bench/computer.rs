@@ -43,14 +43,14 @@ impl Computer {
             fixture,
             servo: TorqueServo::new(servo, &arm.linkage, *period_s)?,
             torque_limit_n_m: servo.torque_limit_n_m,
-            reference: Reference::at_rest(start, arm.linkage.inverse(start)?),
+            reference: Reference::at_rest(start, arm.linkage.close(arm.linkage.inverse(start)?)?),
             period_s: *period_s,
         })
     }
 
     /// The angles at which the joints shall be.
     pub fn target(&self) -> JointAngles {
-        self.reference.angles
+        self.reference.angles()
     }
 
     /// Lets the proxy come to the tool with this velocity.
@@ -70,8 +70,8 @@ impl Computer {
     pub fn step(&mut self, force_n: &Vector2<f64>, measured: &Posture) -> Result<Command, BenchError> {
         let step = self.fixture.step_admittance(force_n);
         let proxy = TipPoint(step.proxy);
-        let angles = self.linkage.inverse_near(proxy, self.reference.angles)?;
-        self.reference = self.reference.moved(proxy, angles, self.period_s);
+        let closure = self.linkage.close_near(proxy, self.reference.angles())?;
+        self.reference = self.reference.moved(proxy, closure, self.period_s);
         let servo = self.servo.step(&self.linkage, &self.reference, measured).map_err(|_| BenchError::NotFinite)?;
         let limit = self.torque_limit_n_m;
         Ok(Command { step, torques: servo.torques.map(|torque| gsat(-limit, torque, limit)) })
