@@ -259,11 +259,8 @@ impl OpenLoop {
 
     /// Frequencies `theta` at which `|L| = 1`, and the factors on all gains at which `L` passes through -1.
     fn crossovers(&self) -> (Vec<f64>, Vec<f64>) {
-        let gain = |theta: f64| {
-            let response = self.response(theta);
-            elementary::ln(elementary::hypot(response.re, response.im))
-        };
-        let imaginary = |theta: f64| self.response(theta).im;
+        let is_weak = |response: Complex<f64>| elementary::hypot(response.re, response.im) < 1.0;
+        let lags = |response: Complex<f64>| response.im < 0.0;
         let mut gain_crossovers = Vec::new();
         let mut critical_gains = Vec::new();
         // L is real at pi itself.
@@ -272,17 +269,22 @@ impl OpenLoop {
             critical_gains.push(-1.0 / nyquist);
         }
         let at = |i: usize| PI * (1.0 - 1e-7) * elementary::powf(GRID_SPAN, 1.0 - i as f64 / GRID_POINTS as f64);
-        for i in 0..GRID_POINTS {
-            let (low, high) = (at(i), at(i + 1));
-            if let Some(theta) = zero_between(low, high, gain) {
-                gain_crossovers.push(theta);
+        let mut low = at(0);
+        let mut before = self.response(low);
+        for i in 1..=GRID_POINTS {
+            let high = at(i);
+            let after = self.response(high);
+            if is_weak(before) != is_weak(after) {
+                gain_crossovers.push(change_between(low, high, |theta| is_weak(self.response(theta))));
             }
-            if let Some(theta) = zero_between(low, high, imaginary) {
+            if lags(before) != lags(after) {
+                let theta = change_between(low, high, |theta| lags(self.response(theta)));
                 let real = self.response(theta).re;
                 if real < 0.0 {
                     critical_gains.push(-1.0 / real);
                 }
             }
+            (low, before) = (high, after);
         }
         critical_gains.sort_by(f64::total_cmp);
         (gain_crossovers, critical_gains)
@@ -341,16 +343,12 @@ fn step_response(t: f64, decay: f64) -> [f64; 2] {
     [position, coast(t, decay)]
 }
 
-/// The zero of `f` in `(low, high]` if its sign differs at the ends; the ends are positive.
-fn zero_between(low: f64, high: f64, f: impl Fn(f64) -> f64) -> Option<f64> {
-    let below = f(low) < 0.0;
-    if below == (f(high) < 0.0) {
-        return None;
-    }
-    let (mut low, mut high) = (low, high);
+/// Where `is` changes in `(low, high]`, at whose ends it differs; the ends are positive.
+fn change_between(mut low: f64, mut high: f64, is: impl Fn(f64) -> bool) -> f64 {
+    let at_high = is(high);
     for _ in 0..BISECTIONS {
         let middle = 0.5 * (low + high);
-        if (f(middle) < 0.0) == below { low = middle } else { high = middle }
+        if is(middle) == at_high { high = middle } else { low = middle }
     }
-    Some(high)
+    high
 }
