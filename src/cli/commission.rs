@@ -15,7 +15,7 @@ use super::output::Output;
 use super::replace::Replace;
 use super::run::check_buses;
 use crate::config::{self, Source};
-use crate::injection::{DEFECTS, Defect, DefectError, DefectKind};
+use crate::injection::{DEFECTS, Defect, DefectError};
 use crate::rig::EmbeddedRig;
 use crate::run::commission::{Commissioned, STEPS, Step, StepReport, Verdict};
 
@@ -72,9 +72,8 @@ pub(super) fn add_defects(scene: &mut config::Scene, rig: &config::Rig, defects:
             let help = help.unwrap_or_else(|| "`yieldwall commission --defect list` says what there is".to_owned());
             Failure::new(Exit::Usage, format!("--defect {text}: {error}"), help)
         })?;
-        if defect.kind == DefectKind::HeartbeatConsumerOff && rig.has_drives_on_ethercat() {
-            let message = format!("--defect {text}: drives on EtherCAT watch no heartbeat");
-            return Err(Failure::new(Exit::Usage, message, "try it on a rig whose drives are on CAN"));
+        if let Some([why, which]) = rig.excludes(defect.kind) {
+            return Err(Failure::new(Exit::Usage, format!("--defect {text}: {why}"), format!("try it on {which}")));
         }
         let is_same = |known: &config::SceneDefect| {
             known.defect().is_ok_and(|known| known.kind == defect.kind && known.drive == defect.drive)
@@ -94,7 +93,7 @@ fn list(output: &mut Output) -> Result<(), Failure> {
             let size = row
                 .size
                 .map(|size| json!({ "what": size.what, "usual": size.usual, "least": size.least, "most": size.most }));
-            json!({ "name": row.name, "meaning": row.meaning, "found_by": row.found_by, "size": size })
+            json!({ "name": row.name, "meaning": row.meaning, "found_by": row.found_by.name(), "size": size })
         };
         return output.report(json!({ "defects": DEFECTS.iter().map(row).collect::<Vec<_>>() }));
     }
@@ -103,7 +102,7 @@ fn list(output: &mut Output) -> Result<(), Failure> {
         let size = row.size.map_or(String::new(), |size| {
             format!("; {}: {} unless said, {} to {}", size.what, size.usual, size.least, size.most)
         });
-        text.push_str(&format!("{:24}{}{size}. Found by the step {}\n", row.name, row.meaning, row.found_by));
+        text.push_str(&format!("{:24}{}{size}. Found by {}\n", row.name, row.meaning, row.found_by));
     }
     output.result(&text)
 }

@@ -3,6 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use super::EmbeddedRig;
+use super::boot::bring_up;
 use super::simulation::Simulation;
 use crate::config;
 use crate::quantity::{Force, JointAngles};
@@ -24,8 +25,7 @@ impl Attendant<Simulation> for Onlooker {
         rig: &config::Rig,
         bounds: Bounds,
     ) -> Result<Permit, NotProven> {
-        runner.limit_torque(rig, bounds.torque_n_m)?;
-        Ok(Permit::for_bring_up(runner, bounds))
+        bring_up(runner, rig, bounds)
     }
 
     fn keep(&mut self, _: &config::Rig, _: [DriveIdentity; 2], _: &Drilled) -> Result<Option<String>, String> {
