@@ -200,7 +200,7 @@ fn judge(commissioned: &Commissioned, is_on_bus: bool) -> Result<(), Failure> {
     let why = failed.reason.clone().or_else(|| failed.figure.as_ref().map(page::figure_text)).unwrap_or_default();
     // What is mended in the rig file is another configuration, which needs a drill of its own.
     let again = match failed.step {
-        Step::Rotation | Step::Motor | Step::Friction if is_on_bus => {
+        Step::Rotation | Step::Motor | Step::Friction | Step::Admittance if is_on_bus => {
             "watchdogs, since the drill was one of the rig file as it was"
         }
         _ => name,

@@ -23,6 +23,7 @@ pub enum DefectKind {
     StaleParameters,
     Backlash,
     LooseHome,
+    BiasedSensor,
 }
 
 /// The size of a defect.
@@ -97,7 +98,7 @@ const fn row(
 }
 
 /// All defects, in the order of their kinds.
-pub const DEFECTS: [DefectRow; 13] = [
+pub const DEFECTS: [DefectRow; 14] = [
     row(
         DefectKind::EncoderPolarity,
         "encoder-polarity",
@@ -188,6 +189,13 @@ pub const DEFECTS: [DefectRow; 13] = [
         (true, FoundBy::Command("yieldwall home --repeat")),
         size("standard deviation of where home is found, rad", 1e-3, 5e-5, 5e-3),
         "home is found elsewhere each time, as with a loose switch or encoder disc (drives that are homed alone)",
+    ),
+    row(
+        DefectKind::BiasedSensor,
+        "biased-sensor",
+        (false, FoundBy::Step("admittance")),
+        size("force along x of the sensor that is not there, N", 6.0, 4.0, 12.0),
+        "the zero of the force sensor is wrong, by less than the step `sensor-rest` sees",
     ),
 ];
 

@@ -278,7 +278,7 @@ pub(super) fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Resu
         grip: Grip::Firm,
         pushes: Vec::new(),
         weight: Force::default(),
-        defects: Defects::new(scene, angles)?,
+        defects: Defects::new(rig, scene, angles)?,
         truth: Truth::default(),
         sampled: None,
     })

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use super::*;
 use crate::injection::{DEFECTS, Defect, DefectKind, DefectRow, FoundBy, Kind, Target};
 use crate::quantity::JointAngles;
-use crate::run::commission::{Commissioned, STEPS, Step, Verdict};
+use crate::run::commission::{Commissioned, STEPS, Step, StepReport, Verdict};
 use proptest::prelude::*;
 
 const RIGS: [&str; 5] = [
@@ -98,6 +98,37 @@ fn a_machine_that_is_tared_passes_every_step() {
     let mut machine = EmbeddedRig::new(&loaded.value, &scene, &loaded.value.fixture, scene.seed).unwrap();
     let done = machine.commission(&loaded.value, Step::Motor, &AtomicBool::new(false), |_| ()).unwrap();
     assert_eq!(done.verdict(), Verdict::Pass, "{:#?}", done.steps);
+}
+
+/// The report of the step in which the handle is left alone, of a rig and a scene that were changed.
+fn left_alone(file: &str, change: impl Fn(&mut config::Rig, &mut config::Scene)) -> StepReport {
+    let loaded = config::load_rig(config::builtin(file)).unwrap();
+    let (mut rig, mut scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
+    change(&mut rig, &mut scene);
+    let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
+    let mut done = machine.commission(&rig, Step::Admittance, &AtomicBool::new(false), |_| ()).unwrap();
+    assert!(!machine.drive_states().into_iter().any(crate::run::has_torque));
+    assert!(machine.drives().iter().all(|drive| drive.torque_limit_per_mille() == 1000), "{:?}", done.steps);
+    done.steps.pop().unwrap()
+}
+
+#[test]
+fn a_wrong_zero_that_is_tared_is_none() {
+    let biased = |rig: &mut config::Rig, scene: &mut config::Scene, tare_up_to_n: Option<f64>| {
+        scene.defects = vec![Defect::new(DefectKind::BiasedSensor).sized(5.0).unwrap().into()];
+        rig.sensor.tare_up_to_n = tare_up_to_n.and_then(config::Positive::new);
+    };
+    let report = left_alone("paper-admittance.yaml", |rig, scene| biased(rig, scene, Some(6.0)));
+    assert_eq!(report.verdict, Verdict::Pass, "{report:?}");
+    let report = left_alone("paper-admittance.yaml", |rig, scene| biased(rig, scene, None));
+    assert!(report.reason.as_ref().unwrap().contains("its zero is wrong"), "{report:?}");
+}
+
+#[test]
+fn surfaces_that_move_take_the_tool_along_and_are_no_failure() {
+    let report = left_alone("moving-walls.yaml", |_, _| ());
+    assert_eq!(report.verdict, Verdict::Skipped, "{report:?}");
+    assert!(report.reason.as_ref().unwrap().contains("`fixture.motion`"), "{report:?}");
 }
 
 /// Whether a machine with this defect fails at the step that has to find it, and at none before.

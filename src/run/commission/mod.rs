@@ -7,6 +7,7 @@
 mod bench;
 mod moving;
 mod resting;
+mod unheld;
 
 use std::sync::atomic::AtomicBool;
 
@@ -42,10 +43,12 @@ pub enum Step {
     Motor,
     /// Has each joint as little friction as the rig file says?
     Friction,
+    /// Does the rig's own loop stay where it is when nobody holds the handle?
+    Admittance,
 }
 
 /// The steps in their order.
-pub const STEPS: [Step; 10] = [
+pub const STEPS: [Step; 11] = [
     Step::Communication,
     Step::Identity,
     Step::Limits,
@@ -56,6 +59,7 @@ pub const STEPS: [Step; 10] = [
     Step::Rotation,
     Step::Motor,
     Step::Friction,
+    Step::Admittance,
 ];
 
 impl Step {
@@ -72,6 +76,7 @@ impl Step {
             Step::Rotation => "rotation",
             Step::Motor => "motor",
             Step::Friction => "friction",
+            Step::Admittance => "admittance",
         }
     }
 
@@ -109,6 +114,9 @@ impl Step {
             Step::Friction => {
                 "turns each link by 8 degrees to and fro, with as little torque as it takes, 50 % at most"
             }
+            Step::Admittance => {
+                "runs the rig with its fixture for 10 s, with as much torque as friction may take; nobody may touch the handle"
+            }
         }
     }
 
@@ -123,7 +131,7 @@ impl Step {
             | Step::SensorAxes => return None,
             Step::Watchdogs => 0.0,
             Step::Rotation => moving::ROTATION_RAD,
-            Step::Motor | Step::Friction => moving::TRAVEL_RAD,
+            Step::Motor | Step::Friction | Step::Admittance => moving::TRAVEL_RAD,
         };
         Some(way + moving::BEYOND_RAD)
     }

@@ -17,9 +17,9 @@ pub(super) const TRAVEL_RAD: f64 = 8.0 * std::f64::consts::PI / 180.0;
 /// How far a joint may go beyond its way, rad. A reference is stopped at 0.02; an arm that is stopped still slides.
 pub(super) const BEYOND_RAD: f64 = 0.05;
 /// How far the reference may be led beyond the way, rad.
-const LED_BEYOND_RAD: f64 = 0.02;
+pub(super) const LED_BEYOND_RAD: f64 = 0.02;
 /// Shares of the rated torque with which a joint is tried to be moved, one after the other: with little torque nothing runs away far.
-const TORQUE_SHARES: [f64; 5] = [0.1, 0.15, 0.22, 0.33, 0.5];
+pub(super) const TORQUE_SHARES: [f64; 5] = [0.1, 0.15, 0.22, 0.33, 0.5];
 /// A joint that has gone so far the other way runs away, rad.
 const AWAY_RAD: f64 = 2e-3;
 /// By how much a link may turn more or less than its encoder says, %.
@@ -360,11 +360,7 @@ impl<P: Place> Bench<'_, P> {
             let both = self.both_ways(joint, TRAVEL_RAD)?;
             let [up, down] = &both;
             let friction_n_m = 0.5 * (up.mean_n_m() - down.mean_n_m());
-            let feed_forward = &self.rig.control.feed_forward;
-            let fed_n_m =
-                feed_forward.coulomb_n_m[joint].get() + RATE * feed_forward.viscous_n_m_s_per_rad[joint].get();
-            let rated_n_m = self.rig.drives[joint].rated_torque_n_m.get();
-            let limit = if fed_n_m > 0.0 { FRICTION_FACTOR * fed_n_m } else { FRICTION_SHARE * rated_n_m };
+            let (fed_n_m, limit) = (self.fed_friction_n_m(joint), self.most_friction_n_m(joint));
             found.note(
                 format!("{name}: friction"),
                 format!("{friction_n_m:.2} N m, of which {fed_n_m:.2} N m are fed forward"),
@@ -389,6 +385,19 @@ impl<P: Place> Bench<'_, P> {
             }
         }
         Ok(())
+    }
+
+    /// The friction of a joint that the rig file feeds forward, N m.
+    fn fed_friction_n_m(&self, joint: usize) -> f64 {
+        let feed_forward = &self.rig.control.feed_forward;
+        feed_forward.coulomb_n_m[joint].get() + RATE * feed_forward.viscous_n_m_s_per_rad[joint].get()
+    }
+
+    /// The most friction that a joint may have, N m.
+    pub(super) fn most_friction_n_m(&self, joint: usize) -> f64 {
+        let fed_n_m = self.fed_friction_n_m(joint);
+        let rated_n_m = self.rig.drives[joint].rated_torque_n_m.get();
+        if fed_n_m > 0.0 { FRICTION_FACTOR * fed_n_m } else { FRICTION_SHARE * rated_n_m }
     }
 }
 
