@@ -24,7 +24,7 @@ use crate::guard::Fault;
 use crate::link::{InterfaceFacts, Interfaces, Role, SocketCan};
 use crate::quantity::{JointAngles, TipPoint};
 use crate::record::CycleRecord;
-use crate::run::commission::{Commissioned, Step, StepReport};
+use crate::run::commission::{Begin, Commissioned, StepReport};
 use crate::run::{
     Bounds, Drilled, DriveError, DriveIdentity, ErrorWatch, Finding, HomePlan, Homed, Jog, Jogged, LinkCounts,
     LoopPlan, LoopTraced, NotProven, Observer, OnLink, Orders, Pace, Play, Played, Proof, Pulled, Repeated, RunError,
@@ -345,7 +345,7 @@ impl RigOnBus {
     pub fn commission(
         self,
         terms: &Terms,
-        from: Step,
+        begin: Begin,
         person: &mut (dyn Person + Send),
         is_interrupted: &Arc<AtomicBool>,
         tell: impl FnMut(News),
@@ -354,7 +354,7 @@ impl RigOnBus {
             let mut attendant = OnTheBench { person, proof: terms.proof() };
             // Somebody listens for as long as this thread lives.
             let told = |report: &StepReport| drop(news.send(News::Stepped(Box::new(report.clone()))));
-            Ok(runner.commission(rig, from, &mut attendant, is_interrupted, told))
+            Ok(runner.commission(rig, begin, &mut attendant, is_interrupted, told))
         })
     }
 

@@ -8,7 +8,7 @@ use super::simulation::Simulation;
 use crate::config;
 use crate::quantity::{Force, JointAngles};
 use crate::rig::error::RigError;
-use crate::run::commission::{Attendant, Commissioned, Step, StepReport};
+use crate::run::commission::{Attendant, Begin, Commissioned, StepReport};
 use crate::run::{Bounds, Drilled, DriveIdentity, NotProven, Permit, Runner};
 
 /// A person at a simulated arm.
@@ -63,7 +63,7 @@ impl EmbeddedRig {
     pub fn commission(
         &mut self,
         rig: &config::Rig,
-        from: Step,
+        begin: Begin,
         is_interrupted: &AtomicBool,
         told: impl FnMut(&StepReport),
     ) -> Result<Commissioned, RigError> {
@@ -71,7 +71,7 @@ impl EmbeddedRig {
         // Injections count their time from here.
         self.take_tool();
         self.place_mut().far.world.let_go();
-        let commissioned = self.runner.commission(rig, from, &mut Onlooker::default(), is_interrupted, told);
+        let commissioned = self.runner.commission(rig, begin, &mut Onlooker::default(), is_interrupted, told);
         self.go_on()?;
         Ok(commissioned)
     }

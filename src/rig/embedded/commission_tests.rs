@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use super::*;
 use crate::injection::{DEFECTS, Defect, DefectKind, DefectRow, FoundBy, Kind, Target};
 use crate::quantity::JointAngles;
-use crate::run::commission::{Commissioned, STEPS, Step, StepReport, Verdict};
+use crate::run::commission::{Begin, Commissioned, STEPS, Step, StepReport, Verdict};
 use proptest::prelude::*;
 
 const RIGS: [&str; 5] = [
@@ -59,7 +59,7 @@ fn until(file: &str, defects: &[Defect], injections: &[Injection], cycles: u64) 
             *farthest = farthest.max((angles - start).max_abs());
         }
     }));
-    let commissioned = machine.commission(&rig, Step::Communication, &is_interrupted, |_| ()).unwrap();
+    let commissioned = machine.commission(&rig, Step::Communication.into(), &is_interrupted, |_| ()).unwrap();
     let limits = machine.drives().iter().map(|drive| drive.torque_limit_per_mille().into()).collect();
     let farthest_rad = *farthest.lock().unwrap();
     Done { commissioned, states: machine.drive_states(), limits, farthest_rad }
@@ -96,7 +96,7 @@ fn a_machine_that_is_tared_passes_every_step() {
     loaded.value.sensor.tare_up_to_n = config::Positive::new(5.0);
     let scene = loaded.scene().unwrap().value;
     let mut machine = EmbeddedRig::new(&loaded.value, &scene, &loaded.value.fixture, scene.seed).unwrap();
-    let done = machine.commission(&loaded.value, Step::Motor, &AtomicBool::new(false), |_| ()).unwrap();
+    let done = machine.commission(&loaded.value, Step::Motor.into(), &AtomicBool::new(false), |_| ()).unwrap();
     assert_eq!(done.verdict(), Verdict::Pass, "{:#?}", done.steps);
 }
 
@@ -106,7 +106,7 @@ fn left_alone(file: &str, change: impl Fn(&mut config::Rig, &mut config::Scene))
     let (mut rig, mut scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
     change(&mut rig, &mut scene);
     let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
-    let mut done = machine.commission(&rig, Step::Admittance, &AtomicBool::new(false), |_| ()).unwrap();
+    let mut done = machine.commission(&rig, Step::Admittance.into(), &AtomicBool::new(false), |_| ()).unwrap();
     assert!(!machine.drive_states().into_iter().any(crate::run::has_torque));
     assert!(machine.drives().iter().all(|drive| drive.torque_limit_per_mille() == 1000), "{:?}", done.steps);
     done.steps.pop().unwrap()
@@ -197,7 +197,7 @@ proptest! {
     #[test]
     fn it_ends_when_it_is_asked_to(rig in 0usize..5, cycles in 0..60_000u64) {
         let done = until(RIGS[rig], &[], &[], cycles);
-        let Commissioned { steps, is_interrupted } = done.commissioned;
+        let Commissioned { steps, is_interrupted, .. } = done.commissioned;
         prop_assert!(steps.iter().map(|step| step.step).eq(STEPS) && steps.iter().all(|step| step.verdict != Verdict::Fail), "{steps:?}");
         let passed = steps.iter().take_while(|step| step.verdict == Verdict::Pass).count();
         prop_assert!(steps[passed..].iter().all(|step| step.verdict == Verdict::Skipped && step.reason.is_some()), "{steps:?}");
@@ -228,4 +228,28 @@ proptest! {
         prop_assert!(!done.states.contains(&cia402::State::OperationEnabled), "{:?}", done.states);
         prop_assert!(done.limits.iter().all(|limit| *limit == 1000), "{broken:?} {defect:?}: {:?}", done.limits);
     }
+}
+
+/// One that goes on has the same drives, or nothing moves.
+#[test]
+fn a_commissioning_goes_on_with_the_same_drives_alone() {
+    let loaded = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap();
+    let (rig, scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
+    let commissioned = |begin| {
+        let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
+        machine.commission(&rig, begin, &AtomicBool::new(false), |_| ()).unwrap()
+    };
+    let verdict = |done: &Commissioned, step: Step| done.steps.iter().find(|it| it.step == step).map(|it| it.verdict);
+    let first = commissioned(Begin::from(Step::Communication));
+    let again = commissioned(Begin { from: Step::Friction, drives: first.drives });
+    let verdicts =
+        [Step::Communication, Step::Identity, Step::Limits, Step::Friction].map(|step| verdict(&again, step));
+    use Verdict::{Fail, Pass, Skipped};
+    assert_eq!(verdicts, [Skipped, Pass, Skipped, Pass].map(Some), "{again:?}");
+    let mut others = first.drives.unwrap();
+    others[1].serial_number += 1;
+    let other = commissioned(Begin { from: Step::Friction, drives: Some(others) });
+    let reason = other.steps.iter().find_map(|step| step.reason.clone().filter(|_| step.verdict == Fail)).unwrap();
+    assert!(reason.starts_with("right is another drive"), "{reason}");
+    assert_eq!([Step::Identity, Step::Friction].map(|step| verdict(&other, step)), [Some(Fail), Some(Skipped)]);
 }

@@ -13,7 +13,7 @@ use crate::run::error::RunError;
 use crate::run::jog::{Jog, Jogged};
 use crate::run::permit::{Ask, Bounds};
 use crate::run::place::Place;
-use crate::run::proof::NotProven;
+use crate::run::proof::{DriveIdentity, NotProven};
 use crate::run::runner::Runner;
 use crate::run::scene::Ended;
 use crate::run::torque_meter::TorqueMeter;
@@ -116,6 +116,10 @@ pub(super) struct Bench<'a, P: Place> {
     pub(super) attendant: &'a mut dyn Attendant<P>,
     pub(super) is_interrupted: &'a AtomicBool,
     pub(super) settling: u32,
+    /// The drives that these have to be, if that is known.
+    pub(super) wanted: Option<[DriveIdentity; 2]>,
+    /// What the drives say that they are.
+    pub(super) drives: Option<[DriveIdentity; 2]>,
 }
 
 impl<'a, P: Place> Bench<'a, P> {
@@ -125,7 +129,7 @@ impl<'a, P: Place> Bench<'a, P> {
         attendant: &'a mut dyn Attendant<P>,
         is_interrupted: &'a AtomicBool,
     ) -> Self {
-        Self { runner, rig, attendant, is_interrupted, settling: settling_on_bus(rig) }
+        Self { runner, rig, attendant, is_interrupted, settling: settling_on_bus(rig), wanted: None, drives: None }
     }
 
     /// Takes a step; the network is left in the end. Nothing if a person has asked for the end.

@@ -65,10 +65,10 @@ impl<P: Place> Bench<'_, P> {
         }
         let [left, right] = fastest_ms;
         found.measure(Figure {
-            what: "time to stop when the master dies",
+            what: "time to stop when the master dies".into(),
             value: left.max(right),
             limit: 1e3 * limit.as_secs_f64(),
-            unit: "ms",
+            unit: "ms".into(),
         });
         for settled in drilled.settled(self.rig) {
             found.note(
@@ -128,10 +128,10 @@ impl<P: Place> Bench<'_, P> {
         let name = self.name(joint);
         for [measured_rad, seen_rad] in ways {
             found.measure(Figure {
-                what: "angle by the encoder against the link",
+                what: "angle by the encoder against the link".into(),
                 value: 100.0 * (measured_rad / seen_rad - 1.0).abs(),
                 limit: TURNED_PERCENT,
-                unit: "%",
+                unit: "%".into(),
             });
             if seen_rad == 0.0 {
                 return Err(Halt::Failed(format!(
@@ -296,10 +296,10 @@ impl<P: Place> Bench<'_, P> {
             format!("{expected_n_m:.2} N m by the geometry, {told_n_m:.2} N m by the drive"),
         );
         found.measure(Figure {
-            what: "torque that the drive tells against the true one",
+            what: "torque that the drive tells against the true one".into(),
             value: 100.0 * (told_n_m / expected_n_m - 1.0).abs(),
             limit: MOTOR_PERCENT,
-            unit: "%",
+            unit: "%".into(),
         });
         let share = expected_n_m / told_n_m;
         if found.is_bad() && share.is_finite() && share > 0.0 {
@@ -344,7 +344,12 @@ impl<P: Place> Bench<'_, P> {
                 .into(),
         });
         let limit = RIPPLE_SHARE * self.rig.drives[joint].rated_torque_n_m.get();
-        found.measure(Figure { what: "ripple of the torque along a way", value: ripple_n_m, limit, unit: "N m" });
+        found.measure(Figure {
+            what: "ripple of the torque along a way".into(),
+            value: ripple_n_m,
+            limit,
+            unit: "N m".into(),
+        });
         if found.is_bad() {
             return Err(Halt::Failed(format!(
                 "the torque of {name} goes up and down by {ripple_n_m:.1} N m along the way: cogging, a damaged gear, or something that rubs"
@@ -365,7 +370,12 @@ impl<P: Place> Bench<'_, P> {
                 format!("{name}: friction"),
                 format!("{friction_n_m:.2} N m, of which {fed_n_m:.2} N m are fed forward"),
             );
-            found.measure(Figure { what: "friction of a joint", value: friction_n_m, limit, unit: "N m" });
+            found.measure(Figure {
+                what: "friction of a joint".into(),
+                value: friction_n_m,
+                limit,
+                unit: "N m".into(),
+            });
             if friction_n_m <= 0.0 {
                 return Err(Halt::Failed(format!(
                     "the torque that {name} tells (6077h) does not turn round with the way: it is no torque, or has the wrong sign"

@@ -2,6 +2,7 @@
 
 use super::bench::{Bench, Found, Halt};
 use super::moving::{LED_BEYOND_RAD, TORQUE_SHARES, TRAVEL_RAD};
+use super::resting::unsigned_zero;
 use super::{Curve, Figure};
 use crate::config::FixtureLaw;
 use crate::guard::{Cause, Fault, State};
@@ -23,7 +24,7 @@ const SPEED_OVER_S: f64 = 5e-3;
 /// So often the tool turns round that goes to and fro: one that is led to its place and goes beyond does so twice or three times.
 const TURNS: usize = 6;
 /// What goes so many times as far as it comes goes to and fro.
-const PATHS: u32 = 6;
+const PATHS: u32 = 4;
 /// A way back of this share of the whole is a turn.
 const TURN_SHARE: f64 = 0.25;
 /// Points of a curve.
@@ -107,9 +108,10 @@ impl Way {
     }
 
     fn goes_to_and_fro(&self) -> bool {
+        let is_beyond = self.farthest_mm > WAY_MM || self.speed_mm_per_s > SPEED_MM_PER_S;
         let turns = self.turns >= TURNS && self.farthest_mm > WAY_MM;
         // A small one on a drift has no turns, and goes much farther than it comes.
-        turns || (self.speed_mm_per_s > SPEED_MM_PER_S && self.path_mm > f64::from(PATHS) * self.whole_mm)
+        turns || (is_beyond && self.path_mm > f64::from(PATHS) * self.whole_mm)
     }
 }
 
@@ -198,29 +200,29 @@ impl<P: Place> Bench<'_, P> {
             format!("{}: force felt", self.rig.sensor.name),
             format!(
                 "{:.2} N along x and {:.2} N along y in the mean, {noise_n:.2} N RMS beside that",
-                mean.x(),
-                mean.y()
+                unsigned_zero(mean.x()),
+                unsigned_zero(mean.y())
             ),
         );
         found.curves.push(curve(seen));
         found.measure(Figure {
-            what: "speed of the tool with nobody at the handle",
+            what: "speed of the tool with nobody at the handle".into(),
             value: tool.speed_mm_per_s,
             limit: SPEED_MM_PER_S,
-            unit: "mm/s RMS",
+            unit: "mm/s RMS".into(),
         });
         let farthest = if reference.farthest_mm > tool.farthest_mm { reference } else { tool };
         found.measure(Figure {
-            what: "way of the reference with nobody at the handle",
+            what: "way of the reference with nobody at the handle".into(),
             value: reference.farthest_mm,
             limit: WAY_MM,
-            unit: "mm",
+            unit: "mm".into(),
         });
         found.measure(Figure {
-            what: "way of the tool with nobody at the handle",
+            what: "way of the tool with nobody at the handle".into(),
             value: tool.farthest_mm,
             limit: WAY_MM,
-            unit: "mm",
+            unit: "mm".into(),
         });
         let stopped = self.stopped_alone(alone);
         let beside = stopped.as_ref().map_or(String::new(), |stopped| format!("; {stopped}"));
@@ -256,11 +258,11 @@ impl<P: Place> Bench<'_, P> {
                     .to_owned(),
             ),
             (Ended::Panicked, _) => Some("the cycle has panicked: please report it".to_owned()),
+            _ if alone.is_led_away => Some("it was stopped at the bound of this step".to_owned()),
             (_, Some(Cause { fault, devices })) => {
                 let row = fault.row();
                 Some(format!("it was stopped by {} ({devices}): {}", row.name, row.meaning))
             }
-            (_, None) if alone.is_led_away => Some("it was stopped at the bound of this step".to_owned()),
             (_, None) => Some(format!("it was stopped ({:?})", alone.state)),
         }
     }
