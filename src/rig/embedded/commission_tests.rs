@@ -112,6 +112,26 @@ fn left_alone(file: &str, change: impl Fn(&mut config::Rig, &mut config::Scene))
     done.steps.pop().unwrap()
 }
 
+/// Dry friction would hold its joints, and it does not rest when it is enabled: there is cogging.
+#[test]
+fn a_loop_that_oscillates_by_itself_fails() {
+    let report = left_alone("paper-admittance.yaml", |rig, scene| {
+        let none = config::NotNegative::new(0.0).unwrap();
+        let config::ControlGains::Joint { stiffness_n_m_per_rad: stiffness, damping_n_m_s_per_rad: damping, .. } =
+            &mut rig.control.gains
+        else {
+            unreachable!()
+        };
+        *stiffness = config::Positive::new(4.0 * stiffness.get()).unwrap();
+        *damping = config::NotNegative::new(4.0 * damping.get()).unwrap();
+        rig.control.feed_forward.coulomb_n_m = [none; 2];
+        rig.simulation.as_mut().unwrap().arm.coulomb_n_m = [none; 2];
+        scene.defects = vec![Defect::new(DefectKind::Cogging).sized(3.0).unwrap().into()];
+    });
+    let told = format!("{:?} {:?} {:?}", report.verdict, report.reason, report.evidence);
+    assert!(report.verdict == Verdict::Fail && told.contains("to and fro"), "{told}");
+}
+
 #[test]
 fn a_wrong_zero_that_is_tared_is_none() {
     let biased = |rig: &mut config::Rig, scene: &mut config::Scene, tare_up_to_n: Option<f64>| {
