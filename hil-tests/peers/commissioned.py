@@ -117,7 +117,7 @@ def commissioned(programs, interface):
             assert "no watchdog drill is on record" in refused["message"], refused
             steps = {step["step"]: step for step in in_time("commission", rig, "--yes")["steps"]}
             passed = [name for name, step in steps.items() if step["verdict"] == "pass"]
-            assert passed == ["communication", "identity", "limits", "parameters", "sensor-rest", "watchdogs"], steps
+            assert passed == ["communication", "identity", "limits", "parameters", "sensor-rest", "watchdogs", "admittance"], steps
             for name, why in (
                 ("sensor-axes", "nobody is there who has a known force pull at the tool"),
                 ("rotation", "nobody said by how much"),

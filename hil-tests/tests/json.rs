@@ -65,7 +65,7 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
     let rig = "builtin:paper-admittance.yaml";
     let run = format!("run {rig} --duration 0.2");
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 78] = [
+    let cases: [(&str, i32); 80] = [
         (&format!("{run} --record rec"), 0),
         (&format!("run {rig} --duration 3 --fault node-reset@2.5 --black-box rec"), 8),
         (&format!("{run} --figure x.txt"), 2),
@@ -91,6 +91,8 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
         (&format!("sensor monitor {rig} --for 0.5"), 0),
         (&format!("sensor tare {rig} --up-to 0.001"), 7),
         ("home builtin:paper-incremental.yaml", 0),
+        ("home builtin:paper-incremental.yaml --repeat 2", 0),
+        ("home builtin:paper-incremental.yaml right --repeat 3 --within 0.001deg --defect loose-home:right", 7),
         (&format!("home {rig} left"), 2),
         (&format!("calibrate kinematics {rig}"), 0),
         (&format!("calibrate kinematics {rig} --points missing.csv"), 3),
@@ -224,7 +226,7 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
     let run = format!("run {rig} --duration 0.2");
     let new = "new real.yaml --yes --drives maxon-epos4 --encoder multi_turn --mode position";
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 91] = [
+    let cases: [(&str, i32); 93] = [
         ("--help", 0),
         ("run --help", 0),
         ("run", 2),
@@ -263,6 +265,8 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
         (&format!("sensor monitor {rig} --for 0.5"), 0),
         (&format!("sensor tare {rig} --up-to 3"), 0),
         ("home builtin:paper-incremental.yaml", 0),
+        ("home builtin:paper-incremental.yaml --repeat 2", 0),
+        ("home builtin:paper-incremental.yaml right --repeat 3 --within 0.001deg --defect loose-home:right", 7),
         (&format!("home {rig} left"), 2),
         (&format!("calibrate kinematics {rig}"), 0),
         (&format!("calibrate kinematics {rig} --points missing.csv"), 3),

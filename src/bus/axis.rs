@@ -73,6 +73,8 @@ pub struct AxisSetup {
 pub struct HomingState {
     /// Whether its position refers to home; always of a drive that needs no homing.
     pub is_referenced: bool,
+    /// Home was found; the drive may still come to rest. It tells that in homing mode alone.
+    pub is_found: bool,
     /// Home was found, and the drive stands. It tells that in homing mode alone.
     pub is_over: bool,
     /// It has given up. It tells that in homing mode alone.
@@ -142,6 +144,7 @@ impl Axis {
         let over = Statusword::HOMING_ATTAINED | Statusword::TARGET_REACHED;
         HomingState {
             is_referenced: self.is_referenced(),
+            is_found: self.statusword.has(Statusword::HOMING_ATTAINED),
             is_over: self.statusword.has(over),
             has_failed: self.statusword.has(Statusword::HOMING_ERROR),
             has_jumped: self.has_jumped,
@@ -209,6 +212,13 @@ impl Axis {
     pub(super) fn referenced_rad(&self) -> f64 {
         let mut near = CountUnwrapper::near(self.expected_counts);
         self.scaling.angle_rad(near.unwrap(wrap(self.unwrapper.counts())))
+    }
+
+    /// Its last position, counts.
+    ///
+    /// Real-time: yes.
+    pub(super) fn position_counts(&self) -> i64 {
+        self.unwrapper.counts()
     }
 
     /// While it homes a change of its angle that is greater than this, rad, is one of its reference.

@@ -171,6 +171,13 @@ impl Master {
         self.axes.each_ref().map(Axis::referenced_rad).into()
     }
 
+    /// The last position of each drive as it has told it, in its counts without a wrap.
+    ///
+    /// Real-time: yes.
+    pub fn positions(&self) -> [i64; 2] {
+        self.axes.each_ref().map(Axis::position_counts)
+    }
+
     /// Closes the brakes that it holds with the next set-points, until the next cycle.
     pub fn close_brakes(&mut self) {
         self.last.releases_brakes = false;

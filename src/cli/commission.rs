@@ -1,5 +1,6 @@
 //! `yieldwall commission`: ordered steps from drives that answer to an arm that may be run, and a report of them.
 
+mod earlier;
 #[cfg(target_os = "linux")]
 mod on_bus;
 mod page;
@@ -11,13 +12,15 @@ use serde_json::{Value, json};
 use super::ending::rig_failure;
 use super::failure::{Exit, Failure, both};
 use super::interrupt::on_interrupt;
+use super::latency::now_unix_s;
 use super::output::Output;
 use super::replace::Replace;
 use super::run::check_buses;
 use crate::config::{self, Source};
-use crate::injection::{DEFECTS, Defect, DefectError, DefectKind};
+use crate::injection::{DEFECTS, Defect, DefectError};
 use crate::rig::EmbeddedRig;
-use crate::run::commission::{Commissioned, STEPS, Step, StepReport, Verdict};
+use crate::run::commission::{Begin, Commissioned, STEPS, Step, StepReport, Verdict};
+use earlier::Earlier;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -27,6 +30,10 @@ pub(super) struct Arguments {
     /// Begin with this step; those before are skipped
     #[arg(long, value_name = "STEP", value_parser = step)]
     from: Option<Step>,
+    /// Go on after the last step that passed in an earlier run of this rig file with these drives, by what its --json has printed; the
+    /// report has the steps of both
+    #[arg(long, value_name = "FILE.json", conflicts_with = "from")]
+    resume: Option<PathBuf>,
     /// Give the simulated machine a defect, for a step to find; may be repeated. `list` names them all
     #[cfg_attr(target_os = "linux", arg(conflicts_with = "bus"))]
     #[arg(long, value_name = "NAME[=SIZE][:left|right]")]
@@ -39,7 +46,7 @@ pub(super) struct Arguments {
     html: Option<PathBuf>,
     /// Give the devices back what they held before a command that was killed, and do nothing else; without it that comes first
     #[cfg(target_os = "linux")]
-    #[arg(long, requires = "bus", conflicts_with_all = ["from", "html"])]
+    #[arg(long, requires = "bus", conflicts_with_all = ["from", "resume", "html"])]
     restore: bool,
     #[command(flatten)]
     replace: Replace,
@@ -72,9 +79,8 @@ pub(super) fn add_defects(scene: &mut config::Scene, rig: &config::Rig, defects:
             let help = help.unwrap_or_else(|| "`yieldwall commission --defect list` says what there is".to_owned());
             Failure::new(Exit::Usage, format!("--defect {text}: {error}"), help)
         })?;
-        if defect.kind == DefectKind::HeartbeatConsumerOff && rig.has_drives_on_ethercat() {
-            let message = format!("--defect {text}: drives on EtherCAT watch no heartbeat");
-            return Err(Failure::new(Exit::Usage, message, "try it on a rig whose drives are on CAN"));
+        if let Some([why, which]) = rig.excludes(defect.kind) {
+            return Err(Failure::new(Exit::Usage, format!("--defect {text}: {why}"), format!("try it on {which}")));
         }
         let is_same = |known: &config::SceneDefect| {
             known.defect().is_ok_and(|known| known.kind == defect.kind && known.drive == defect.drive)
@@ -94,7 +100,7 @@ fn list(output: &mut Output) -> Result<(), Failure> {
             let size = row
                 .size
                 .map(|size| json!({ "what": size.what, "usual": size.usual, "least": size.least, "most": size.most }));
-            json!({ "name": row.name, "meaning": row.meaning, "found_by": row.found_by, "size": size })
+            json!({ "name": row.name, "meaning": row.meaning, "found_by": row.found_by.name(), "size": size })
         };
         return output.report(json!({ "defects": DEFECTS.iter().map(row).collect::<Vec<_>>() }));
     }
@@ -103,7 +109,7 @@ fn list(output: &mut Output) -> Result<(), Failure> {
         let size = row.size.map_or(String::new(), |size| {
             format!("; {}: {} unless said, {} to {}", size.what, size.usual, size.least, size.most)
         });
-        text.push_str(&format!("{:24}{}{size}. Found by the step {}\n", row.name, row.meaning, row.found_by));
+        text.push_str(&format!("{:24}{}{size}. Found by {}\n", row.name, row.meaning, row.found_by));
     }
     output.result(&text)
 }
@@ -133,15 +139,42 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let machine = EmbeddedRig::new(rig, &scene, &rig.fixture, scene.seed);
     let mut machine = machine.map_err(|error| rig_failure(&error))?;
     output.aside(&format!("the simulated machine of {}; a real one with --bus INTERFACE", rig.rig.name));
-    let mut printed = Ok(());
-    let commissioned =
-        machine.commission(rig, arguments.from.unwrap_or(Step::Communication), &is_interrupted, |report| {
-            let line = output.news(&lines(report));
-            printed = std::mem::replace(&mut printed, Ok(())).and(line);
-        });
+    let (begin, earlier) = begin(arguments, rig, output)?;
+    let (mut printed, mut ran) = (Ok(()), Vec::new());
+    let commissioned = machine.commission(rig, begin, &is_interrupted, |report| {
+        ran.push((report.step, now_unix_s()));
+        let line = output.news(&lines(report));
+        printed = std::mem::replace(&mut printed, Ok(())).and(line);
+    });
     printed?;
     let commissioned = commissioned.map_err(|error| rig_failure(&error))?;
-    end(arguments, rig, &commissioned, (|failure| failure, Ok(())), output)
+    end(arguments, rig, &Taken::new(earlier, commissioned, ran), (|failure| failure, Ok(())), output)
+}
+
+/// Where a run begins, and the earlier one that it goes on from.
+fn begin(arguments: &Arguments, rig: &config::Rig, output: &Output) -> Result<(Begin, Option<Earlier>), Failure> {
+    let Some(file) = &arguments.resume else {
+        return Ok((arguments.from.unwrap_or(Step::Communication).into(), None));
+    };
+    let earlier = Earlier::read(file, rig)?;
+    let (passed, from) = (earlier.passed(), earlier.begin.from.name());
+    output.aside(&format!("{passed} steps have passed in {}; it goes on with {from}", file.display()));
+    Ok((earlier.begin, Some(earlier)))
+}
+
+/// A commissioning with the steps of the earlier run that it goes on from, and when each step was over, s since 1970.
+struct Taken {
+    commissioned: Commissioned,
+    ran: Vec<(Step, u64)>,
+}
+
+impl Taken {
+    fn new(earlier: Option<Earlier>, commissioned: Commissioned, mut ran: Vec<(Step, u64)>) -> Self {
+        let Some(earlier) = earlier else { return Self { commissioned, ran } };
+        let (commissioned, before) = earlier.complete(commissioned, now_unix_s());
+        ran.extend(before);
+        Self { commissioned, ran }
+    }
 }
 
 /// What a person reads of a step.
@@ -164,10 +197,11 @@ fn lines(report: &StepReport) -> String {
 fn end(
     arguments: &Arguments,
     rig: &config::Rig,
-    commissioned: &Commissioned,
+    taken: &Taken,
     (told, given_back): (impl FnOnce(Failure) -> Failure, Result<(), Failure>),
     output: &mut Output,
 ) -> Result<(), Failure> {
+    let commissioned = &taken.commissioned;
     // What was found is told, whatever becomes of the file.
     let mut page = Ok(());
     if let Some(html) = &arguments.html {
@@ -182,7 +216,7 @@ fn end(
     let is_on_bus = false;
     let judged = both(judge(commissioned, is_on_bus).map_err(told), both(given_back, page));
     if output.is_json() {
-        return output.end(document(rig, commissioned), judged);
+        return output.end(document(rig, taken), judged);
     }
     if judged.is_ok() {
         let count = |verdict| commissioned.steps.iter().filter(|step| step.verdict == verdict).count();
@@ -201,7 +235,7 @@ fn judge(commissioned: &Commissioned, is_on_bus: bool) -> Result<(), Failure> {
     let why = failed.reason.clone().or_else(|| failed.figure.as_ref().map(page::figure_text)).unwrap_or_default();
     // What is mended in the rig file is another configuration, which needs a drill of its own.
     let again = match failed.step {
-        Step::Rotation | Step::Motor | Step::Friction if is_on_bus => {
+        Step::Rotation | Step::Motor | Step::Friction | Step::Admittance if is_on_bus => {
             "watchdogs, since the drill was one of the rig file as it was"
         }
         _ => name,
@@ -210,25 +244,29 @@ fn judge(commissioned: &Commissioned, is_on_bus: bool) -> Result<(), Failure> {
     Err(Failure::new(Exit::OutOfTolerance, format!("{name}: {why}"), help))
 }
 
-fn document(rig: &config::Rig, commissioned: &Commissioned) -> Value {
+fn document(rig: &config::Rig, Taken { commissioned, ran }: &Taken) -> Value {
     let step = |report: &StepReport| {
         let evidence: serde_json::Map<String, Value> =
             report.evidence.iter().map(|(name, value)| (name.clone(), json!(value))).collect();
         json!({
             "step": report.step.name(),
             "verdict": report.verdict.name(),
-            "what": report.figure.as_ref().map(|figure| figure.what),
+            "what": report.figure.as_ref().map(|figure| &figure.what),
             "figure": report.figure.as_ref().map(|figure| figure.value),
             "limit": report.figure.as_ref().map(|figure| figure.limit),
-            "unit": report.figure.as_ref().map(|figure| figure.unit),
+            "unit": report.figure.as_ref().map(|figure| &figure.unit),
             "reason": report.reason,
             "does": report.step.does(),
             "motion_bound_rad": report.step.motion_bound_rad(),
             "evidence": evidence,
+            "ran_at_unix_s": ran.iter().find(|(step, _)| *step == report.step).map(|(_, at)| at)
+                .filter(|_| report.verdict != Verdict::Skipped),
         })
     };
     json!({
         "rig": rig.rig.name,
+        "rig_hash": earlier::rig_hash(rig),
+        "drives": commissioned.drives,
         "version": env!("CARGO_PKG_VERSION"),
         "verdict": commissioned.verdict().name(),
         "steps": commissioned.steps.iter().map(step).collect::<Vec<_>>(),

@@ -14,7 +14,7 @@ use super::on_bus::{different, open_failure, thread_failure, warn, warn_of};
 use super::output::Output;
 use super::pace::PaceArgument;
 use crate::assembly::{AssemblyError, master};
-use crate::bus::Master;
+use crate::bus::{Master, Written};
 use crate::config::{Loaded, Rig};
 use crate::host::{News, Outcome, RigOnBus, Terms, ThreadError};
 
@@ -65,17 +65,17 @@ impl OnBus {
         rig: &Loaded<Rig>,
         output: &mut Output,
     ) -> Result<Opened, Failure> {
-        let boots = |rig: &Rig| master(rig, &rig.fixture);
+        let boots = |rig: &Rig| Ok(vec![master(rig, &rig.fixture)?]);
         self.open_for(command, file, rig, boots, output)
     }
 
-    /// The same of a rig that this master boots.
+    /// The same of a rig that these masters boot, one after the other.
     pub(super) fn open_for(
         &self,
         command: &str,
         file: &str,
         rig: &Loaded<Rig>,
-        boots: impl Fn(&Rig) -> Result<Master, AssemblyError>,
+        boots: impl Fn(&Rig) -> Result<Vec<Master>, AssemblyError>,
         output: &mut Output,
     ) -> Result<Opened, Failure> {
         let scene = match (&rig.value.simulation, self.pace) {
@@ -94,7 +94,7 @@ impl OnBus {
         let is_interrupted = on_interrupt()?;
         let journal = match self.pace {
             PaceArgument::Free => {
-                let written = boots(rig).map_err(|error| rig_failure(&error.into()))?.written();
+                let written = written(&boots(rig).map_err(|error| rig_failure(&error.into()))?);
                 Some(Journal::begin(command, (rig, file), &written, &interfaces)?)
             }
             PaceArgument::Lockstep => {
@@ -112,6 +112,22 @@ impl OnBus {
         warn_of(output, on_bus.memory());
         Ok(Opened { on_bus, terms, interfaces, is_interrupted, journal })
     }
+}
+
+/// The objects that the boots of these masters write, each once.
+fn written(masters: &[Master]) -> Vec<Written> {
+    let mut all: Vec<Written> = Vec::new();
+    for one in masters.iter().flat_map(Master::written) {
+        match all.iter_mut().find(|known| (known.bus, known.number) == (one.bus, one.number)) {
+            Some(known) => one.objects.into_iter().for_each(|object| {
+                if !known.objects.contains(&object) {
+                    known.objects.push(object);
+                }
+            }),
+            None => all.push(one),
+        }
+    }
+    all
 }
 
 /// Gives the devices back what they held before, if anything was kept; what the act came to, with each emergency once, and whether they

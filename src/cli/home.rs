@@ -1,16 +1,23 @@
-//! `yieldwall home`: each drive finds its reference by itself, while the other one holds.
+//! `yieldwall home`: each drive finds its reference by itself, while the other one holds; once, or again and again.
+
+mod repeated;
 
 use serde_json::json;
 
+use super::commission::add_defects;
 use super::ending::{rig_failure, stopped_by};
-use super::failure::{Exit, Failure};
+use super::failure::{Exit, Failure, both};
 use super::interrupt::{interrupted, on_interrupt};
 use super::on_bus::live_failure;
 use super::output::Output;
 use super::run::check_buses;
 use crate::config::{self, Positive, Source};
+use crate::guard::Cause;
 use crate::rig::EmbeddedRig;
-use crate::run::{Bounds, Ended, HOMING_BEYOND_RAD, HomePlan, Homed, NotHome, RunError, settling_on_bus};
+use crate::run::{
+    Bounds, Ended, HOMING_BEYOND_RAD, HomePlan, Homed, JointHomed, NotHome, NotProven, Repeated, RunError,
+    settling_on_bus,
+};
 
 /// Share of the rated torque of a drive, unless said otherwise.
 const TORQUE_SHARE: f64 = 0.25;
@@ -25,14 +32,35 @@ pub(super) struct Arguments {
     /// Most torque of each drive, N m, which the drives are told (6072h); a quarter of their rated torque unless said
     #[arg(long, value_name = "N_M", value_parser = super::jog::torque, allow_hyphen_values = true)]
     torque: Option<Positive>,
+    /// Home so many times, 2 to 100, and tell by how much the references shift; the joints are led back between. The drives have to be
+    /// switched on just now
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=100))]
+    repeat: Option<u32>,
+    /// With --repeat: fail if a reference shifts by more than this from one homing to the next, with its unit: 0.05deg or 0.001rad
+    #[arg(long, value_name = "ANGLE", value_parser = within, requires = "repeat", allow_hyphen_values = true)]
+    within: Option<f64>,
+    /// Give the simulated machine a defect, as `commission`; may be repeated
+    #[cfg_attr(target_os = "linux", arg(conflicts_with = "bus"))]
+    #[arg(long, value_name = "NAME[=SIZE][:left|right]")]
+    defect: Vec<String>,
     #[cfg(target_os = "linux")]
     #[command(flatten)]
     on_bus: super::first_motion::OnBus,
 }
 
+/// An angle with its unit above 0, in rad.
+fn within(text: &str) -> Result<f64, String> {
+    let angle = super::jog::angle(text)?;
+    if angle > 0.0 { Ok(angle) } else { Err(format!("write an angle above 0, such as 0.05deg, not `{text}`")) }
+}
+
 /// What is done, and within which bounds.
 struct Plan {
     home: HomePlan,
+    /// How often.
+    times: u32,
+    /// By how much a reference may shift, rad.
+    within_rad: Option<f64>,
     bounds: Bounds,
 }
 
@@ -53,7 +81,16 @@ impl Plan {
             Positive::new(value).ok_or_else(none)
         };
         let torque_n_m = positive(torque.min(rig.guard.torque_limit_n_m.get()))?;
-        Ok(Self { home, bounds: Bounds { motion_rad: positive(home.bound_rad())?, torque_n_m } })
+        let asked = rig.drives.iter().zip(joints).filter(|(_, is_asked)| *is_asked).map(|(drive, _)| drive);
+        let in_a_jig = |drive: &config::Drive| drive.homing.is_some_and(|homing| matches!(homing.method, 35 | 37));
+        if let Some(drive) = asked.into_iter().find(|drive| arguments.repeat.is_some() && in_a_jig(drive)) {
+            let message = format!("--repeat: {} is homed where its joint stands, in a jig", drive.name);
+            let help = "nothing is looked for there that could be found elsewhere; put the joint into its jig again, and compare by \
+                        `yieldwall calibrate kinematics`";
+            return Err(Failure::new(Exit::Usage, message, help));
+        }
+        let bounds = Bounds { motion_rad: positive(home.bound_rad())?, torque_n_m };
+        Ok(Self { home, times: arguments.repeat.unwrap_or(1), within_rad: arguments.within, bounds })
     }
 }
 
@@ -66,54 +103,83 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     if arguments.on_bus.is_asked() {
         return on_bus(arguments, &plan, &rig, output);
     }
-    let (rig, scene) = (&rig.value, rig.scene()?.value);
+    let (rig, mut scene) = (&rig.value, rig.scene()?.value);
+    add_defects(&mut scene, rig, &arguments.defect)?;
     let is_interrupted = on_interrupt()?;
     let machine = EmbeddedRig::new(rig, &scene, &rig.fixture, scene.seed);
     let mut machine = machine.map_err(|error| rig_failure(&error))?;
     let name = &rig.rig.name;
     output.aside(&format!("the simulated arm of {name}, switched on just now; a real one with --bus INTERFACE"));
-    let homed = machine.home(rig, &plan.home, plan.bounds.torque_n_m, &is_interrupted);
-    let homed = homed.map_err(|error| rig_failure(&error))?.map_err(|error| not_begun(&error))?;
-    let failure = match homed.ended {
-        Ended::Whole => None,
-        Ended::Interrupted => Some(interrupted(homed.time_s)),
-        _ => Some(stopped_by(homed.cause, homed.time_s, rig)),
+    let mut done = 0;
+    let told = |_: &Homed| count(&mut done, plan.times, output);
+    let repeated = machine.home_repeatedly(rig, (&plan.home, plan.times), plan.bounds, &is_interrupted, told);
+    let repeated = repeated.map_err(|error| rig_failure(&error))?.map_err(|error| match error {
+        NotProven::Run(error) => not_begun(&error),
+        NotProven::Unproven(error) => Failure::new(Exit::Internal, error.to_string(), ""),
+    })?;
+    let failure = match ending(&repeated) {
+        (Ended::Whole, ..) => None,
+        (Ended::Interrupted, _, time_s) => Some(interrupted(time_s)),
+        (_, cause, time_s) => Some(stopped_by(cause, time_s, rig)),
     };
-    end(&plan, rig, &homed, failure.map_or(Ok(()), Err), output)
+    end(&plan, rig, &repeated, failure.map_or(Ok(()), Err), output)
+}
+
+/// Counts homings for a person who waits.
+fn count(done: &mut u32, times: u32, output: &Output) {
+    *done += 1;
+    if times > 1 {
+        output.aside(&format!("homed {done} of {times} times"));
+    }
+}
+
+/// How all of it ended, the fault that led to it, and the time since the drives were enabled last, s.
+fn ending(repeated: &Repeated) -> (Ended, Option<Cause>, f64) {
+    let homed = || repeated.homed.last().map(|homed| (homed.ended, homed.cause, homed.time_s));
+    let led = repeated.stopped.map(|jogged| (jogged.ended, jogged.cause, jogged.time_s));
+    led.or_else(homed).unwrap_or((Ended::Whole, None, 0.0))
 }
 
 /// Tells what became of each joint, and judges.
 fn end(
     plan: &Plan,
     rig: &config::Rig,
-    homed: &Homed,
+    repeated: &Repeated,
     end: Result<(), Failure>,
     output: &mut Output,
 ) -> Result<(), Failure> {
+    let Some(homed) = repeated.homed.last() else { return end };
     let failed = homed.failed.map_or(Ok(()), |(joint, why)| Err(not_home(rig, joint, why)));
+    let short = repeated.stopped.filter(|jogged| jogged.ended == Ended::Stopped && jogged.cause.is_none());
+    let short = short.map_or(Ok(()), |jogged| Err(super::jog::short_of(&jogged)));
     // What was seen of a drive says more than the fault that stopped the rig for it.
-    let end = failed.and(end);
+    let end = failed.and(short).and(end);
+    let shifts = repeated::Shifts::of(plan, rig, repeated);
+    let end = end.and_then(|()| shifts.iter().try_for_each(|shifts| shifts.judge(plan, rig, repeated)));
     let joints = rig.drives.iter().zip(homed.joints).zip(plan.home.joints);
     if output.is_json() {
-        let document = |((drive, joint), is_asked): ((&config::Drive, crate::run::JointHomed), bool)| {
+        let document = |(joint, ((drive, homed), is_asked)): (usize, ((&config::Drive, JointHomed), bool))| {
             json!({
                 "joint": drive.name,
                 "asked": is_asked,
-                "homed": joint.is_homed,
-                "referenced": joint.is_referenced,
+                "homed": homed.is_homed,
+                "referenced": homed.is_referenced,
                 "method": drive.homing.map(|homing| homing.method),
                 "home_rad": drive.homing.map(|homing| homing.angle_rad),
-                "angle_rad": joint.angle_rad,
-                "farthest_rad": joint.farthest_rad,
+                "angle_rad": homed.angle_rad,
+                "farthest_rad": homed.farthest_rad,
+                "repeatability": shifts.as_ref().and_then(|shifts| shifts.document(joint)),
             })
         };
         return output.end(
             json!({
-                "joints": joints.map(document).collect::<Vec<_>>(),
-                "torque_limit_n_m": plan.bounds.torque_n_m,
-                "time_s": homed.time_s,
+                "joints": joints.enumerate().map(document).collect::<Vec<_>>(),
+                "homings": repeated.homed.len(),
+                "within_rad": plan.within_rad,
+                "torque_limit_n_m": plan.bounds.torque_n_m.get(),
+                "time_s": repeated.homed.iter().map(|homed| homed.time_s).sum::<f64>(),
                 "state": format!("{:?}", homed.state),
-                "cause": homed.cause.map(|cause| cause.fault.row().name),
+                "cause": ending(repeated).1.map(|cause| cause.fault.row().name),
             }),
             end,
         );
@@ -133,6 +199,7 @@ fn end(
             joint.angle_rad.to_degrees()
         ));
     }
+    text.extend(shifts.iter().map(|shifts| shifts.lines(rig)));
     let torque = plan.bounds.torque_n_m.get();
     text.push_str(&format!("torque    {torque:.1} N m at most, which both drives were told\n"));
     let unknown: Vec<&str> = rig
@@ -247,27 +314,35 @@ fn on_bus(
     output: &mut Output,
 ) -> Result<(), Failure> {
     use super::events::Events;
-    use super::failure::both;
     use super::first_motion::{Opened, concluded};
     use super::live::{ended, not_run};
     use super::on_bus::warn;
-    use crate::assembly::homing_master;
+    use crate::assembly::{homing_master, master};
     use crate::host::{News, NotRun};
 
     let events = Events::of(output);
-    let opened = arguments.on_bus.open_for("home", &arguments.rig, rig, homing_master, output)?;
+    let boots = |rig: &config::Rig| {
+        let leads = (plan.times > 1).then(|| master(rig, &rig.fixture)).transpose()?;
+        Ok([homing_master(rig)?].into_iter().chain(leads).collect())
+    };
+    let opened = arguments.on_bus.open_for("home", &arguments.rig, rig, boots, output)?;
     let Opened { on_bus, terms, interfaces, is_interrupted, journal } = opened;
     let rig = &rig.value;
     output.aside("one joint moves after the other, and the other one holds; nobody may hold the handle");
-    let outcome = on_bus.home(&terms, &plan.home, plan.bounds, &is_interrupted, |news| match news {
+    let mut done = 0;
+    let outcome = on_bus.home(&terms, (&plan.home, plan.times), plan.bounds, &is_interrupted, |news| match news {
         News::Refused(refusal) => warn(output, refusal),
+        News::Homed(_) => {
+            events.clear();
+            count(&mut done, plan.times, output);
+        }
         // The steps of the boot are for --verbose.
         News::Step(_) | News::Proved => {}
         news => events.news(news),
     });
     let (outcome, given_back) = concluded(&events, journal, outcome, output)?;
-    let homed = match &outcome.played {
-        Ok(homed) => *homed,
+    let repeated = match &outcome.played {
+        Ok(repeated) => repeated,
         Err(error) => {
             let failure = match error {
                 NotRun::Run(error @ RunError::WayBlocked { .. }) => not_begun(error),
@@ -276,6 +351,7 @@ fn on_bus(
             return both(Err(failure), given_back);
         }
     };
-    let failure = ended((homed.ended, homed.cause), homed.time_s, &outcome, rig);
-    end(plan, rig, &homed, both(failure.map_or(Ok(()), Err), given_back), output)
+    let (how, cause, time_s) = ending(repeated);
+    let failure = ended((how, cause), time_s, &outcome, rig);
+    end(plan, rig, repeated, both(failure.map_or(Ok(()), Err), given_back), output)
 }

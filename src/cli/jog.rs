@@ -67,7 +67,7 @@ pub(super) struct Arguments {
 }
 
 /// An angle with its unit, in rad.
-fn angle(text: &str) -> Result<f64, String> {
+pub(super) fn angle(text: &str) -> Result<f64, String> {
     let wanted = || format!("write an angle with its unit, such as 5deg or -0.1rad, not `{text}`");
     let (number, unit) = match (text.strip_suffix("deg"), text.strip_suffix("rad")) {
         (Some(number), _) => (number, PI / 180.0),
@@ -262,7 +262,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 }
 
 /// The failure that the joints were not led to their targets, though no fault stopped the rig.
-fn short_of(jogged: &Jogged) -> Failure {
+pub(super) fn short_of(jogged: &Jogged) -> Failure {
     let message =
         format!("after {:.3} s the rig was stopped before its joints were where they should go", jogged.time_s);
     Failure::new(

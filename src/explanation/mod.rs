@@ -26,7 +26,7 @@ use crate::canopen::EmcyCode;
 use crate::ethercat::AlStatusCode;
 use crate::guard::Fault;
 use crate::guard::fault::Row;
-use crate::injection::{DefectKind, Kind};
+use crate::injection::{DefectKind, FoundBy, Kind};
 use crate::objects::AbortCode;
 
 pub use status::state_name;
@@ -90,7 +90,7 @@ pub fn injection(kind: Kind) -> Explanation {
     }
 }
 
-/// A defect that a simulated machine can be given: what it is, and which step of a commissioning finds it.
+/// A defect that a simulated machine can be given: what it is, and what finds it.
 pub fn defect(kind: DefectKind) -> Explanation {
     let row = kind.row();
     Explanation {
@@ -99,7 +99,10 @@ pub fn defect(kind: DefectKind) -> Explanation {
         name: row.name.into(),
         meaning: row.meaning.into(),
         cause: "somebody asked for it; on a bench, wiring, parameters or wear".into(),
-        next: format!("commission the rig: the step `{}` finds it and says what to do", row.found_by).into(),
+        next: match row.found_by {
+            FoundBy::Step(_) => format!("commission the rig: {} finds it and says what to do", row.found_by).into(),
+            FoundBy::Command(_) => format!("{} finds it", row.found_by).into(),
+        },
         source: None,
     }
 }

@@ -24,11 +24,11 @@ use crate::guard::Fault;
 use crate::link::{InterfaceFacts, Interfaces, Role, SocketCan};
 use crate::quantity::{JointAngles, TipPoint};
 use crate::record::CycleRecord;
-use crate::run::commission::{Commissioned, Step, StepReport};
+use crate::run::commission::{Begin, Commissioned, StepReport};
 use crate::run::{
     Bounds, Drilled, DriveError, DriveIdentity, ErrorWatch, Finding, HomePlan, Homed, Jog, Jogged, LinkCounts,
-    LoopPlan, LoopTraced, NotProven, Observer, OnLink, Orders, Pace, Play, Played, Proof, Pulled, RunError, Runner,
-    Tap, Task, Unproven, Wrenches, settling_on_bus,
+    LoopPlan, LoopTraced, NotProven, Observer, OnLink, Orders, Pace, Play, Played, Proof, Pulled, Repeated, RunError,
+    Runner, Tap, Task, Unproven, Wrenches, settling_on_bus,
 };
 use crate::sensing::Wrench;
 use bench::OnTheBench;
@@ -287,25 +287,25 @@ impl RigOnBus {
         })
     }
 
-    /// Boots for homing, proves, tells the drives how little torque they may make, enables them and has each find its reference, as
-    /// [`Runner::home`], on a thread of its own. Nobody may hold the handle.
+    /// Boots for homing, proves, tells the drives how little torque they may make, enables them and has each find its reference, so many times
+    /// as [`Runner::home_repeatedly`], on a thread of its own; each is told ([`News::Homed`]). Nobody may hold the handle.
     ///
     /// # Errors
     /// If there is no such thread; what kept the drives from being homed is in the outcome.
     pub fn home(
         self,
         terms: &Terms,
-        plan: &HomePlan,
+        (plan, times): (&HomePlan, u32),
         bounds: Bounds,
         is_interrupted: &Arc<AtomicBool>,
         tell: impl FnMut(News),
-    ) -> Result<Outcome<Homed>, ThreadError> {
+    ) -> Result<Outcome<Repeated>, ThreadError> {
         self.under(terms, is_interrupted, tell, |runner, rig, news| {
-            runner.prepare_homing(rig)?;
-            runner.boot()?;
-            let permit = runner.prove_for_bring_up(rig, &terms.proof(), bounds)?;
-            let _ = news.send(News::Proved);
-            Ok(runner.home(rig, plan, &permit, is_interrupted)?)
+            let mut prove = |runner: &mut OnInterfaces, rig: &config::Rig, bounds: Bounds| {
+                runner.prove_for_bring_up(rig, &terms.proof(), bounds)
+            };
+            let told = |homed: &Homed| drop(news.send(News::Homed(*homed)));
+            Ok(runner.home_repeatedly(rig, plan, times, bounds, &mut prove, is_interrupted, told)?)
         })
     }
 
@@ -345,7 +345,7 @@ impl RigOnBus {
     pub fn commission(
         self,
         terms: &Terms,
-        from: Step,
+        begin: Begin,
         person: &mut (dyn Person + Send),
         is_interrupted: &Arc<AtomicBool>,
         tell: impl FnMut(News),
@@ -354,7 +354,7 @@ impl RigOnBus {
             let mut attendant = OnTheBench { person, proof: terms.proof() };
             // Somebody listens for as long as this thread lives.
             let told = |report: &StepReport| drop(news.send(News::Stepped(Box::new(report.clone()))));
-            Ok(runner.commission(rig, from, &mut attendant, is_interrupted, told))
+            Ok(runner.commission(rig, begin, &mut attendant, is_interrupted, told))
         })
     }
 

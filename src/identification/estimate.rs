@@ -23,6 +23,25 @@ impl Estimate {
         Self { value, low: value - half, high: value + half }
     }
 
+    /// The standard deviation of what these values were drawn from, each apart from the others, beside a line through them: what changes
+    /// steadily is no scatter. `None` of fewer than three.
+    pub fn scatter(values: &[f64]) -> Option<Self> {
+        let degrees = values.len().checked_sub(2).filter(|degrees| *degrees > 0)?;
+        let many = values.len() as f64;
+        let (middle, mean) = (0.5 * (many - 1.0), values.iter().sum::<f64>() / many);
+        let beside = || values.iter().enumerate().map(|(at, value)| [at as f64 - middle, value - mean]);
+        let (spread, together) =
+            beside().fold((0.0, 0.0), |(spread, together), [at, value]| (spread + at * at, together + at * value));
+        let slope = together / spread;
+        let squares: f64 = beside().map(|[at, value]| value - slope * at).map(|rest| rest * rest).sum();
+        let [low, high] = chi_square(degrees);
+        Some(Self {
+            value: (squares / degrees as f64).sqrt(),
+            low: (squares / high).sqrt(),
+            high: (squares / low).sqrt(),
+        })
+    }
+
     /// Half of the interval's width.
     pub fn half_width(&self) -> f64 {
         0.5 * (self.high - self.low)
@@ -54,9 +73,50 @@ fn student(degrees: usize) -> f64 {
     }
 }
 
+/// The 2.5 % and the 97.5 % quantile of the chi-square distribution, to 5 %.
+///
+/// # Source
+/// Abramowitz, Stegun, *Handbook of Mathematical Functions* (1964), 26.4.17; below five degrees of freedom from its table 26.8.
+fn chi_square(degrees: usize) -> [f64; 2] {
+    match degrees {
+        0 | 1 => [0.000_982, 5.024],
+        2 => [0.0506, 7.378],
+        3 => [0.2158, 9.348],
+        4 => [0.4844, 11.143],
+        _ => {
+            let n = degrees as f64;
+            let part = 2.0 / (9.0 * n);
+            [-NORMAL, NORMAL].map(|z| n * elementary::powi(1.0 - part + z * part.sqrt(), 3))
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn quantiles_of_a_sum_of_squares_are_those_of_the_tables() {
+        let table =
+            [(1, 0.000_982, 5.024), (4, 0.4844, 11.143), (5, 0.8312, 12.833), (9, 2.700, 19.023), (100, 74.22, 129.56)];
+        for (degrees, low, high) in table {
+            let found = chi_square(degrees);
+            assert!(
+                (found[0] / low - 1.0).abs() < 0.05 && (found[1] / high - 1.0).abs() < 0.01,
+                "{degrees}: {found:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_scatter_of_a_few_values_is_known_badly_and_a_steady_change_is_none() {
+        assert_eq!(Estimate::scatter(&[1.0, 3.0]), None);
+        let three = Estimate::scatter(&[1.0, 3.0, 2.0]).unwrap();
+        assert!(three.low < 0.7 * three.value && three.high > 20.0 * three.value, "{three:?}");
+        let many: Vec<f64> = (0..101).map(|at| f64::from(at % 2) + 7.0 * f64::from(at)).collect();
+        let many = Estimate::scatter(&many).unwrap();
+        assert!(many.contains(0.5) && many.half_width() < 0.08, "{many:?}");
+    }
 
     #[test]
     fn quantiles_are_those_of_the_tables() {

@@ -1,5 +1,6 @@
 //! What is wrong with a machine from the day on which it was put together, for a commissioning to find.
 
+use std::fmt::{self, Display, Formatter};
 use std::str::FromStr;
 
 use thiserror::Error;
@@ -21,6 +22,8 @@ pub enum DefectKind {
     LimitNotKept,
     StaleParameters,
     Backlash,
+    LooseHome,
+    BiasedSensor,
 }
 
 /// The size of a defect.
@@ -49,8 +52,35 @@ pub struct DefectRow {
     pub is_of_drive: bool,
     /// How large it is; `None` for one that is there or is not.
     pub size: Option<DefectSize>,
-    /// The step of a commissioning that finds it.
-    pub found_by: &'static str,
+    /// What finds it.
+    pub found_by: FoundBy,
+}
+
+/// What finds a defect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FoundBy {
+    /// The step of a commissioning that has this name.
+    Step(&'static str),
+    /// A command.
+    Command(&'static str),
+}
+
+impl FoundBy {
+    /// The step or the command.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Step(name) | Self::Command(name) => name,
+        }
+    }
+}
+
+impl Display for FoundBy {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Step(name) => write!(f, "the step `{name}`"),
+            Self::Command(name) => write!(f, "`{name}`"),
+        }
+    }
 }
 
 const fn size(what: &'static str, usual: f64, least: f64, most: f64) -> Option<DefectSize> {
@@ -60,7 +90,7 @@ const fn size(what: &'static str, usual: f64, least: f64, most: f64) -> Option<D
 const fn row(
     kind: DefectKind,
     name: &'static str,
-    (is_of_drive, found_by): (bool, &'static str),
+    (is_of_drive, found_by): (bool, FoundBy),
     size: Option<DefectSize>,
     meaning: &'static str,
 ) -> DefectRow {
@@ -68,90 +98,104 @@ const fn row(
 }
 
 /// All defects, in the order of their kinds.
-pub const DEFECTS: [DefectRow; 12] = [
+pub const DEFECTS: [DefectRow; 14] = [
     row(
         DefectKind::EncoderPolarity,
         "encoder-polarity",
-        (true, "rotation"),
+        (true, FoundBy::Step("rotation")),
         None,
         "the encoder counts down where the motor turns up",
     ),
     row(
         DefectKind::EncoderResolution,
         "encoder-resolution",
-        (true, "rotation"),
+        (true, FoundBy::Step("rotation")),
         size("counts for a turn over those in the rig file", 1.25, 1.06, 1.5),
         "the encoder has more counts for a turn than the rig file says",
     ),
     row(
         DefectKind::GearSign,
         "gear-sign",
-        (true, "rotation"),
+        (true, FoundBy::Step("rotation")),
         None,
         "motor and encoder agree, and the link turns the other way than the rig file says",
     ),
     row(
         DefectKind::WeakMotor,
         "weak-motor",
-        (true, "motor"),
+        (true, FoundBy::Step("motor")),
         size("share of the torque that the drive tells", 0.7, 0.5, 0.82),
         "the motor makes less torque than the drive tells, as with a wrong torque constant or a demagnetised motor",
     ),
     row(
         DefectKind::HighFriction,
         "high-friction",
-        (true, "friction"),
+        (true, FoundBy::Step("friction")),
         size("dry friction on top of that of the arm, N m", 6.0, 3.0, 10.0),
         "the joint has more dry friction than the rig file says",
     ),
     row(
         DefectKind::Cogging,
         "cogging",
-        (true, "motor"),
+        (true, FoundBy::Step("motor")),
         size("amplitude of a torque with 100 periods in a turn, N m", 4.0, 3.0, 8.0),
         "the torque goes up and down with the angle, as of a damaged gear",
     ),
     row(
         DefectKind::NoisySensor,
         "noisy-sensor",
-        (false, "sensor-rest"),
+        (false, FoundBy::Step("sensor-rest")),
         size("standard deviation of each axis of force, N", 0.5, 0.25, 2.0),
         "the force sensor has more noise than it should, as with a broken screen of its cable",
     ),
     row(
         DefectKind::SwappedSensorAxes,
         "swapped-sensor-axes",
-        (false, "sensor-axes"),
+        (false, FoundBy::Step("sensor-axes")),
         None,
         "x and y of the force sensor are taken for one another",
     ),
     row(
         DefectKind::HeartbeatConsumerOff,
         "heartbeat-consumer-off",
-        (true, "watchdogs"),
+        (true, FoundBy::Step("watchdogs")),
         None,
         "the drive does not watch the heartbeat of its master (CAN alone)",
     ),
     row(
         DefectKind::LimitNotKept,
         "limit-not-kept",
-        (true, "limits"),
+        (true, FoundBy::Step("limits")),
         None,
         "the drive takes a torque limit (6072h), says so, and forgets it",
     ),
     row(
         DefectKind::StaleParameters,
         "stale-parameters",
-        (true, "parameters"),
+        (true, FoundBy::Step("parameters")),
         size("torque limit in the positive direction (60E0h), per mille of the rated torque", 300.0, 50.0, 990.0),
         "somebody has stored a torque limit in the drive that no boot of this program writes",
     ),
     row(
         DefectKind::Backlash,
         "backlash",
-        (true, "rotation"),
+        (true, FoundBy::Step("rotation")),
         size("play between motor and link, degrees", 0.6, 0.3, 2.0),
         "the link follows its motor with play, as of a worn gear or a loose coupling",
+    ),
+    row(
+        DefectKind::LooseHome,
+        "loose-home",
+        (true, FoundBy::Command("yieldwall home --repeat")),
+        size("standard deviation of where home is found, rad", 1e-3, 5e-5, 5e-3),
+        "home is found elsewhere each time, as with a loose switch or encoder disc (drives that are homed alone)",
+    ),
+    row(
+        DefectKind::BiasedSensor,
+        "biased-sensor",
+        (false, FoundBy::Step("admittance")),
+        size("force along x of the sensor that is not there, N", 6.0, 4.0, 12.0),
+        "the zero of the force sensor is wrong, by less than the step `sensor-rest` sees",
     ),
 ];
 

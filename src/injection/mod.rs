@@ -8,7 +8,7 @@ mod defect;
 mod error;
 
 pub use catalogue::CATALOGUE;
-pub use defect::{DEFECTS, Defect, DefectError, DefectKind, DefectRow, DefectSize};
+pub use defect::{DEFECTS, Defect, DefectError, DefectKind, DefectRow, DefectSize, FoundBy};
 pub use error::InjectionError;
 
 use crate::guard::{Fault, Reaction, State};

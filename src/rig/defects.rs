@@ -13,6 +13,8 @@ const COGGING_PERIODS: f64 = 100.0;
 #[derive(Clone, Debug)]
 pub(super) struct Defects {
     all: Vec<Defect>,
+    /// What the first channel of the force sensor shows too much, counts.
+    bias_counts: i32,
     /// Angles of the joints when the machine was switched on: from there the encoders count wrongly.
     start: JointAngles,
 }
@@ -45,15 +47,22 @@ pub(super) fn friction(scene: &config::Scene, mut healthy: [f64; 2]) -> Result<[
 /// The noise of a sensor that has too much of it, counts.
 pub(super) fn sensor_noise_counts(rig: &config::Rig, scene: &config::Scene) -> Result<Option<f64>, RigError> {
     let noise = all(scene)?.into_iter().find(|defect| defect.kind == DefectKind::NoisySensor);
+    Ok(noise.map(|defect| defect.size / n_per_count(rig)))
+}
+
+/// The force that a count of the first channel is, N.
+fn n_per_count(rig: &config::Rig) -> f64 {
     let [along_x, ..] = rig.sensor.calibration;
-    let n_per_count = along_x.iter().map(|value| value.get() * value.get()).sum::<f64>().sqrt();
-    Ok(noise.map(|defect| defect.size / n_per_count))
+    along_x.iter().map(|value| value.get() * value.get()).sum::<f64>().sqrt()
 }
 
 impl Defects {
     /// Those of a scene, of a machine that is switched on with its joints at these angles.
-    pub(super) fn new(scene: &config::Scene, start: JointAngles) -> Result<Self, RigError> {
-        Ok(Self { all: all(scene)?, start })
+    pub(super) fn new(rig: &config::Rig, scene: &config::Scene, start: JointAngles) -> Result<Self, RigError> {
+        let all = all(scene)?;
+        let bias = all.iter().find(|defect| defect.kind == DefectKind::BiasedSensor);
+        let bias_counts = bias.map_or(0, |defect| (defect.size / n_per_count(rig)).round() as i32);
+        Ok(Self { all, bias_counts, start })
     }
 
     /// Whether nothing is wrong.
@@ -108,6 +117,7 @@ impl Defects {
 
     /// What the channels of the force sensor say.
     pub(super) fn counts(&self, mut counts: [i32; 6]) -> [i32; 6] {
+        counts[0] = counts[0].saturating_add(self.bias_counts);
         if self.all.iter().any(|defect| defect.kind == DefectKind::SwappedSensorAxes) {
             counts.swap(0, 1);
         }

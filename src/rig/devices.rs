@@ -79,6 +79,9 @@ pub fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, se
     if let Some(homing) = drive.homing {
         made.set_incremental(homing.angle_rad.get());
     }
+    if let Some(deviation_rad) = defects::size(scene, DefectKind::LooseHome, joint)? {
+        made.set_loose_mark(deviation_rad, scene.seed ^ LOOSE_HOME_SEED[joint]);
+    }
     if let Some(per_mille) = defects::size(scene, DefectKind::StaleParameters, joint)? {
         made.set_stored_torque_limit(per_mille as u16);
     }
@@ -107,6 +110,9 @@ pub fn force_sensor(rig: &config::Rig) -> Result<ForceSensor, RigError> {
     })
     .map_err(|error| RigError::Device(error.to_string()))
 }
+
+/// Marks of both joints are loose apart from each other and from the rest of the scene.
+const LOOSE_HOME_SEED: [u64; 2] = [0x105e_0000_0000_0001, 0x105e_0000_0000_0002];
 
 /// Clocks of devices on EtherCAT differ by so much, in parts per billion.
 const DRIFTS_PPB: [i32; 3] = [12_000, -23_000, 31_000];
@@ -169,6 +175,9 @@ fn ethercat_drive(
     }
     if let Some(homing) = drive.homing {
         made.set_incremental(homing.angle_rad.get());
+    }
+    if let Some(deviation_rad) = defects::size(scene, DefectKind::LooseHome, joint)? {
+        made.set_loose_mark(deviation_rad, scene.seed ^ LOOSE_HOME_SEED[joint]);
     }
     Ok(made)
 }
@@ -269,7 +278,7 @@ pub(super) fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Resu
         grip: Grip::Firm,
         pushes: Vec::new(),
         weight: Force::default(),
-        defects: Defects::new(scene, angles)?,
+        defects: Defects::new(rig, scene, angles)?,
         truth: Truth::default(),
         sampled: None,
     })

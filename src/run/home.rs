@@ -1,5 +1,8 @@
 //! Homing: each drive finds its reference by itself, one after the other, while the other one holds.
 
+mod repeat;
+mod trace;
+
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::error::RunError;
@@ -13,6 +16,8 @@ use crate::bus::HomingState;
 use crate::config;
 use crate::guard::{Cause, State};
 use crate::quantity::JointAngles;
+pub use repeat::{NoShift, Repeated};
+use trace::HomingTrace;
 
 /// How far a joint may go beyond its way, and one that holds from where it was, rad. An arm that is stopped still slides.
 pub const HOMING_BEYOND_RAD: f64 = 0.05;
@@ -64,6 +69,13 @@ impl HomePlan {
     pub fn bound_rad(&self) -> f64 {
         self.within_rad[0].max(self.within_rad[1]) + HOMING_BEYOND_RAD
     }
+
+    /// The longest that each joint may take, s: to a switch, and off it again.
+    fn longest_s(&self) -> [f64; 2] {
+        let [left, right] = self.within_rad;
+        let [left_rate, right_rate] = self.rate_rad_per_s;
+        [2.0 * left / left_rate + PATIENCE_S, 2.0 * right / right_rate + PATIENCE_S]
+    }
 }
 
 /// Why a drive did not find its reference.
@@ -94,6 +106,8 @@ pub enum NotHome {
 pub struct JointHomed {
     /// How far it went at most, either way, rad.
     pub farthest_rad: f64,
+    /// How far it went in the end, rad.
+    pub way_rad: f64,
     /// Where it stands in the end by its position, rad.
     pub angle_rad: f64,
     /// Whether its drive says that its position refers to home.
@@ -119,6 +133,15 @@ pub struct Homed {
     pub joints: [JointHomed; 2],
 }
 
+/// What is seen of a joint while it homes.
+struct Seen<'a> {
+    /// How far each joint has gone at most, rad.
+    farthest: &'a mut [f64; 2],
+    /// Cycles since the rig was enabled.
+    cycles: &'a mut u32,
+    trace: &'a mut HomingTrace,
+}
+
 impl<P: Place> Runner<P> {
     /// Enables a rig that was booted for homing ([`Runner::prepare_homing`]), has each drive that is asked for find its reference, and stops
     /// it. The other drive holds its joint meanwhile. A joint that goes farther than it may, whatever holds the rig, and a fault at either
@@ -135,12 +158,24 @@ impl<P: Place> Runner<P> {
         permit: &Permit,
         is_interrupted: &AtomicBool,
     ) -> Result<Homed, RunError> {
+        self.home_traced(rig, plan, permit, is_interrupted).map(|(homed, _)| homed)
+    }
+
+    /// The same, with what each drive that was asked for has told.
+    fn home_traced(
+        &mut self,
+        rig: &config::Rig,
+        plan: &HomePlan,
+        permit: &Permit,
+        is_interrupted: &AtomicBool,
+    ) -> Result<(Homed, [HomingTrace; 2]), RunError> {
         self.check_permit(permit)?;
         self.watch_homing(Some(2.0 * plan.fastest_rad_per_s * self.period().as_secs_f64()));
-        let homed = self.home_all(rig, plan, permit, is_interrupted);
+        let mut traces = plan.longest_s().map(|longest_s| HomingTrace::with_room(self.cycles_in(longest_s)));
+        let homed = self.home_all(rig, plan, permit, &mut traces, is_interrupted);
         self.set_homing([false; 2]);
         self.watch_homing(None);
-        homed
+        Ok((homed?, traces))
     }
 
     fn home_all(
@@ -148,6 +183,7 @@ impl<P: Place> Runner<P> {
         rig: &config::Rig,
         plan: &HomePlan,
         permit: &Permit,
+        traces: &mut [HomingTrace; 2],
         is_interrupted: &AtomicBool,
     ) -> Result<Homed, RunError> {
         self.idle_before_lead(plan.settling.max(1), is_interrupted)?;
@@ -157,10 +193,13 @@ impl<P: Place> Runner<P> {
         // Both are watched here, each within a bound of its own.
         self.unbind_motion();
         self.begin_scene();
+        let start = self.angles();
         let mut farthest = [0.0_f64; 2];
         let (mut ended, mut failed, mut cycles, mut homed) = (Ended::Whole, None, 0, [false; 2]);
-        for joint in (0..2).filter(|joint| plan.joints.get(*joint) == Some(&true)) {
-            match self.home_one(joint, plan, &mut watch, &mut farthest, &mut cycles, is_interrupted) {
+        let traced = traces.iter_mut().enumerate().filter(|(joint, _)| plan.joints.get(*joint) == Some(&true));
+        for (joint, trace) in traced {
+            let seen = Seen { farthest: &mut farthest, cycles: &mut cycles, trace };
+            match self.home_one(joint, plan, &mut watch, seen, is_interrupted) {
                 Ok(()) => homed.iter_mut().skip(joint).take(1).for_each(|homed| *homed = true),
                 Err((end, why)) => {
                     (ended, failed) = (end, why.map(|why| (joint, why)));
@@ -172,10 +211,12 @@ impl<P: Place> Runner<P> {
         let (state, cause) = (self.state(), self.cause());
         let referenced = self.master().homing().map(|homing| homing.is_referenced);
         let (taken, by_reference) = (self.angles().to_array(), self.master().referenced_angles().to_array());
+        let way = (self.angles() - start).to_array();
         let ended = self.end_lead(ended);
         watch.finish(self);
         let of = |joint: usize| JointHomed {
             farthest_rad: farthest.get(joint).copied().unwrap_or_default(),
+            way_rad: way.get(joint).copied().unwrap_or_default(),
             angle_rad: *if referenced[joint] { &by_reference } else { &taken }.get(joint).unwrap_or(&0.0),
             is_referenced: referenced[joint],
             is_homed: homed.get(joint) == Some(&true),
@@ -205,20 +246,24 @@ impl<P: Place> Runner<P> {
         if least < 1.0 { Err(RunError::WayBlocked { share: least }) } else { Ok(()) }
     }
 
+    /// The position that a drive has told in the last cycle, counts.
+    fn told_position(&self, joint: usize) -> Option<i64> {
+        let has_come = self.master().last_inputs().drives.get(joint).is_some_and(|drive| drive.angle_rad.is_some());
+        self.master().positions().get(joint).copied().filter(|_| has_come)
+    }
+
     fn home_one(
         &mut self,
         joint: usize,
         plan: &HomePlan,
         watch: &mut PushWatch,
-        farthest: &mut [f64; 2],
-        cycles: &mut u32,
+        Seen { farthest, cycles, trace }: Seen<'_>,
         is_interrupted: &AtomicBool,
     ) -> Result<(), (Ended, Option<NotHome>)> {
         let of = |values: [f64; 2]| values.get(joint).copied().unwrap_or_default();
         let failed = |why| Err((Ended::Whole, Some(why)));
         let (within, rate) = (of(plan.within_rad), of(plan.rate_rad_per_s));
-        // To a switch, and off it again.
-        let longest_s = 2.0 * within / rate + PATIENCE_S;
+        let longest_s = of(plan.longest_s());
         let (limit, rest) = (self.cycles_in(longest_s), self.cycles_in(REST_S).max(1));
         let mut bounds = [HOMING_BEYOND_RAD; 2];
         bounds.iter_mut().skip(joint).take(1).for_each(|bound| *bound += within);
@@ -235,7 +280,7 @@ impl<P: Place> Runner<P> {
             if is_interrupted.load(Ordering::Relaxed) {
                 return Err((Ended::Interrupted, None));
             }
-            self.run_cycle(Ask::Nothing);
+            let missed = self.run_cycle(Ask::Nothing).map_or(0, |record| record.inputs.timing.skipped);
             *cycles += 1;
             if self.has_panicked() {
                 return Err((Ended::Panicked, None));
@@ -268,6 +313,8 @@ impl<P: Place> Runner<P> {
             }
             let Some(now) = states.get(joint).copied() else { continue };
             has_begun |= is_silent(now);
+            let is_found = has_begun && now.is_found;
+            trace.take(self.told_position(joint), missed, is_found, now.has_jumped);
             if !has_begun {
                 if cycle >= self.cycles_in(BEGINS_S) {
                     return failed(NotHome::NotBegun);

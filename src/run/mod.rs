@@ -37,7 +37,7 @@ pub use drilled::{
     CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Demands, Drilled, Finding, Settled, TORQUE_LIMIT, Unsafe, watchdogs,
 };
 pub use error::{RunError, Which};
-pub use home::{HOMING_BEYOND_RAD, HomePlan, Homed, JointHomed, NotHome};
+pub use home::{HOMING_BEYOND_RAD, HomePlan, Homed, JointHomed, NoShift, NotHome, Repeated};
 pub use inquiry::{DriveError, ErrorWatch};
 pub use jog::{Jog, Jogged};
 pub use keys::{Key, Keys};

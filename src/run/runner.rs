@@ -213,6 +213,12 @@ impl<P: Place> Runner<P> {
         Ok(())
     }
 
+    /// Has the boots from now on bring the drives up in the rig's own mode again. Nothing is sent.
+    pub(super) fn prepare_leading(&mut self, rig: &config::Rig) -> Result<(), RunError> {
+        self.master = paced(master(rig, &rig.fixture)?, self.pace);
+        Ok(())
+    }
+
     /// Has the joints be watched while the drives move them by themselves, as [`Master::home`].
     pub(super) fn watch_homing(&mut self, jump_rad: Option<f64>) {
         // No force moves them.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use serde_json::json;
 
-use super::{Arguments, end, lines};
+use super::{Arguments, Taken, begin, end, lines};
 use crate::cli::at_the_arm::Typed;
 use crate::cli::confirm::agreed;
 use crate::cli::desk::journal::Journal;
@@ -13,13 +13,14 @@ use crate::cli::events::Events;
 use crate::cli::failure::{Exit, Failure, both};
 use crate::cli::first_motion::{Opened, concluded};
 use crate::cli::interfaces::Interfaces;
+use crate::cli::latency::now_unix_s;
 use crate::cli::live::not_run;
 use crate::cli::on_bus::{warn, with_told};
 use crate::cli::output::Output;
 use crate::config;
 use crate::host::{News, Person};
 use crate::quantity::Force;
-use crate::run::commission::{STEPS, Step};
+use crate::run::commission::STEPS;
 
 /// Somebody at the arm, or nobody.
 struct AtTheTerminal {
@@ -84,7 +85,6 @@ pub(super) fn run(
 ) -> Result<(), Failure> {
     let events = Events::of(output);
     let rig = &loaded.value;
-    let from = arguments.from.unwrap_or(Step::Communication);
     if arguments.restore {
         let are_closed = close_journals(&arguments.on_bus.interfaces(rig)?, output)?;
         return match output.is_json() {
@@ -94,6 +94,7 @@ pub(super) fn run(
             }
         };
     }
+    let (begin, earlier) = begin(arguments, rig, output)?;
     if !arguments.yes {
         for step in STEPS {
             let bound = step
@@ -112,10 +113,12 @@ pub(super) fn run(
     let names = rig.drives.each_ref().map(|drive| drive.name.clone());
     let mut person =
         AtTheTerminal { names: (!arguments.yes).then_some(names), typed: Typed::new(Arc::clone(&is_interrupted)) };
-    let outcome = on_bus.commission(&terms, from, &mut person, &is_interrupted, |news| match news {
+    let mut ran = Vec::new();
+    let outcome = on_bus.commission(&terms, begin, &mut person, &is_interrupted, |news| match news {
         News::Refused(refusal) => warn(output, refusal),
         News::Stepped(report) => {
             events.clear();
+            ran.push((report.step, now_unix_s()));
             // What cannot be printed stands in the document all the same.
             let _ = output.news(&lines(&report));
         }
@@ -127,7 +130,8 @@ pub(super) fn run(
     match &outcome.played {
         Ok(commissioned) => {
             let told = |failure| with_told(failure, &outcome.emergencies, &outcome.errors, rig);
-            end(arguments, rig, commissioned, (told, given_back), output)
+            let taken = Taken::new(earlier, commissioned.clone(), ran);
+            end(arguments, rig, &taken, (told, given_back), output)
         }
         Err(error) => both(Err(not_run(error, &outcome, &interfaces, rig, file)), given_back),
     }

@@ -228,8 +228,8 @@ impl Events {
             News::Found(finding) => self.tell(&watchdog(&finding)),
             News::Waiting(Some(text)) => self.show(&format!("boot      {text}")),
             News::Waiting(None) => self.show(""),
-            // A warning, a report and a row, which the command prints.
-            News::Refused(_) | News::Stepped(_) | News::Sensed(..) => {}
+            // A warning, reports and a row, which the command prints.
+            News::Refused(_) | News::Homed(_) | News::Stepped(_) | News::Sensed(..) => {}
         }
     }
 }

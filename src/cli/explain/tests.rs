@@ -52,7 +52,7 @@ fn faults_and_injections_are_explained_in_the_words_of_run() {
 fn each_defect_is_explained_with_the_step_that_finds_it() {
     for row in &DEFECTS {
         let text = told(row.name, None);
-        assert!(text.contains(row.meaning) && text.contains(&format!("`{}`", row.found_by)), "{text}");
+        assert!(text.contains(row.meaning) && text.contains(&format!("`{}`", row.found_by.name())), "{text}");
         assert_eq!(text.contains("unless it is given"), row.size.is_some(), "{text}");
     }
 }

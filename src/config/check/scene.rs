@@ -5,7 +5,7 @@ use super::words::{round, shorten_numbers};
 use crate::config::number::Finite;
 use crate::config::tree::{CommandMode, ImpedanceDevice, PathSegment, Rig, Scene, Tracking};
 use crate::elementary;
-use crate::injection::{DefectError, DefectKind, InjectionError};
+use crate::injection::{DefectError, InjectionError};
 use crate::linkage::FiveBar;
 use crate::quantity::TipPoint;
 
@@ -331,9 +331,9 @@ fn check_media(findings: &mut Findings, scene: &Scene, rig: &Rig) {
 /// Whether each defect of a scene means something on a rig.
 fn check_defects(findings: &mut Findings, scene: &Scene, rig: &Rig) {
     for (index, defect) in scene.defects.iter().enumerate() {
-        if defect.defect.0 == DefectKind::HeartbeatConsumerOff && rig.has_drives_on_ethercat() {
-            let message = "`heartbeat-consumer-off` means nothing on EtherCAT, where no drive watches a heartbeat";
-            findings.error(&format!("defects[{index}].defect"), message, "leave it out, or write another one");
+        if let Some([why, which]) = rig.excludes(defect.defect.0) {
+            let message = format!("`{}` means nothing here: {why}", defect.defect.0.row().name);
+            findings.error(&format!("defects[{index}].defect"), message, format!("leave it out, or try it on {which}"));
         }
     }
 }

@@ -17,7 +17,7 @@ use super::sensor::{Sensor, SensorProtocol};
 use super::simulation::{BusTiming, NotSimulated, Simulation, named_simulation};
 use super::waits::{Waits, enabling_ms};
 use crate::config::number::{Finite, NotNegative, Positive, nullable, present};
-use crate::injection::{Injection, Medium, Target};
+use crate::injection::{DefectKind, Injection, Medium, Target};
 
 /// An admittance rig: five-bar arm, two servo drives, force sensor, virtual fixture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
@@ -94,6 +94,19 @@ impl Rig {
     /// Whether the drives are on an EtherCAT segment.
     pub fn has_drives_on_ethercat(&self) -> bool {
         self.drives.iter().any(|drive| drive.address.position().is_some())
+    }
+
+    /// Why no machine of this rig can have a defect, and which one can; `None` if it can.
+    pub fn excludes(&self, defect: DefectKind) -> Option<[&'static str; 2]> {
+        match defect {
+            DefectKind::HeartbeatConsumerOff if self.has_drives_on_ethercat() => {
+                Some(["drives on EtherCAT watch no heartbeat", "a rig whose drives are on CAN"])
+            }
+            DefectKind::LooseHome if self.drives.iter().any(|drive| drive.homing.is_none()) => {
+                Some(["its drives are not homed", "a rig with `homing`, such as builtin:paper-incremental.yaml"])
+            }
+            _ => None,
+        }
     }
 
     /// On which kind of bus an injection acts.

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use crate::bus::Waiting;
 use crate::run::commission::StepReport;
-use crate::run::{BootSteps, BootWatch, Finding, Wrenches};
+use crate::run::{BootSteps, BootWatch, Finding, Homed, Wrenches};
 
 /// How long the boot waits before anybody is told.
 const QUIET: Duration = Duration::from_secs(1);
@@ -23,6 +23,8 @@ pub enum News {
     Proved,
     /// What one watchdog of the drives did in a drill.
     Found(Finding),
+    /// The joints were homed once, well or not.
+    Homed(Homed),
     /// A step of a commissioning is over.
     Stepped(Box<StepReport>),
     /// What the force sensor has shown within the last while, which began so many s after the first.

@@ -11,8 +11,8 @@ use crate::quantity::{JointAngles, TipPoint};
 use crate::record::CycleRecord;
 use crate::rig::line::Line;
 use crate::run::{
-    Bounds, Enabling, HomePlan, Homed, Jog, Jogged, LoopPlan, LoopTraced, NotProven, Permit, Pulled, RunError, Runner,
-    STOP_LIMIT_S, Task, Wrenches, has_torque, settling_cycles,
+    Bounds, Enabling, HomePlan, Homed, Jog, Jogged, LoopPlan, LoopTraced, NotProven, Permit, Pulled, Repeated,
+    RunError, Runner, STOP_LIMIT_S, Task, Wrenches, has_torque, settling_cycles,
 };
 use crate::sensing::Wrench;
 use crate::sim::Drive;
@@ -161,6 +161,31 @@ impl EmbeddedRig {
         Ok(homed)
     }
 
+    /// Switches everything on and homes the joints again and again, as
+    /// [`Runner::home_repeatedly`](crate::run::Runner::home_repeatedly). No hand takes the tool.
+    ///
+    /// # Errors
+    /// As [`EmbeddedRig::jog`].
+    pub fn home_repeatedly(
+        &mut self,
+        rig: &config::Rig,
+        (plan, times): (&HomePlan, u32),
+        bounds: Bounds,
+        is_interrupted: &AtomicBool,
+        told: impl FnMut(&Homed),
+    ) -> Result<Result<Repeated, NotProven>, RigError> {
+        self.boot()?;
+        // Injections count their time from here.
+        self.take_tool();
+        self.place_mut().far.world.let_go();
+        // Each homing has a boot of its own, of another master.
+        let runner = &mut self.runner;
+        runner.leave();
+        let repeated = runner.home_repeatedly(rig, plan, times, bounds, &mut bring_up, is_interrupted, told);
+        self.go_on()?;
+        Ok(repeated)
+    }
+
     /// Switches everything on, boots the network and listens to the force sensor, as
     /// [`Runner::sense_in_rows`](crate::run::Runner::sense_in_rows). No hand takes the tool.
     ///
@@ -260,11 +285,7 @@ impl EmbeddedRig {
         // Injections count their time from here.
         self.take_tool();
         self.place_mut().far.world.let_go();
-        let mut prove = |runner: &mut Runner<Simulation>, rig: &config::Rig, bounds: Bounds| {
-            runner.limit_torque(rig, bounds.torque_n_m)?;
-            Ok(Permit::for_bring_up(runner, bounds))
-        };
-        let traced = self.runner.tune_loop(rig, plan, &mut prove, is_interrupted);
+        let traced = self.runner.tune_loop(rig, plan, &mut bring_up, is_interrupted);
         self.go_on()?;
         Ok(traced)
     }
@@ -318,6 +339,16 @@ impl EmbeddedRig {
             self.runner.begin_scene();
         }
     }
+}
+
+/// The permit for a small motion with little torque: where time is virtual nothing has to be proved.
+pub(super) fn bring_up(
+    runner: &mut Runner<Simulation>,
+    rig: &config::Rig,
+    bounds: Bounds,
+) -> Result<Permit, NotProven> {
+    runner.limit_torque(rig, bounds.torque_n_m)?;
+    Ok(Permit::for_bring_up(runner, bounds))
 }
 
 /// Somebody at the simulated arm.

@@ -3,11 +3,12 @@
 use std::sync::atomic::AtomicBool;
 
 use super::EmbeddedRig;
+use super::boot::bring_up;
 use super::simulation::Simulation;
 use crate::config;
 use crate::quantity::{Force, JointAngles};
 use crate::rig::error::RigError;
-use crate::run::commission::{Attendant, Commissioned, Step, StepReport};
+use crate::run::commission::{Attendant, Begin, Commissioned, StepReport};
 use crate::run::{Bounds, Drilled, DriveIdentity, NotProven, Permit, Runner};
 
 /// A person at a simulated arm.
@@ -24,8 +25,7 @@ impl Attendant<Simulation> for Onlooker {
         rig: &config::Rig,
         bounds: Bounds,
     ) -> Result<Permit, NotProven> {
-        runner.limit_torque(rig, bounds.torque_n_m)?;
-        Ok(Permit::for_bring_up(runner, bounds))
+        bring_up(runner, rig, bounds)
     }
 
     fn keep(&mut self, _: &config::Rig, _: [DriveIdentity; 2], _: &Drilled) -> Result<Option<String>, String> {
@@ -63,7 +63,7 @@ impl EmbeddedRig {
     pub fn commission(
         &mut self,
         rig: &config::Rig,
-        from: Step,
+        begin: Begin,
         is_interrupted: &AtomicBool,
         told: impl FnMut(&StepReport),
     ) -> Result<Commissioned, RigError> {
@@ -71,7 +71,7 @@ impl EmbeddedRig {
         // Injections count their time from here.
         self.take_tool();
         self.place_mut().far.world.let_go();
-        let commissioned = self.runner.commission(rig, from, &mut Onlooker::default(), is_interrupted, told);
+        let commissioned = self.runner.commission(rig, begin, &mut Onlooker::default(), is_interrupted, told);
         self.go_on()?;
         Ok(commissioned)
     }

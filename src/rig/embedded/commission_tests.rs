@@ -4,9 +4,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
 use super::*;
-use crate::injection::{DEFECTS, Defect, DefectKind, Kind, Target};
+use crate::injection::{DEFECTS, Defect, DefectKind, DefectRow, FoundBy, Kind, Target};
 use crate::quantity::JointAngles;
-use crate::run::commission::{Commissioned, STEPS, Step, Verdict};
+use crate::run::commission::{Begin, Commissioned, STEPS, Step, StepReport, Verdict};
 use proptest::prelude::*;
 
 const RIGS: [&str; 5] = [
@@ -59,7 +59,7 @@ fn until(file: &str, defects: &[Defect], injections: &[Injection], cycles: u64) 
             *farthest = farthest.max((angles - start).max_abs());
         }
     }));
-    let commissioned = machine.commission(&rig, Step::Communication, &is_interrupted, |_| ()).unwrap();
+    let commissioned = machine.commission(&rig, Step::Communication.into(), &is_interrupted, |_| ()).unwrap();
     let limits = machine.drives().iter().map(|drive| drive.torque_limit_per_mille().into()).collect();
     let farthest_rad = *farthest.lock().unwrap();
     Done { commissioned, states: machine.drive_states(), limits, farthest_rad }
@@ -96,8 +96,59 @@ fn a_machine_that_is_tared_passes_every_step() {
     loaded.value.sensor.tare_up_to_n = config::Positive::new(5.0);
     let scene = loaded.scene().unwrap().value;
     let mut machine = EmbeddedRig::new(&loaded.value, &scene, &loaded.value.fixture, scene.seed).unwrap();
-    let done = machine.commission(&loaded.value, Step::Motor, &AtomicBool::new(false), |_| ()).unwrap();
+    let done = machine.commission(&loaded.value, Step::Motor.into(), &AtomicBool::new(false), |_| ()).unwrap();
     assert_eq!(done.verdict(), Verdict::Pass, "{:#?}", done.steps);
+}
+
+/// The report of the step in which the handle is left alone, of a rig and a scene that were changed.
+fn left_alone(file: &str, change: impl Fn(&mut config::Rig, &mut config::Scene)) -> StepReport {
+    let loaded = config::load_rig(config::builtin(file)).unwrap();
+    let (mut rig, mut scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
+    change(&mut rig, &mut scene);
+    let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
+    let mut done = machine.commission(&rig, Step::Admittance.into(), &AtomicBool::new(false), |_| ()).unwrap();
+    assert!(!machine.drive_states().into_iter().any(crate::run::has_torque));
+    assert!(machine.drives().iter().all(|drive| drive.torque_limit_per_mille() == 1000), "{:?}", done.steps);
+    done.steps.pop().unwrap()
+}
+
+/// Dry friction would hold its joints, and it does not rest when it is enabled: there is cogging.
+#[test]
+fn a_loop_that_oscillates_by_itself_fails() {
+    let report = left_alone("paper-admittance.yaml", |rig, scene| {
+        let none = config::NotNegative::new(0.0).unwrap();
+        let config::ControlGains::Joint { stiffness_n_m_per_rad: stiffness, damping_n_m_s_per_rad: damping, .. } =
+            &mut rig.control.gains
+        else {
+            unreachable!()
+        };
+        *stiffness = config::Positive::new(4.0 * stiffness.get()).unwrap();
+        *damping = config::NotNegative::new(4.0 * damping.get()).unwrap();
+        rig.control.feed_forward.coulomb_n_m = [none; 2];
+        rig.simulation.as_mut().unwrap().arm.coulomb_n_m = [none; 2];
+        scene.defects = vec![Defect::new(DefectKind::Cogging).sized(3.0).unwrap().into()];
+    });
+    let told = format!("{:?} {:?} {:?}", report.verdict, report.reason, report.evidence);
+    assert!(report.verdict == Verdict::Fail && told.contains("to and fro"), "{told}");
+}
+
+#[test]
+fn a_wrong_zero_that_is_tared_is_none() {
+    let biased = |rig: &mut config::Rig, scene: &mut config::Scene, tare_up_to_n: Option<f64>| {
+        scene.defects = vec![Defect::new(DefectKind::BiasedSensor).sized(5.0).unwrap().into()];
+        rig.sensor.tare_up_to_n = tare_up_to_n.and_then(config::Positive::new);
+    };
+    let report = left_alone("paper-admittance.yaml", |rig, scene| biased(rig, scene, Some(6.0)));
+    assert_eq!(report.verdict, Verdict::Pass, "{report:?}");
+    let report = left_alone("paper-admittance.yaml", |rig, scene| biased(rig, scene, None));
+    assert!(report.reason.as_ref().unwrap().contains("its zero is wrong"), "{report:?}");
+}
+
+#[test]
+fn surfaces_that_move_take_the_tool_along_and_are_no_failure() {
+    let report = left_alone("moving-walls.yaml", |_, _| ());
+    assert_eq!(report.verdict, Verdict::Skipped, "{report:?}");
+    assert!(report.reason.as_ref().unwrap().contains("`fixture.motion`"), "{report:?}");
 }
 
 /// Whether a machine with this defect fails at the step that has to find it, and at none before.
@@ -108,7 +159,7 @@ fn is_found(file: &str, defect: Defect) -> Result<(), String> {
     let failed = steps.iter().find(|step| step.verdict == Verdict::Fail);
     let told = failed.map(|step| (step.step, &step.figure, &step.reason, &step.evidence));
     let told = format!("{file}, {defect:?}: {told:#?}");
-    let is_at = failed.is_some_and(|step| step.step.name() == row.found_by && step.reason.is_some());
+    let is_at = failed.is_some_and(|step| FoundBy::Step(step.step.name()) == row.found_by && step.reason.is_some());
     let is_off = !done.states.contains(&cia402::State::OperationEnabled);
     let is_within = done.farthest_rad < bound_rad();
     let are_kept = done.limits.iter().all(|limit| *limit == 1000);
@@ -119,11 +170,16 @@ fn is_found(file: &str, defect: Defect) -> Result<(), String> {
     }
 }
 
+/// The defects that a step has to find.
+fn found_by_steps() -> impl Iterator<Item = &'static DefectRow> {
+    DEFECTS.iter().filter(|row| matches!(row.found_by, FoundBy::Step(_)))
+}
+
 #[test]
 fn every_defect_is_found_by_its_step_at_either_drive_and_on_either_bus() {
     let mut missed = Vec::new();
-    for row in &DEFECTS {
-        assert!(Step::named(row.found_by).is_some(), "{}", row.name);
+    for row in found_by_steps() {
+        assert!(Step::named(row.found_by.name()).is_some(), "{}", row.name);
         for (drive, file) in
             [(0, "paper-admittance.yaml"), (1, "paper-ethercat.yaml"), (1, "paper-admittance-csp.yaml")]
         {
@@ -145,8 +201,8 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: cases(), ..ProptestConfig::default() })]
 
     #[test]
-    fn a_defect_of_any_size_is_found(kind in 0..DEFECTS.len(), share in 0.0..=1.0f64, drive in 0usize..2, rig in 0usize..5) {
-        let row = &DEFECTS[kind];
+    fn a_defect_of_any_size_is_found(kind in 0..found_by_steps().count(), share in 0.0..=1.0f64, drive in 0usize..2, rig in 0usize..5) {
+        let row = found_by_steps().nth(kind).unwrap();
         let is_on_ethercat = RIGS[rig].starts_with("paper-ethercat");
         prop_assume!(!(row.kind == DefectKind::HeartbeatConsumerOff && is_on_ethercat));
         let defect = Defect::new(row.kind).at(drive);
@@ -161,7 +217,7 @@ proptest! {
     #[test]
     fn it_ends_when_it_is_asked_to(rig in 0usize..5, cycles in 0..60_000u64) {
         let done = until(RIGS[rig], &[], &[], cycles);
-        let Commissioned { steps, is_interrupted } = done.commissioned;
+        let Commissioned { steps, is_interrupted, .. } = done.commissioned;
         prop_assert!(steps.iter().map(|step| step.step).eq(STEPS) && steps.iter().all(|step| step.verdict != Verdict::Fail), "{steps:?}");
         let passed = steps.iter().take_while(|step| step.verdict == Verdict::Pass).count();
         prop_assert!(steps[passed..].iter().all(|step| step.verdict == Verdict::Skipped && step.reason.is_some()), "{steps:?}");
@@ -192,4 +248,28 @@ proptest! {
         prop_assert!(!done.states.contains(&cia402::State::OperationEnabled), "{:?}", done.states);
         prop_assert!(done.limits.iter().all(|limit| *limit == 1000), "{broken:?} {defect:?}: {:?}", done.limits);
     }
+}
+
+/// One that goes on has the same drives, or nothing moves.
+#[test]
+fn a_commissioning_goes_on_with_the_same_drives_alone() {
+    let loaded = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap();
+    let (rig, scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
+    let commissioned = |begin| {
+        let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
+        machine.commission(&rig, begin, &AtomicBool::new(false), |_| ()).unwrap()
+    };
+    let verdict = |done: &Commissioned, step: Step| done.steps.iter().find(|it| it.step == step).map(|it| it.verdict);
+    let first = commissioned(Begin::from(Step::Communication));
+    let again = commissioned(Begin { from: Step::Friction, drives: first.drives });
+    let verdicts =
+        [Step::Communication, Step::Identity, Step::Limits, Step::Friction].map(|step| verdict(&again, step));
+    use Verdict::{Fail, Pass, Skipped};
+    assert_eq!(verdicts, [Skipped, Pass, Skipped, Pass].map(Some), "{again:?}");
+    let mut others = first.drives.unwrap();
+    others[1].serial_number += 1;
+    let other = commissioned(Begin { from: Step::Friction, drives: Some(others) });
+    let reason = other.steps.iter().find_map(|step| step.reason.clone().filter(|_| step.verdict == Fail)).unwrap();
+    assert!(reason.starts_with("right is another drive"), "{reason}");
+    assert_eq!([Step::Identity, Step::Friction].map(|step| verdict(&other, step)), [Some(Fail), Some(Skipped)]);
 }

@@ -4,9 +4,9 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
 use super::*;
-use crate::injection::{Kind, Target};
+use crate::injection::{Defect, DefectKind, Kind, Target};
 use crate::quantity::JointAngles;
-use crate::run::{Ended, HOMING_BEYOND_RAD, HomePlan, Homed, NotHome, RunError};
+use crate::run::{Bounds, Ended, HOMING_BEYOND_RAD, HomePlan, Homed, NotHome, NotProven, Repeated, RunError};
 use proptest::prelude::*;
 
 const RIG: &str = "paper-incremental.yaml";
@@ -212,6 +212,159 @@ proptest! {
     }
 }
 
+/// A rig whose joints are homed so many times; the true angles of home after each, in the positions that the drive then has, rad.
+fn repeated(
+    (rig, scene): &(config::Rig, config::Scene),
+    (joints, times): ([bool; 2], u32),
+    defects: &[Defect],
+    injections: &[Injection],
+) -> (Result<Repeated, NotProven>, Vec<JointAngles>, [f64; 2]) {
+    let mut scene = scene.clone();
+    scene.defects = defects.iter().map(|defect| (*defect).into()).collect();
+    let mut machine = EmbeddedRig::new(rig, &scene, &rig.fixture, scene.seed).unwrap();
+    machine.set_injections(injections).unwrap();
+    let plan = HomePlan::of(rig, joints, 20).unwrap();
+    let linkage = crate::assembly::linkage(rig).unwrap();
+    let seen = Arc::new(Mutex::new((JointAngles::default(), None, [0.0_f64; 2])));
+    let sees = Arc::clone(&seen);
+    machine.set_observer(Box::new(move |record| {
+        let Some(angles) = record.truth.and_then(|truth| linkage.inverse(truth.tool).ok()) else { return };
+        let (now, start, farthest) = &mut *sees.lock().unwrap();
+        *now = angles;
+        let gone = angles - *start.get_or_insert(angles);
+        farthest.iter_mut().zip(gone.to_array()).for_each(|(farthest, gone)| *farthest = farthest.max(gone.abs()));
+    }));
+    let bound = |value| config::Positive::new(value).unwrap();
+    let bounds = Bounds { motion_rad: bound(plan.bound_rad()), torque_n_m: bound(15.0) };
+    let mut homes = Vec::new();
+    let told = |homed: &Homed| {
+        let told = homed.joints.map(|joint| joint.angle_rad);
+        homes.push(seen.lock().unwrap().0 - JointAngles::from(told));
+    };
+    let repeated = machine.home_repeatedly(rig, (&plan, times), bounds, &AtomicBool::new(false), told).unwrap();
+    assert!(!machine.drive_states().into_iter().any(crate::run::has_torque), "{repeated:?}");
+    let farthest = seen.lock().unwrap().2;
+    (repeated, homes, farthest)
+}
+
+/// A count of the encoder, rad.
+const COUNT_RAD: f64 = std::f64::consts::TAU / 800_000.0;
+
+#[test]
+fn a_perfect_index_is_found_at_the_same_place_each_time() {
+    use config::CommandMode::{Position, Torque, Velocity};
+    for (is_on_ethercat, mode) in [(false, Torque), (false, Velocity), (false, Position), (true, Torque)] {
+        let machine = rig(is_on_ethercat, mode, |_, _| ());
+        let (repeated, _, farthest) = repeated(&machine, ([true; 2], 3), &[], &[]);
+        let repeated = repeated.unwrap();
+        let told = format!("EtherCAT {is_on_ethercat}, {mode:?}: {repeated:?}");
+        assert_eq!((repeated.homed.len(), repeated.stopped, repeated.unknown), (3, None, None), "{told}");
+        for shifts in &repeated.shifts_rad {
+            assert_eq!(shifts.len(), 2, "{told}");
+            assert!(shifts.iter().all(|shift| shift.abs() < 2.0 * COUNT_RAD), "{told}");
+        }
+        assert!(farthest.iter().all(|gone| *gone < 0.1), "{told}: {farthest:?}");
+    }
+}
+
+#[test]
+fn limit_switches_are_found_again_too() {
+    let start = rig(false, config::CommandMode::Torque, |_, _| ());
+    let from = EmbeddedRig::new(&start.0, &start.1, &start.0.fixture, 1).unwrap().arm().unwrap().motor_angles();
+    for (method, off_rad) in [(17, -0.06), (18, 0.06)] {
+        let machine = rig(false, config::CommandMode::Torque, |joint, homing| {
+            homing.method = method;
+            homing.angle_rad = config::Finite::new(from.to_array()[joint] + off_rad).unwrap();
+        });
+        let loose = Defect::new(DefectKind::LooseHome);
+        let (repeated, homes, _) = repeated(&machine, ([true; 2], 4), &[loose], &[]);
+        let repeated = repeated.unwrap();
+        assert_eq!((repeated.homed.len(), repeated.unknown), (4, None), "method {method}: {repeated:?}");
+        shifts_are_true(&repeated, &homes).unwrap();
+    }
+}
+
+/// Whether each shift is the one that the truth has, to two counts.
+fn shifts_are_true(repeated: &Repeated, homes: &[JointAngles]) -> Result<(), String> {
+    for (joint, shifts) in repeated.shifts_rad.iter().enumerate() {
+        let truth = homes.windows(2).map(|two| (two[1] - two[0]).to_array()[joint]);
+        for (shift, truth) in shifts.iter().zip(truth) {
+            if (shift - truth).abs() > 2.0 * COUNT_RAD {
+                return Err(format!("joint {joint}: {shift} and not {truth}: {repeated:?}"));
+            }
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn a_joint_that_is_not_asked_for_is_not_homed_again_either() {
+    let machine = rig(false, config::CommandMode::Torque, |_, _| ());
+    let (repeated, _, farthest) = repeated(&machine, ([false, true], 3), &[], &[]);
+    let repeated = repeated.unwrap();
+    assert_eq!(repeated.shifts_rad.map(|shifts| shifts.len()), [0, 2]);
+    assert!(farthest[0] < 2e-3, "{farthest:?}");
+}
+
+#[test]
+fn the_scatter_that_was_planted_is_found() {
+    use crate::identification::Estimate;
+    let machine = rig(false, config::CommandMode::Torque, |_, homing| {
+        homing.rate_rad_per_s = config::Positive::new(0.1).unwrap();
+    });
+    for (drive, size) in [(0, 1e-3), (1, 2e-4)] {
+        let loose = Defect::new(DefectKind::LooseHome).at(drive).sized(size).unwrap();
+        let (repeated, homes, _) = repeated(&machine, ([drive == 0, drive == 1], 25), &[loose], &[]);
+        let repeated = repeated.unwrap();
+        assert_eq!((repeated.homed.len(), repeated.unknown), (25, None), "{repeated:?}");
+        shifts_are_true(&repeated, &homes).unwrap();
+        let mut found = vec![0.0];
+        repeated.shifts_rad[drive].iter().for_each(|shift| found.push(found.last().unwrap() + shift));
+        let home = Estimate::scatter(&found).unwrap();
+        assert!(home.contains(size), "{home:?} {size}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 8, ..ProptestConfig::default() })]
+
+    /// Whatever the size of the scatter, on either bus: each shift is the true one.
+    #[test]
+    fn shifts_are_those_of_the_truth(is_on_ethercat: bool, share in 0.0..=1.0f64, seed: u64, rate in 0.02..0.15f64) {
+        let mut machine = rig(is_on_ethercat, config::CommandMode::Torque, |_, homing| {
+            homing.rate_rad_per_s = config::Positive::new(rate).unwrap();
+        });
+        machine.1.seed = seed >> 12;
+        let size = DefectKind::LooseHome.row().size.unwrap();
+        let defect = Defect::new(DefectKind::LooseHome).sized(size.least + share * (size.most - size.least)).unwrap();
+        let (repeated, homes, _) = repeated(&machine, ([true; 2], 3), &[defect, defect.at(1)], &[]);
+        let repeated = repeated.unwrap();
+        prop_assert_eq!((repeated.homed.len(), repeated.stopped, repeated.unknown), (3, None, None), "{:?}", repeated);
+        if let Err(told) = shifts_are_true(&repeated, &homes) {
+            prop_assert!(false, "{}", told);
+        }
+    }
+
+    /// Whatever breaks while it is repeated: no link leaves its bound, and no drive is left with torque.
+    #[test]
+    fn whatever_breaks_while_it_is_repeated_no_joint_goes_too_far(
+        is_on_ethercat: bool, at_s in 0.0..16.0f64, for_s in 0.01..0.5f64, is_left: bool,
+        kind in prop::sample::select(vec![
+            Kind::DriveFault, Kind::DriveLeavesOperation, Kind::VoltageOff, Kind::Emergency, Kind::NodeReset, Kind::ArmBlocked,
+            Kind::EncoderStuck, Kind::EncoderJump,
+        ]),
+    ) {
+        let targets = kind.row().targets;
+        let wanted = if is_left { Target::LeftDrive } else { Target::RightDrive };
+        let target = if targets.contains(&wanted) { wanted } else { targets[0] };
+        let broken = Injection::new(kind, at_s).on(target).lasting(Some(for_s));
+        let broken = if broken.check().is_ok() { broken } else { broken.lasting(None) };
+        let machine = rig(is_on_ethercat, config::CommandMode::Torque, |_, _| ());
+        let (repeated, _, farthest) = repeated(&machine, ([true; 2], 3), &[], &[broken]);
+        prop_assert!(farthest.iter().all(|gone| *gone < 0.15 + 2.0 * HOMING_BEYOND_RAD), "{broken:?}: {farthest:?} {repeated:?}");
+    }
+}
+
 /// A machine with other links and zeros than its file says, whose tool is led to points of a plate.
 #[test]
 fn links_and_zeros_are_found_from_points() {
@@ -264,6 +417,6 @@ fn a_sensor_is_calibrated_by_pulls() {
     let found = map(&rig, &scene, &told);
     assert!((found.gains()[0] - 1.2).abs() < 2e-3 && (found.gains()[1] - 0.9).abs() < 2e-3, "{found:?}");
     assert!(found.turn_rad().abs() < 2e-3 && found.cross_talk() < 2e-3 && !found.is_mirrored(), "{found:?}");
-    scene.defects = vec![crate::injection::Defect::new(crate::injection::DefectKind::SwappedSensorAxes).into()];
+    scene.defects = vec![Defect::new(DefectKind::SwappedSensorAxes).into()];
     assert!(map(&rig, &scene, &rig).is_mirrored());
 }

@@ -13,7 +13,7 @@ use crate::run::error::RunError;
 use crate::run::jog::{Jog, Jogged};
 use crate::run::permit::{Ask, Bounds};
 use crate::run::place::Place;
-use crate::run::proof::NotProven;
+use crate::run::proof::{DriveIdentity, NotProven};
 use crate::run::runner::Runner;
 use crate::run::scene::Ended;
 use crate::run::torque_meter::TorqueMeter;
@@ -116,6 +116,10 @@ pub(super) struct Bench<'a, P: Place> {
     pub(super) attendant: &'a mut dyn Attendant<P>,
     pub(super) is_interrupted: &'a AtomicBool,
     pub(super) settling: u32,
+    /// The drives that these have to be, if that is known.
+    pub(super) wanted: Option<[DriveIdentity; 2]>,
+    /// What the drives say that they are.
+    pub(super) drives: Option<[DriveIdentity; 2]>,
 }
 
 impl<'a, P: Place> Bench<'a, P> {
@@ -125,7 +129,7 @@ impl<'a, P: Place> Bench<'a, P> {
         attendant: &'a mut dyn Attendant<P>,
         is_interrupted: &'a AtomicBool,
     ) -> Self {
-        Self { runner, rig, attendant, is_interrupted, settling: settling_on_bus(rig) }
+        Self { runner, rig, attendant, is_interrupted, settling: settling_on_bus(rig), wanted: None, drives: None }
     }
 
     /// Takes a step; the network is left in the end. Nothing if a person has asked for the end.
@@ -142,6 +146,7 @@ impl<'a, P: Place> Bench<'a, P> {
             Step::Rotation => self.rotation(&mut found),
             Step::Motor => self.motor(&mut found),
             Step::Friction => self.friction(&mut found),
+            Step::Admittance => self.admittance(&mut found),
         };
         self.runner.leave();
         let (verdict, reason) = match done {
@@ -221,6 +226,23 @@ impl<'a, P: Place> Bench<'a, P> {
         Err(Halt::Failed(format!("a torque limit (6072h) stays lowered until the next boot: {lowered}")))
     }
 
+    /// Boots, has something done within bounds of motion and torque, and gives the torque limits back.
+    pub(super) fn within<T>(
+        &mut self,
+        bound_rad: f64,
+        torque_n_m: f64,
+        act: impl FnOnce(&mut Self, Bounds) -> Result<T, Halt>,
+    ) -> Result<T, Halt> {
+        self.boot()?;
+        let limits = self.torque_limits()?;
+        let positive =
+            |value: f64| Positive::new(value).ok_or_else(|| Halt::Failed("the rig file leaves no torque".to_owned()));
+        let bounds = Bounds { motion_rad: positive(bound_rad)?, torque_n_m: positive(torque_n_m)? };
+        let done = act(self, bounds);
+        let restored = self.restore_torque_limits(limits);
+        with_restored(done, restored)
+    }
+
     /// Boots, leads a joint by an angle with no more than this torque, and stops it. The torque limits are given back.
     pub(super) fn travel(
         &mut self,
@@ -229,14 +251,7 @@ impl<'a, P: Place> Bench<'a, P> {
         bound_rad: f64,
         torque_n_m: f64,
     ) -> Result<Travel, Halt> {
-        self.boot()?;
-        let limits = self.torque_limits()?;
-        let positive =
-            |value: f64| Positive::new(value).ok_or_else(|| Halt::Failed("the rig file leaves no torque".to_owned()));
-        let bounds = Bounds { motion_rad: positive(bound_rad)?, torque_n_m: positive(torque_n_m)? };
-        let travelled = self.led(joint, by_rad, bounds);
-        let restored = self.restore_torque_limits(limits);
-        with_restored(travelled, restored)
+        self.within(bound_rad, torque_n_m, |bench, bounds| bench.led(joint, by_rad, bounds))
     }
 
     fn led(&mut self, joint: usize, by_rad: f64, bounds: Bounds) -> Result<Travel, Halt> {

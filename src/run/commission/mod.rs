@@ -7,7 +7,9 @@
 mod bench;
 mod moving;
 mod resting;
+mod unheld;
 
+use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
 use super::drilled::Drilled;
@@ -42,10 +44,12 @@ pub enum Step {
     Motor,
     /// Has each joint as little friction as the rig file says?
     Friction,
+    /// Does the rig's own loop stay where it is when nobody holds the handle?
+    Admittance,
 }
 
 /// The steps in their order.
-pub const STEPS: [Step; 10] = [
+pub const STEPS: [Step; 11] = [
     Step::Communication,
     Step::Identity,
     Step::Limits,
@@ -56,6 +60,7 @@ pub const STEPS: [Step; 10] = [
     Step::Rotation,
     Step::Motor,
     Step::Friction,
+    Step::Admittance,
 ];
 
 impl Step {
@@ -72,6 +77,7 @@ impl Step {
             Step::Rotation => "rotation",
             Step::Motor => "motor",
             Step::Friction => "friction",
+            Step::Admittance => "admittance",
         }
     }
 
@@ -109,6 +115,9 @@ impl Step {
             Step::Friction => {
                 "turns each link by 8 degrees to and fro, with as little torque as it takes, 50 % at most"
             }
+            Step::Admittance => {
+                "runs the rig with its fixture for 10 s, with as much torque as friction may take; nobody may touch the handle"
+            }
         }
     }
 
@@ -123,7 +132,7 @@ impl Step {
             | Step::SensorAxes => return None,
             Step::Watchdogs => 0.0,
             Step::Rotation => moving::ROTATION_RAD,
-            Step::Motor | Step::Friction => moving::TRAVEL_RAD,
+            Step::Motor | Step::Friction | Step::Admittance => moving::TRAVEL_RAD,
         };
         Some(way + moving::BEYOND_RAD)
     }
@@ -133,13 +142,13 @@ impl Step {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
     /// What it is.
-    pub what: &'static str,
+    pub what: Cow<'static, str>,
     /// How much.
     pub value: f64,
     /// The most that is good.
     pub limit: f64,
     /// Unit of both.
-    pub unit: &'static str,
+    pub unit: Cow<'static, str>,
 }
 
 /// How a step ended.
@@ -233,6 +242,23 @@ pub struct Commissioned {
     pub steps: Vec<StepReport>,
     /// Whether a person has asked for the end; the step of that moment and those behind it are skipped.
     pub is_interrupted: bool,
+    /// What the drives say that they are, if they were asked in a step.
+    pub drives: Option<[DriveIdentity; 2]>,
+}
+
+/// Where a commissioning begins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Begin {
+    /// With this step; those before are skipped.
+    pub from: Step,
+    /// The drives with which an earlier one has ended: these have to be the same, which is looked at first.
+    pub drives: Option<[DriveIdentity; 2]>,
+}
+
+impl From<Step> for Begin {
+    fn from(from: Step) -> Self {
+        Self { from, drives: None }
+    }
 }
 
 impl Commissioned {
@@ -244,12 +270,13 @@ impl Commissioned {
 }
 
 impl<P: Place> Runner<P> {
-    /// Takes the steps of a commissioning up to the first that fails, beginning with `from`; those before are skipped. Whatever happens, no
-    /// drive makes torque in the end, and torque limits are what they were. `told` gets each report when the step is over.
+    /// Takes the steps of a commissioning up to the first that fails, from where it is to begin; those before are skipped, but for
+    /// [`Step::Identity`] where the drives have to be those of an earlier one. Whatever happens, no drive makes torque in the end, and torque
+    /// limits are what they were. `told` gets each report when the step is over.
     pub fn commission(
         &mut self,
         rig: &config::Rig,
-        from: Step,
+        begin: Begin,
         attendant: &mut dyn Attendant<P>,
         is_interrupted: &AtomicBool,
         mut told: impl FnMut(&StepReport),
@@ -257,13 +284,16 @@ impl<P: Place> Runner<P> {
         let mut has_ended = false;
         let mut steps: Vec<StepReport> = Vec::with_capacity(STEPS.len());
         let mut bench = Bench::new(self, rig, attendant, is_interrupted);
-        let first = STEPS.iter().position(|step| *step == from).unwrap_or(0);
+        bench.wanted = begin.drives;
+        let first = STEPS.iter().position(|step| *step == begin.from).unwrap_or(0);
         for (at, step) in STEPS.into_iter().enumerate() {
             let failed = steps.iter().find(|report| report.verdict == Verdict::Fail).map(|report| report.step);
             let report = match failed {
                 Some(failed) => skipped(step, format!("{} has failed", failed.name())),
                 None if has_ended => skipped(step, INTERRUPTED.to_owned()),
-                None if at < first => skipped(step, format!("it was asked to begin with {}", from.name())),
+                None if at < first && !(step == Step::Identity && begin.drives.is_some()) => {
+                    skipped(step, format!("it was asked to begin with {}", begin.from.name()))
+                }
                 None => bench.report(step).unwrap_or_else(|| {
                     has_ended = true;
                     skipped(step, INTERRUPTED.to_owned())
@@ -272,7 +302,7 @@ impl<P: Place> Runner<P> {
             told(&report);
             steps.push(report);
         }
-        Commissioned { steps, is_interrupted: has_ended }
+        Commissioned { steps, is_interrupted: has_ended, drives: bench.drives }
     }
 }
 

@@ -17,9 +17,9 @@ pub(super) const TRAVEL_RAD: f64 = 8.0 * std::f64::consts::PI / 180.0;
 /// How far a joint may go beyond its way, rad. A reference is stopped at 0.02; an arm that is stopped still slides.
 pub(super) const BEYOND_RAD: f64 = 0.05;
 /// How far the reference may be led beyond the way, rad.
-const LED_BEYOND_RAD: f64 = 0.02;
+pub(super) const LED_BEYOND_RAD: f64 = 0.02;
 /// Shares of the rated torque with which a joint is tried to be moved, one after the other: with little torque nothing runs away far.
-const TORQUE_SHARES: [f64; 5] = [0.1, 0.15, 0.22, 0.33, 0.5];
+pub(super) const TORQUE_SHARES: [f64; 5] = [0.1, 0.15, 0.22, 0.33, 0.5];
 /// A joint that has gone so far the other way runs away, rad.
 const AWAY_RAD: f64 = 2e-3;
 /// By how much a link may turn more or less than its encoder says, %.
@@ -65,10 +65,10 @@ impl<P: Place> Bench<'_, P> {
         }
         let [left, right] = fastest_ms;
         found.measure(Figure {
-            what: "time to stop when the master dies",
+            what: "time to stop when the master dies".into(),
             value: left.max(right),
             limit: 1e3 * limit.as_secs_f64(),
-            unit: "ms",
+            unit: "ms".into(),
         });
         for settled in drilled.settled(self.rig) {
             found.note(
@@ -128,10 +128,10 @@ impl<P: Place> Bench<'_, P> {
         let name = self.name(joint);
         for [measured_rad, seen_rad] in ways {
             found.measure(Figure {
-                what: "angle by the encoder against the link",
+                what: "angle by the encoder against the link".into(),
                 value: 100.0 * (measured_rad / seen_rad - 1.0).abs(),
                 limit: TURNED_PERCENT,
-                unit: "%",
+                unit: "%".into(),
             });
             if seen_rad == 0.0 {
                 return Err(Halt::Failed(format!(
@@ -296,10 +296,10 @@ impl<P: Place> Bench<'_, P> {
             format!("{expected_n_m:.2} N m by the geometry, {told_n_m:.2} N m by the drive"),
         );
         found.measure(Figure {
-            what: "torque that the drive tells against the true one",
+            what: "torque that the drive tells against the true one".into(),
             value: 100.0 * (told_n_m / expected_n_m - 1.0).abs(),
             limit: MOTOR_PERCENT,
-            unit: "%",
+            unit: "%".into(),
         });
         let share = expected_n_m / told_n_m;
         if found.is_bad() && share.is_finite() && share > 0.0 {
@@ -344,7 +344,12 @@ impl<P: Place> Bench<'_, P> {
                 .into(),
         });
         let limit = RIPPLE_SHARE * self.rig.drives[joint].rated_torque_n_m.get();
-        found.measure(Figure { what: "ripple of the torque along a way", value: ripple_n_m, limit, unit: "N m" });
+        found.measure(Figure {
+            what: "ripple of the torque along a way".into(),
+            value: ripple_n_m,
+            limit,
+            unit: "N m".into(),
+        });
         if found.is_bad() {
             return Err(Halt::Failed(format!(
                 "the torque of {name} goes up and down by {ripple_n_m:.1} N m along the way: cogging, a damaged gear, or something that rubs"
@@ -360,16 +365,17 @@ impl<P: Place> Bench<'_, P> {
             let both = self.both_ways(joint, TRAVEL_RAD)?;
             let [up, down] = &both;
             let friction_n_m = 0.5 * (up.mean_n_m() - down.mean_n_m());
-            let feed_forward = &self.rig.control.feed_forward;
-            let fed_n_m =
-                feed_forward.coulomb_n_m[joint].get() + RATE * feed_forward.viscous_n_m_s_per_rad[joint].get();
-            let rated_n_m = self.rig.drives[joint].rated_torque_n_m.get();
-            let limit = if fed_n_m > 0.0 { FRICTION_FACTOR * fed_n_m } else { FRICTION_SHARE * rated_n_m };
+            let (fed_n_m, limit) = (self.fed_friction_n_m(joint), self.most_friction_n_m(joint));
             found.note(
                 format!("{name}: friction"),
                 format!("{friction_n_m:.2} N m, of which {fed_n_m:.2} N m are fed forward"),
             );
-            found.measure(Figure { what: "friction of a joint", value: friction_n_m, limit, unit: "N m" });
+            found.measure(Figure {
+                what: "friction of a joint".into(),
+                value: friction_n_m,
+                limit,
+                unit: "N m".into(),
+            });
             if friction_n_m <= 0.0 {
                 return Err(Halt::Failed(format!(
                     "the torque that {name} tells (6077h) does not turn round with the way: it is no torque, or has the wrong sign"
@@ -389,6 +395,19 @@ impl<P: Place> Bench<'_, P> {
             }
         }
         Ok(())
+    }
+
+    /// The friction of a joint that the rig file feeds forward, N m.
+    fn fed_friction_n_m(&self, joint: usize) -> f64 {
+        let feed_forward = &self.rig.control.feed_forward;
+        feed_forward.coulomb_n_m[joint].get() + RATE * feed_forward.viscous_n_m_s_per_rad[joint].get()
+    }
+
+    /// The most friction that a joint may have, N m.
+    pub(super) fn most_friction_n_m(&self, joint: usize) -> f64 {
+        let fed_n_m = self.fed_friction_n_m(joint);
+        let rated_n_m = self.rig.drives[joint].rated_torque_n_m.get();
+        if fed_n_m > 0.0 { FRICTION_FACTOR * fed_n_m } else { FRICTION_SHARE * rated_n_m }
     }
 }
 

@@ -79,7 +79,12 @@ impl<P: Place> Bench<'_, P> {
                 found.note(name, format!("{median:.2} ms in the median, {late:.2} ms at 99 %, {most:.2} ms at most"));
             }
         }
-        found.measure(Figure { what: "reads without an answer", value: unanswered.into(), limit: 0.0, unit: "" });
+        found.measure(Figure {
+            what: "reads without an answer".into(),
+            value: unanswered.into(),
+            limit: 0.0,
+            unit: "".into(),
+        });
         Ok(())
     }
 
@@ -87,6 +92,7 @@ impl<P: Place> Bench<'_, P> {
     pub(super) fn identity(&mut self, found: &mut Found) -> Result<(), Halt> {
         self.boot()?;
         let drives = self.runner.identities()?;
+        self.drives = Some(drives);
         for (joint, drive) in drives.iter().enumerate() {
             let DriveIdentity { vendor_id, product_code, revision, serial_number, .. } = drive;
             found.note(
@@ -99,6 +105,14 @@ impl<P: Place> Bench<'_, P> {
         if of(left) == of(right) && left.serial_number != 0 {
             let message = "both drives tell the same serial number: one device answers to both addresses, or one was given another's memory";
             return Err(Halt::Failed(message.to_owned()));
+        }
+        let wanted = self.wanted.unwrap_or(drives);
+        if let Some(joint) = (0..2).find(|joint| wanted[*joint] != drives[*joint]) {
+            return Err(Halt::Failed(format!(
+                "{} is another drive than the one of the report, whose serial number is {}: begin anew, without --resume",
+                self.name(joint),
+                wanted[joint].serial_number
+            )));
         }
         Ok(())
     }
@@ -221,10 +235,10 @@ impl<P: Place> Bench<'_, P> {
                 .into(),
         });
         found.measure(Figure {
-            what: "noise of an axis of force",
+            what: "noise of an axis of force".into(),
             value: noise(0).max(noise(1)),
             limit: NOISE_SHARE * self.rig.fixture.yield_n.get(),
-            unit: "N",
+            unit: "N".into(),
         });
         let most_n = BIAS_SHARE * self.rig.guard.force_limit_n.get();
         if bias_n > most_n {
@@ -280,7 +294,12 @@ impl<P: Place> Bench<'_, P> {
                     unsigned_zero(felt.y())
                 ),
             );
-            found.measure(Figure { what: "direction of a force", value: off_deg, limit: DIRECTION_DEG, unit: "deg" });
+            found.measure(Figure {
+                what: "direction of a force".into(),
+                value: off_deg,
+                limit: DIRECTION_DEG,
+                unit: "deg".into(),
+            });
             if found.is_bad() {
                 let why = if off_deg > 45.0 {
                     "an axis has the wrong sign, axes are swapped, or `mounted_on` or `mounting_angle_rad` is wrong"
@@ -316,7 +335,7 @@ impl<P: Place> Bench<'_, P> {
 pub(super) const NOBODY_PULLS: &str = "nobody is there who has a known force pull at the tool";
 
 /// A force in N that is read with two or three decimals, without the sign of nothing.
-fn unsigned_zero(force_n: f64) -> f64 {
+pub(super) fn unsigned_zero(force_n: f64) -> f64 {
     if force_n.abs() < 5e-4 { 0.0 } else { force_n }
 }
 

@@ -148,6 +148,12 @@ impl Device {
         self.home = self.scaling.counts(mark_rad).ok().map(Home::new);
     }
 
+    /// Has the mark be found with this standard deviation, rad, drawn for each homing.
+    pub(super) fn set_loose_mark(&mut self, deviation_rad: f64, seed: u64) {
+        let counts = deviation_rad * self.scaling.counts_per_rad().abs();
+        self.home.iter_mut().for_each(|home| home.loosen(counts, seed));
+    }
+
     /// The drive has been homed: its position refers to the machine.
     pub(super) fn refer(&mut self) {
         self.home.iter_mut().for_each(|home| home.refer_to_machine());

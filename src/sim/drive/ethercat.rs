@@ -143,6 +143,11 @@ impl EthercatDrive {
         self.device.set_incremental(mark_rad);
     }
 
+    /// As [`Drive::set_loose_mark`](super::Drive::set_loose_mark).
+    pub fn set_loose_mark(&mut self, deviation_rad: f64, seed: u64) {
+        self.device.set_loose_mark(deviation_rad, seed);
+    }
+
     /// As [`Drive::set_stored_torque_limit`](super::Drive::set_stored_torque_limit).
     pub fn set_stored_torque_limit(&mut self, per_mille: u16) {
         self.device.set_stored_torque_limit(per_mille);

@@ -1,5 +1,9 @@
 //! An incremental encoder, and how a drive finds its reference: the homing mode of CiA 402.
 
+use crate::sim::standard_normal;
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rand_xoshiro::rand_core::SeedableRng;
+
 /// What homing is doing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Run {
@@ -39,9 +43,13 @@ pub(super) enum Speed {
 /// An encoder that knows nothing at power-on, and its mark: the index, or the edge of the limit switch.
 ///
 /// Counts are those of the machine, whatever the drive takes for zero.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Home {
     mark: i64,
+    /// By how much it is found beside its mark, one homing and another.
+    loose: Option<Loose>,
+    /// By how much it is found beside its mark this time, counts.
+    beside: i64,
     /// Where the drive counts from; nothing from power-on to the first measurement.
     origin: Option<i64>,
     is_referenced: bool,
@@ -50,14 +58,28 @@ pub(super) struct Home {
     is_asked: bool,
 }
 
+/// A mark that is not at the same place each time.
+#[derive(Clone, Debug)]
+struct Loose {
+    /// Standard deviation, counts.
+    deviation_counts: f64,
+    stream: Xoshiro256PlusPlus,
+}
+
 impl Home {
     pub(super) fn new(mark: i64) -> Self {
-        Self { mark, origin: None, is_referenced: false, run: Run::Resting, is_asked: false }
+        let run = Run::Resting;
+        Self { mark, loose: None, beside: 0, origin: None, is_referenced: false, run, is_asked: false }
+    }
+
+    /// Has the mark be found with this standard deviation, counts, drawn for each homing.
+    pub(super) fn loosen(&mut self, deviation_counts: f64, seed: u64) {
+        self.loose = Some(Loose { deviation_counts, stream: Xoshiro256PlusPlus::seed_from_u64(seed) });
     }
 
     /// Forgets all.
     pub(super) fn power_on(&mut self) {
-        *self = Self::new(self.mark);
+        *self = Self { loose: self.loose.take(), ..Self::new(self.mark) };
     }
 
     /// Takes where the joint is.
@@ -108,6 +130,10 @@ impl Home {
             }
             return;
         }
+        self.beside = self
+            .loose
+            .as_mut()
+            .map_or(0, |loose| (loose.deviation_counts * standard_normal(&mut loose.stream)).round() as i64);
         let seeking = |leg, way| Run::Seeking { leg, way, last: counts };
         self.run = match method {
             17 => seeking(Leg::OntoSwitch, -1),
@@ -115,7 +141,7 @@ impl Home {
             33 => seeking(Leg::ToIndex, -1),
             34 => seeking(Leg::ToIndex, 1),
             35 | 37 => {
-                self.find(counts, at_home);
+                self.find(counts + self.beside, at_home);
                 Run::Done
             }
             _ => Run::Failed,
@@ -125,8 +151,9 @@ impl Home {
     /// What the joint does now that it is here.
     pub(super) fn seek(&mut self, counts: i64, at_home: i64) -> Speed {
         let Run::Seeking { leg, way, last } = self.run else { return Speed::None };
+        let mark = self.mark + self.beside;
         // How far the mark lies ahead.
-        let ahead = |counts: i64| i64::from(way) * (self.mark - counts);
+        let ahead = |counts: i64| i64::from(way) * (mark - counts);
         let (before, now) = (ahead(last), ahead(counts));
         let (leg, way) = match leg {
             Leg::OntoSwitch if now <= 0 => (Leg::OffSwitch, -way),
@@ -135,11 +162,11 @@ impl Home {
         let is_home = match leg {
             Leg::OntoSwitch => false,
             // It has come off the switch, the way back.
-            Leg::OffSwitch => i64::from(way) * (counts - self.mark) > 0,
+            Leg::OffSwitch => i64::from(way) * (counts - mark) > 0,
             Leg::ToIndex => now == 0 || (before > 0 && now < 0),
         };
         if is_home {
-            self.find(self.mark, at_home);
+            self.find(mark, at_home);
             self.run = Run::Done;
             return Speed::None;
         }
@@ -209,5 +236,22 @@ mod tests {
         assert_eq!((home.is_referenced(), home.origin()), (true, 0));
         home.power_on();
         assert!(!home.is_referenced());
+    }
+
+    #[test]
+    fn a_loose_mark_is_elsewhere_each_time_and_as_far_as_it_should_be() {
+        let mut home = Home::new(1000);
+        home.loosen(20.0, 7);
+        home.measure(0);
+        let mut found = Vec::new();
+        for _ in 0..400 {
+            home.ask(true, 34, 800, 0);
+            (800..1200).find(|counts| home.seek(*counts, 0) == Speed::None).expect("home is on the way");
+            found.push((home.origin() - 1000) as f64);
+            home.rest();
+        }
+        let mean = found.iter().sum::<f64>() / 400.0;
+        let deviation = (found.iter().map(|it| (it - mean) * (it - mean)).sum::<f64>() / 399.0).sqrt();
+        assert!(mean.abs() < 4.0 && (deviation - 20.0).abs() < 3.0, "{mean} {deviation}");
     }
 }

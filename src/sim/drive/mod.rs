@@ -246,6 +246,11 @@ impl Drive {
         self.device.set_incremental(mark_rad);
     }
 
+    /// Has an incremental encoder find its mark with this standard deviation, rad, drawn for each homing.
+    pub fn set_loose_mark(&mut self, deviation_rad: f64, seed: u64) {
+        self.device.set_loose_mark(deviation_rad, seed);
+    }
+
     /// Has the drive come with another torque limit in the positive direction (60E0h), per mille of rated, which somebody has stored in it.
     pub fn set_stored_torque_limit(&mut self, per_mille: u16) {
         self.device.set_stored_torque_limit(per_mille);

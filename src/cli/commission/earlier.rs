@@ -1,0 +1,137 @@
+//! The report of an earlier run, after which another one goes on.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use serde::Deserialize;
+
+use crate::cli::failure::{Exit, Failure};
+use crate::config;
+use crate::run::commission::{Begin, Commissioned, Figure, STEPS, Step, StepReport, Verdict};
+use crate::run::{DriveIdentity, fnv1a};
+
+/// What `--json` has written, as far as it counts here.
+#[derive(Deserialize)]
+struct Report {
+    version: String,
+    rig_hash: String,
+    drives: Option<[DriveIdentity; 2]>,
+    steps: Vec<Reported>,
+}
+
+#[derive(Deserialize)]
+struct Reported {
+    step: String,
+    verdict: String,
+    does: String,
+    what: Option<String>,
+    figure: Option<f64>,
+    limit: Option<f64>,
+    unit: Option<String>,
+    reason: Option<String>,
+    evidence: BTreeMap<String, String>,
+    ran_at_unix_s: Option<u64>,
+}
+
+/// An earlier run of the same steps with the same rig file.
+pub(super) struct Earlier {
+    /// Where this one goes on.
+    pub(super) begin: Begin,
+    /// The steps before, and when they ran, s since 1970.
+    steps: Vec<(StepReport, Option<u64>)>,
+}
+
+/// A hash of all that a rig file says.
+pub(super) fn rig_hash(rig: &config::Rig) -> String {
+    // A value of these types has a text.
+    let text = serde_json::to_string(rig).unwrap_or_default();
+    format!("{:016x}", fnv1a(text.as_bytes()))
+}
+
+impl Earlier {
+    /// Reads a report, and looks whether this run may go on after it.
+    pub(super) fn read(file: &Path, rig: &config::Rig) -> Result<Self, Failure> {
+        let name = file.display();
+        let invalid = |message: String, help: &str| Failure::new(Exit::ConfigInvalid, message, help);
+        let wanted = "write what `yieldwall commission RIG.yaml --json` has printed, whole";
+        let text = fs::read_to_string(file).map_err(|error| invalid(format!("{name}: {error}"), wanted))?;
+        let report: Report = serde_json::from_str(&text)
+            .map_err(|error| invalid(format!("{name}: no report of a commissioning: {error}"), wanted))?;
+        Self::of(report, rig).map_err(|(message, help)| invalid(format!("{name}: {message}"), help))
+    }
+
+    fn of(report: Report, rig: &config::Rig) -> Result<Self, (String, &'static str)> {
+        let anew = "begin anew, without --resume";
+        let known = STEPS.map(|step| (step.name(), step.does()));
+        let told = report.steps.iter().map(|step| (step.step.as_str(), step.does.as_str()));
+        if report.version != env!("CARGO_PKG_VERSION") || !told.eq(known) {
+            return Err((
+                format!("it is of other steps than those of this version ({})", env!("CARGO_PKG_VERSION")),
+                anew,
+            ));
+        }
+        if report.rig_hash != rig_hash(rig) {
+            let message = "it is of another rig file, or of this one before it was changed: `rig_hash` is another one";
+            return Err((
+                message.to_owned(),
+                "begin anew, without --resume; --from STEP begins behind what a change does not concern",
+            ));
+        }
+        let passed = |step: &Reported| step.verdict == Verdict::Pass.name();
+        let first = report.steps.iter().rposition(passed).map_or(0, |last| last + 1);
+        let Some(from) = STEPS.get(first).copied() else {
+            return Err(("its last step has passed: nothing is left to do".to_owned(), anew));
+        };
+        if first > 0 && report.drives.is_none() {
+            return Err(("`drives` is null: that run did not look who the drives are".to_owned(), anew));
+        }
+        let drives = report.drives.filter(|_| first > 0);
+        let steps = report.steps.into_iter().zip(STEPS).take(first);
+        Ok(Self { begin: Begin { from, drives }, steps: steps.map(|(step, which)| step.report(which)).collect() })
+    }
+
+    /// How many steps had passed.
+    pub(super) fn passed(&self) -> usize {
+        self.steps.iter().filter(|(step, _)| step.verdict == Verdict::Pass).count()
+    }
+
+    /// Puts the steps of the earlier run in the place of those that were skipped, and says of each when it ran.
+    pub(super) fn complete(self, mut commissioned: Commissioned, now_unix_s: u64) -> (Commissioned, Vec<(Step, u64)>) {
+        let mut ran = Vec::new();
+        for (mut earlier, at) in self.steps {
+            let Some(step) = commissioned.steps.iter_mut().find(|step| step.step == earlier.step) else { continue };
+            // Who the drives are was looked at again.
+            if step.verdict != Verdict::Skipped {
+                continue;
+            }
+            let before = at.map(|at| now_unix_s.saturating_sub(at) as f64 / 3600.0);
+            let when = before.map_or(String::new(), |hours| format!(", {hours:.1} h before the end of this one"));
+            earlier.evidence.push(("taken".to_owned(), format!("by an earlier run{when}")));
+            ran.extend(at.map(|at| (earlier.step, at)));
+            *step = earlier;
+        }
+        (commissioned, ran)
+    }
+}
+
+impl Reported {
+    fn report(self, step: Step) -> (StepReport, Option<u64>) {
+        let figure = self.what.zip(self.figure).zip(self.limit).map(|((what, value), limit)| Figure {
+            what: what.into(),
+            value,
+            limit,
+            unit: self.unit.unwrap_or_default().into(),
+        });
+        let verdict = [Verdict::Pass, Verdict::Fail].into_iter().find(|verdict| verdict.name() == self.verdict);
+        let report = StepReport {
+            step,
+            verdict: verdict.unwrap_or(Verdict::Skipped),
+            figure,
+            reason: self.reason,
+            evidence: self.evidence.into_iter().collect(),
+            curves: Vec::new(),
+        };
+        (report, self.ran_at_unix_s)
+    }
+}

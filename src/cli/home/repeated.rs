@@ -1,0 +1,172 @@
+//! By how much references shift from one homing to the next, in words and numbers.
+
+use serde_json::{Value, json};
+
+use super::Plan;
+use crate::assembly::scaling;
+use crate::cli::failure::{Exit, Failure};
+use crate::config;
+use crate::identification::Estimate;
+use crate::run::{NoShift, Repeated};
+
+/// What is known of the references of the joints that were homed more than once.
+pub(super) struct Shifts {
+    joints: [Option<OfJoint>; 2],
+}
+
+/// Of one joint.
+struct OfJoint {
+    shifts_rad: Vec<f64>,
+    counts_per_rad: f64,
+    /// Standard deviation of the shifts, rad; none of a single one.
+    deviation_rad: Option<f64>,
+    /// The greatest shift, rad.
+    greatest_rad: f64,
+    /// Standard deviation of where home is found, beside a steady drift.
+    home: Option<Estimate>,
+    /// Where home was found last, less where it was found first, rad.
+    drift_rad: f64,
+}
+
+impl OfJoint {
+    fn new(drive: &config::Drive, shifts_rad: &[f64]) -> Option<Self> {
+        let counts_per_rad = scaling(drive).ok()?.counts_per_rad();
+        // Where home was found, from where it was found first.
+        let mut homes = vec![0.0];
+        homes.extend(shifts_rad.iter().scan(0.0, |home, shift| {
+            *home += shift;
+            Some(*home)
+        }));
+        Some(Self {
+            counts_per_rad,
+            deviation_rad: deviation(shifts_rad),
+            greatest_rad: shifts_rad.iter().fold(0.0, |greatest: f64, shift| greatest.max(shift.abs())),
+            home: Estimate::scatter(&homes),
+            drift_rad: homes.last().copied().unwrap_or_default(),
+            shifts_rad: shifts_rad.to_vec(),
+        })
+    }
+
+    /// How well the drift is known, rad: each shift is known to a count, and the same error may be in all of them.
+    fn drift_known_to_rad(&self) -> f64 {
+        self.shifts_rad.len() as f64 / self.counts_per_rad
+    }
+}
+
+/// Standard deviation of some values, of two at least.
+fn deviation(values: &[f64]) -> Option<f64> {
+    let degrees = values.len().checked_sub(1).filter(|degrees| *degrees > 0)? as f64;
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    Some((values.iter().map(|value| (value - mean) * (value - mean)).sum::<f64>() / degrees).sqrt())
+}
+
+impl Shifts {
+    /// Those of an act that was to home more than once; `None` if it was not.
+    pub(super) fn of(plan: &Plan, rig: &config::Rig, repeated: &Repeated) -> Option<Self> {
+        if plan.times < 2 {
+            return None;
+        }
+        let of = |joint: usize| {
+            let shifts = repeated.shifts_rad.get(joint).filter(|shifts| !shifts.is_empty())?;
+            OfJoint::new(rig.drives.get(joint)?, shifts)
+        };
+        Some(Self { joints: [of(0), of(1)] })
+    }
+
+    /// Lines for a person.
+    pub(super) fn lines(&self, rig: &config::Rig) -> String {
+        let mut text = String::new();
+        for (drive, joint) in rig.drives.iter().zip(&self.joints) {
+            let Some(joint) = joint else { continue };
+            let angle = |rad: f64| {
+                format!("{:.4} deg ({:.6} rad, {:.1} counts)", rad.to_degrees(), rad, rad * joint.counts_per_rad)
+            };
+            let name = &drive.name;
+            text.push_str(&format!(
+                "repeated  {name}: {} homings, the reference shifts by {} at most from one to the next\n",
+                joint.shifts_rad.len() + 1,
+                angle(joint.greatest_rad)
+            ));
+            if let Some(deviation_rad) = joint.deviation_rad {
+                text.push_str(&format!(
+                    "          {name}: standard deviation of the shifts {}\n",
+                    angle(deviation_rad)
+                ));
+            }
+            if let Some(home) = joint.home {
+                text.push_str(&format!(
+                    "          {name}: standard deviation of home {:.4} deg, {:.4} to {:.4} deg with 95 %\n",
+                    home.value.to_degrees(),
+                    home.low.to_degrees(),
+                    home.high.to_degrees()
+                ));
+            }
+            text.push_str(&format!(
+                "          {name}: the last home lies {:.4} deg beside the first, known to {:.4} deg\n",
+                joint.drift_rad.to_degrees(),
+                joint.drift_known_to_rad().to_degrees()
+            ));
+        }
+        text
+    }
+
+    /// Whether the shifts are known, and within what was asked for.
+    pub(super) fn judge(&self, plan: &Plan, rig: &config::Rig, repeated: &Repeated) -> Result<(), Failure> {
+        let name = |joint: usize| rig.drives.get(joint).map_or("", |drive| drive.name.as_str());
+        if let Some((joint, why)) = repeated.unknown {
+            return Err(unknown(name(joint), why));
+        }
+        let Some(within_rad) = plan.within_rad else { return Ok(()) };
+        let greatest = |joint: &OfJoint| joint.greatest_rad;
+        let beyond =
+            self.joints.iter().position(|joint| joint.as_ref().map(greatest).is_some_and(|it| it > within_rad));
+        let Some(joint) = beyond else { return Ok(()) };
+        let greatest_rad = self.joints[joint].as_ref().map_or(0.0, greatest);
+        let message = format!(
+            "the reference of {} shifts by {:.4} deg from one homing to the next, more than {:.4} deg",
+            name(joint),
+            greatest_rad.to_degrees(),
+            within_rad.to_degrees()
+        );
+        let help = "look for a loose switch, encoder disc or coupling; a lower `homing.rate_rad_per_s` shows whether the drive latches home in time";
+        Err(Failure::new(Exit::OutOfTolerance, message, help))
+    }
+
+    /// The same for a program.
+    pub(super) fn document(&self, joint: usize) -> Option<Value> {
+        let joint = self.joints.get(joint)?.as_ref()?;
+        let counts = |rad: f64| rad * joint.counts_per_rad;
+        Some(json!({
+            "shifts_rad": joint.shifts_rad,
+            "deviation_rad": joint.deviation_rad,
+            "deviation_counts": joint.deviation_rad.map(counts),
+            "greatest_rad": joint.greatest_rad,
+            "greatest_counts": counts(joint.greatest_rad),
+            "home_deviation_rad": joint.home.map(|home| json!({ "value": home.value, "low": home.low, "high": home.high })),
+            "drift_rad": joint.drift_rad,
+            "drift_known_to_rad": joint.drift_known_to_rad(),
+        }))
+    }
+}
+
+/// Why the shifts of a joint are not known.
+fn unknown(name: &str, why: NoShift) -> Failure {
+    let (message, help) = match why {
+        NoShift::NoJump => (
+            format!("{name} is homed, and its position did not jump: nobody saw when its drive takes its reference"),
+            "switch the drives off and on, so that they count from somewhere else, lead the arm by hand to where home lies ahead, and try again",
+        ),
+        NoShift::TooNear(way_rad) => (
+            format!(
+                "{name} is homed, and began only {:.2} deg from home: it does not come up to its rate there",
+                way_rad.to_degrees()
+            ),
+            "lead the arm by hand farther away, to where home lies ahead, switch the drives off and on, and try again",
+        ),
+        NoShift::NoPositions => (
+            format!("{name} is homed, and positions are missing at the moment at which its drive took its reference"),
+            "look at the cable and at the load of the bus, and try again",
+        ),
+    };
+    Failure::new(Exit::OutOfTolerance, message, help)
+}
