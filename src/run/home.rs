@@ -186,9 +186,10 @@ impl<P: Place> Runner<P> {
         traces: &mut [HomingTrace; 2],
         is_interrupted: &AtomicBool,
     ) -> Result<Homed, RunError> {
+        // Objects are read while no cycles run yet.
+        let mut watch = PushWatch::new(self, rig, plan.rate_rad_per_s)?;
         self.idle_before_lead(plan.settling.max(1), is_interrupted)?;
         self.check_homing_way(plan)?;
-        let mut watch = PushWatch::new(self, rig, plan.rate_rad_per_s)?;
         self.enable(0, permit, is_interrupted)?;
         // Both are watched here, each within a bound of its own.
         self.unbind_motion();
