@@ -29,6 +29,7 @@ pub struct FiveBar {
     /// Elbow -> tool point over elbow -> wrist on the link that holds the tool. One without an offset.
     pub(super) tool_ratio: Complex,
     pub(super) wrist_ratio: Complex,
+    /// One over the lengths of the distal links.
     per_distal_m: [f64; 2],
 }
 
