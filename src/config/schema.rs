@@ -1,5 +1,7 @@
 //! The JSON Schema of all documents, and what it says about a key.
 
+use std::sync::LazyLock;
+
 use schemars::{JsonSchema, SchemaGenerator};
 use serde_json::{Map, Value, json};
 
@@ -95,15 +97,18 @@ fn loosen(schema: &Value, definitions: &mut Map<String, Value>) -> Value {
     loose
 }
 
+/// The schema as it is asked about: every file that is read asks, and to make it takes longer than to read a file.
+static ASKED: LazyLock<Value> = LazyLock::new(schema);
+
 /// The schema of one kind of document, for questions about its keys.
 pub(super) struct Guide {
-    root: Value,
+    root: &'static Value,
     kind: Kind,
 }
 
 impl Guide {
     pub(super) fn new(kind: Kind) -> Self {
-        Self { root: schema(), kind }
+        Self { root: &ASKED, kind }
     }
 
     /// What the doc comment of a key says.

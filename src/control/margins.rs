@@ -70,7 +70,7 @@ pub struct Margins {
 /// # Source
 /// Åström, Wittenmark, *Computer-Controlled Systems* (1997), section 2.6 (sampling a system with delay).
 pub fn margins(servo: &ServoLoop, inertia: f64, viscous: f64) -> Result<Margins, ControlError> {
-    Ok(OpenLoop::new(servo, inertia, viscous)?.margins())
+    Ok(OpenLoop::new(servo, inertia, viscous)?.margins(&Frequency::grid(servo)))
 }
 
 /// The loop of [`margins`], opened at the controller's output, at a frequency in Hz above 0 and up to half of the sampling frequency.
@@ -84,7 +84,7 @@ pub fn open_loop(
     frequency_hz: f64,
 ) -> Result<Complex<f64>, ControlError> {
     let turn = positive("frequency", frequency_hz)? * servo.period_s * 2.0 * PI;
-    Ok(OpenLoop::new(servo, inertia, viscous)?.response(turn.min(PI)))
+    Ok(OpenLoop::new(servo, inertia, viscous)?.response_at(turn.min(PI)))
 }
 
 /// What the controller of a loop answers to an error at a frequency in Hz, as [`open_loop`]: torque per angle, N m/rad or N/m.
@@ -112,8 +112,9 @@ pub fn is_stable(servo: &ServoLoop, inertia: f64, viscous: f64) -> Result<bool, 
 /// [`ControlError::NoInertia`] for an empty list, and as [`margins`].
 pub fn worst_margins(servo: &ServoLoop, inertias: &[f64], viscous: f64) -> Result<Margins, ControlError> {
     let mut worst: Option<Margins> = None;
+    let grid = Frequency::grid(servo);
     for &inertia in inertias {
-        let next = margins(servo, inertia, viscous)?;
+        let next = OpenLoop::new(servo, inertia, viscous)?.margins(&grid);
         worst = Some(worst.map_or(next, |least| Margins {
             gain_db: least.gain_db.min(next.gain_db),
             gain_reduction_db: least.gain_reduction_db.min(next.gain_reduction_db),
@@ -143,6 +144,35 @@ pub fn principal_inertias(mass_matrix: &Matrix2<f64>) -> Result<[f64; 2], Contro
         Ok([least, greater])
     } else {
         Err(ControlError::NotPositiveDefinite { least, asymmetry })
+    }
+}
+
+/// What a loop has at one frequency whatever its plant.
+struct Frequency {
+    /// `theta`, from above 0 to pi.
+    theta: f64,
+    /// `exp(i theta) - 1`.
+    below: Complex<f64>,
+    controller: Complex<f64>,
+    /// Of the whole cycles of delay.
+    delay: Complex<f64>,
+}
+
+impl Frequency {
+    fn of(servo: &ServoLoop, theta: f64) -> Self {
+        let (sin, cos) = elementary::sin_cos(-theta * servo.delay_cycles.trunc());
+        Self {
+            theta,
+            below: below_one(theta),
+            controller: controller_response(&servo.gains, servo.period_s, theta),
+            delay: Complex::new(cos, sin),
+        }
+    }
+
+    /// Those among which crossovers are looked for, the lowest first.
+    fn grid(servo: &ServoLoop) -> Vec<Self> {
+        let at = |i: usize| PI * (1.0 - 1e-7) * elementary::powf(GRID_SPAN, 1.0 - i as f64 / GRID_POINTS as f64);
+        (0..=GRID_POINTS).map(|i| Self::of(servo, at(i))).collect()
     }
 }
 
@@ -188,16 +218,19 @@ impl OpenLoop {
     }
 
     /// `L(exp(i theta))`, `theta` from above 0 to pi.
-    fn response(&self, theta: f64) -> Complex<f64> {
-        let below = below_one(theta);
+    fn response_at(&self, theta: f64) -> Complex<f64> {
+        self.response(&Frequency::of(&self.servo, theta))
+    }
+
+    /// `L` at a frequency.
+    fn response(&self, frequency: &Frequency) -> Complex<f64> {
+        let Frequency { below, controller, delay, .. } = *frequency;
         let z = below + 1.0;
-        let controller = controller_response(&self.servo.gains, self.servo.period_s, theta);
         let [new, old] = self.input;
         let [position, rate] = [0, 1].map(|i| z.inv() * old[i] + new[i]);
         let free = below + self.rate_loss;
         let plant = (position * free + rate * self.coast) / (below * free);
-        let (sin, cos) = elementary::sin_cos(-theta * self.whole_delay as f64);
-        controller * plant * Complex::new(cos, sin)
+        controller * plant * delay
     }
 
     /// Whether the loop is stable with all gains multiplied by `factor`.
@@ -223,10 +256,10 @@ impl OpenLoop {
         is_stable_about_one(&sum(&product(&plant_poles, &poles), factor, &product(&plant_zeros, &zeros)))
     }
 
-    fn margins(&self) -> Margins {
+    fn margins(&self, grid: &[Frequency]) -> Margins {
         let stable = self.is_stable(1.0);
         let sign = if stable { 1.0 } else { -1.0 };
-        let (gain_crossovers, critical_gains) = self.crossovers();
+        let (gain_crossovers, critical_gains) = self.crossovers(grid);
         let (gain_db, gain_reduction_db) = self.gain_margins(&critical_gains);
         let nyquist_hz = 0.5 / self.servo.period_s;
         let mut margins = Margins {
@@ -241,7 +274,7 @@ impl OpenLoop {
         let mut delay_cycles = f64::INFINITY;
         for theta in gain_crossovers {
             // Lag that turns L to -1, 0 to 2 pi; the lead that does is its complement.
-            let response = self.response(theta);
+            let response = self.response_at(theta);
             let lag = (PI + elementary::atan2(response.im, response.re)).rem_euclid(2.0 * PI);
             delay_cycles = delay_cycles.min(lag / theta);
             let phase = lag.min(2.0 * PI - lag);
@@ -258,33 +291,33 @@ impl OpenLoop {
     }
 
     /// Frequencies `theta` at which `|L| = 1`, and the factors on all gains at which `L` passes through -1.
-    fn crossovers(&self) -> (Vec<f64>, Vec<f64>) {
+    fn crossovers(&self, grid: &[Frequency]) -> (Vec<f64>, Vec<f64>) {
         let is_weak = |response: Complex<f64>| elementary::hypot(response.re, response.im) < 1.0;
         let lags = |response: Complex<f64>| response.im < 0.0;
         let mut gain_crossovers = Vec::new();
         let mut critical_gains = Vec::new();
         // L is real at pi itself.
-        let nyquist = self.response(PI).re;
+        let nyquist = self.response_at(PI).re;
         if nyquist < 0.0 {
             critical_gains.push(-1.0 / nyquist);
         }
-        let at = |i: usize| PI * (1.0 - 1e-7) * elementary::powf(GRID_SPAN, 1.0 - i as f64 / GRID_POINTS as f64);
-        let mut low = at(0);
-        let mut before = self.response(low);
-        for i in 1..=GRID_POINTS {
-            let high = at(i);
-            let after = self.response(high);
-            if is_weak(before) != is_weak(after) {
-                gain_crossovers.push(change_between(low, high, |theta| is_weak(self.response(theta))));
-            }
-            if lags(before) != lags(after) {
-                let theta = change_between(low, high, |theta| lags(self.response(theta)));
-                let real = self.response(theta).re;
-                if real < 0.0 {
-                    critical_gains.push(-1.0 / real);
+        let mut last: Option<(f64, bool, bool)> = None;
+        for frequency in grid {
+            let (high, response) = (frequency.theta, self.response(frequency));
+            let (weak, late) = (is_weak(response), lags(response));
+            if let Some((low, was_weak, was_late)) = last {
+                if was_weak != weak {
+                    gain_crossovers.push(change_between(low, high, |theta| is_weak(self.response_at(theta))));
+                }
+                if was_late != late {
+                    let theta = change_between(low, high, |theta| lags(self.response_at(theta)));
+                    let real = self.response_at(theta).re;
+                    if real < 0.0 {
+                        critical_gains.push(-1.0 / real);
+                    }
                 }
             }
-            (low, before) = (high, after);
+            last = Some((high, weak, late));
         }
         critical_gains.sort_by(f64::total_cmp);
         (gain_crossovers, critical_gains)
