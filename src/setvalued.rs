@@ -49,6 +49,10 @@ pub fn gsgn(a: f64, x: f64, b: f64) -> (f64, f64) {
 /// \[KTF08, eq. 56\].
 #[inline]
 pub fn sat<const N: usize>(x: SVector<f64, N>, limit: f64) -> SVector<f64, N> {
+    // Well within the limit nobody waits for a root and a quotient.
+    if x.norm_squared() < 0.999 * (limit * limit) && limit > 0.0 {
+        return x;
+    }
     let length = x.norm();
     if length > limit { x * (limit / length) } else { x }
 }

@@ -51,7 +51,9 @@ impl fmt::Display for BusId {
 ///
 /// Whoever takes part in several buses tells them apart by [`Frame::bus`]. It is no part of what is on the wire: engines of
 /// one node neither read nor set it, and [`Outbox::on`] sets it for them.
+// It is copied often: aligned, as one piece.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(align(8))]
 pub struct Frame {
     id: u16,
     len: u8,

@@ -89,7 +89,7 @@ impl FiveBar {
     /// # Errors
     /// As [`forward`](Self::forward); joint rates that are not within [`RATE_LIMIT_RAD_PER_S`]; a mass model that
     /// [`MassModel::check`] refuses and that makes the result not finite or the mass matrix not positive definite.
-    #[inline]
+    #[inline(always)]
     pub fn dynamics(
         &self,
         model: &MassModel,
@@ -105,7 +105,7 @@ impl FiveBar {
     ///
     /// # Errors
     /// As [`dynamics`](Self::dynamics), but those of the angles.
-    #[inline]
+    #[inline(always)]
     pub fn dynamics_of(
         &self,
         model: &MassModel,

@@ -302,7 +302,7 @@ impl FiveBar {
     ///
     /// # Errors
     /// As [`forward`](Self::forward).
-    #[inline]
+    #[inline(always)]
     pub fn close(&self, angles: JointAngles) -> Result<Closure, LinkageError> {
         check_angles(angles)?;
         let [l0, l1] = self.geometry.proximal_m;

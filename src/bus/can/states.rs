@@ -67,11 +67,13 @@ impl CanNetwork {
     ///
     /// Real-time: yes.
     pub(in crate::bus) fn next_deadline(&self) -> Time {
-        // In operation the heartbeat follows the set-points, where it is in nobody's way.
-        let heartbeat = if self.phase == Phase::Operational { Time::NEVER } else { self.next_heartbeat };
         let watched = self.lines.iter().map(|line| line.watch.next_deadline()).fold(Time::NEVER, Time::min);
         let asked = self.nodes.iter().map(|node| node.transfer.deadline()).fold(Time::NEVER, Time::min);
-        let base = heartbeat.min(watched).min(asked).min(self.phase_deadline());
+        if self.phase == Phase::Operational {
+            // The heartbeat follows the set-points, where it is in nobody's way.
+            return watched.min(asked);
+        }
+        let base = self.next_heartbeat.min(watched).min(asked).min(self.phase_deadline());
         if self.phase == Phase::Starting {
             return self.image.plain().map_or(base, |client| base.min(client.next_deadline()));
         }

@@ -206,11 +206,11 @@ impl Node {
         self.reset(now, Reset::Node, app, out);
     }
 
-    /// Takes one frame from the bus.
+    /// Takes one frame from the bus; whether it is one that the node looks at. Of the others nothing has changed.
     ///
     /// Real-time: yes, for PDOs, SYNC and heartbeats.
     #[inline]
-    pub fn on_frame(&mut self, now: Time, frame: &Frame, app: &mut impl Application, out: &mut impl Outbox) {
+    pub fn on_frame(&mut self, now: Time, frame: &Frame, app: &mut impl Application, out: &mut impl Outbox) -> bool {
         let id = frame.id();
         if frame.is_remote() {
             self.on_remote(now, id, app, out);
@@ -228,7 +228,10 @@ impl Node {
             self.on_lss(now, frame, app, out);
         } else if id > 0x700 {
             self.on_heartbeat(now, frame, app, out);
+        } else {
+            return false;
         }
+        true
     }
 
     /// Does what is due: heartbeat, heartbeat watch, RPDO and TPDO event timers, SDO timeout.

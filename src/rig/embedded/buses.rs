@@ -58,14 +58,10 @@ impl Buses {
         self.buses.iter().flatten().map(VirtualBus::next_event).fold(Time::NEVER, Time::min)
     }
 
-    /// The next frame that is delivered not later than `until`, the earliest first.
+    /// The next frame that is delivered at `until`, which is not later than [`Buses::next_event`].
     pub(super) fn advance(&mut self, until: Time) -> Option<Delivery> {
-        let next = self.next_event();
-        if next > until {
-            return None;
-        }
         BusId::all().zip(&mut self.buses).find_map(|(bus, virtual_bus)| {
-            let delivery = virtual_bus.as_mut()?.advance(next)?;
+            let delivery = virtual_bus.as_mut()?.advance(until)?;
             Some(Delivery { frame: delivery.frame.on_bus(bus), ..delivery })
         })
     }

@@ -303,7 +303,8 @@ impl Arm {
     /// # Source
     /// Moreau, "Unilateral contact and dry friction in finite freedom dynamics" (1988), the midpoint form; friction as
     /// in \[KTF08, eqs 7 and 8\].
-    #[inline]
+    // From here to the linkage in one piece: else each step copies its equations of motion from place to place.
+    #[inline(always)]
     pub fn advance(
         &mut self,
         step_s: f64,
@@ -345,7 +346,7 @@ impl Arm {
     }
 
     /// Equations of motion at a state, refused near a type 2 singularity.
-    #[inline]
+    #[inline(always)]
     fn dynamics(&self, angles: Vector2<f64>, rates: Vector2<f64>) -> Result<Dynamics, ArmError> {
         let dynamics = self.linkage.dynamics(&self.mass, JointAngles(angles), JointRates(rates));
         let dynamics = dynamics.map_err(|source| ArmError::Linkage { time_s: self.time_s, source })?;
@@ -387,7 +388,7 @@ struct Middle {
 }
 
 impl Middle {
-    #[inline]
+    #[inline(always)]
     fn of(arm: &Arm, step_s: f64, load: impl FnOnce(f64, TipPoint) -> HandLoad<2>) -> Result<Self, ArmError> {
         let half_s = 0.5 * step_s;
         let angles = arm.angles + arm.rates * half_s;

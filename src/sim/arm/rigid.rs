@@ -9,7 +9,7 @@ use crate::sim::hand::HandLoad;
 impl Arm {
     /// `(M + h C / 2) v' + h tau_c Sgn(v')` contains `(M - h C / 2) v + h (u - bias + J^T F)`, with everything taken at
     /// the midpoint.
-    #[inline]
+    #[inline(always)]
     pub(super) fn advance_rigid(
         &mut self,
         step_s: f64,

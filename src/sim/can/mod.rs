@@ -132,13 +132,16 @@ struct Port {
 
 impl Port {
     /// Position of the frame that this port offers at `start`.
+    #[inline]
     fn offer(&self, start: Time) -> Option<(usize, &Queued)> {
-        if self.is_held {
-            return None;
+        let first = self.queue.front().filter(|_| !self.is_held)?;
+        if self.queue.len() == 1 {
+            return (first.ready <= start).then_some((0, first));
         }
-        if self.queue.len() <= 1 {
-            return self.queue.front().filter(|queued| queued.ready <= start).map(|queued| (0, queued));
-        }
+        self.offer_of_several(start)
+    }
+
+    fn offer_of_several(&self, start: Time) -> Option<(usize, &Queued)> {
         let mut waiting = self.queue.iter().enumerate().take_while(|(_, queued)| queued.ready <= start);
         match self.order {
             QueueOrder::Fifo => waiting.next(),
@@ -378,9 +381,16 @@ impl VirtualBus {
         if self.waiting == 0 {
             return None;
         }
-        let free = self.ports.iter().filter(|port| !port.is_held);
-        let first_ready = free.filter_map(|port| port.queue.front()).map(|queued| queued.ready).min()?;
-        let start = self.idle_from.max(first_ready);
+        // Mostly frames have waited for the bus to become free.
+        self.arbitrate_at(self.idle_from).or_else(|| {
+            let free = self.ports.iter().filter(|port| !port.is_held);
+            let first_ready = free.filter_map(|port| port.queue.front()).map(|queued| queued.ready).min()?;
+            self.arbitrate_at(first_ready)
+        })
+    }
+
+    /// Who sends, of the frames that are ready at `start`.
+    fn arbitrate_at(&self, start: Time) -> Option<Next> {
         let offers = self.ports.iter().enumerate().filter_map(|(port, queue)| Some((port, queue.offer(start)?)));
         // Of equal identifiers the first, so that the lower port number goes first.
         let (port, (position, queued)) = offers.min_by_key(|(_, (_, queued))| queued.frame.id())?;

@@ -173,8 +173,10 @@ impl Device {
 
     /// Whether a brake that the master holds is closed.
     pub(super) fn is_braked(&self) -> bool {
-        let (value, mask) = (self.od.get(self.objects.digital_outputs), self.od.get(self.objects.digital_output_mask));
-        self.brake.as_ref().is_some_and(|output| output.is_closed(value, mask))
+        self.brake.as_ref().is_some_and(|output| {
+            let value = self.od.get(self.objects.digital_outputs);
+            output.is_closed(value, self.od.get(self.objects.digital_output_mask))
+        })
     }
 
     /// Whether there is such a brake.

@@ -153,8 +153,11 @@ impl Drive {
     /// Takes one frame from the bus.
     pub fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) {
         if self.is_powered && !(self.ignores_heartbeats && cob::is_heartbeat(frame.id())) {
-            self.node.on_frame(now, frame, &mut self.device, out);
-            self.settle(now, out);
+            let is_its_own = self.node.on_frame(now, frame, &mut self.device, out);
+            // Most frames are those of others.
+            if is_its_own || self.device.is_stale {
+                self.settle(now, out);
+            }
         }
     }
 
