@@ -12,7 +12,7 @@ mod trial;
 
 use serde_json::Value;
 
-use self::trial::{GRIPS, Grips, Hand, Outcome, PLACES, Place, RULES, Rule, Strike, wall_of_case};
+use self::trial::{GRIPS, Grips, Hand, Outcome, PLACES, Place, RULES, Rule, Strike, run_all, wall_of_case};
 use super::sweep::{Clock, Report, Row, Study, Sweep, Table, median, wilson};
 
 /// Hands of a row.
@@ -50,12 +50,16 @@ impl Setting {
         Self { variant: "", strike: Strike::at(rule, place), grips, seed: SEED, is_moving: false }
     }
 
-    fn outcome(&self, case: u64) -> Outcome {
+    fn case(&self, case: u64) -> (Strike, Hand) {
         if !self.is_moving {
-            return self.strike.run(&Hand::of_case(&self.grips, self.seed, case));
+            return (self.strike, Hand::of_case(&self.grips, self.seed, case));
         }
         let (wall_m_per_s, hand) = wall_of_case(&self.grips, self.seed, case);
-        Strike { wall_m_per_s, ..self.strike }.run(&hand)
+        (Strike { wall_m_per_s, ..self.strike }, hand)
+    }
+
+    fn outcomes(&self, cases: u64) -> Vec<Outcome> {
+        run_all((0..cases).map(|case| self.case(case)))
     }
 }
 
@@ -98,7 +102,7 @@ impl Impacts {
     /// The cells of a row, of the first `cases` hands.
     fn with_cases(&self, index: u64, cases: u64) -> Vec<Value> {
         let setting = self.settings[index as usize];
-        let outcomes: Vec<Outcome> = (0..cases).map(|case| setting.outcome(case)).collect();
+        let outcomes: Vec<Outcome> = setting.outcomes(cases);
         let met = outcomes.iter().filter(|outcome| outcome.is_met).count() as u64;
         let through = outcomes.iter().filter(|outcome| outcome.is_through()).count() as u64;
         let first = outcomes.iter().position(Outcome::is_through);
@@ -179,7 +183,7 @@ impl Pushes {
 
     fn with_cases(index: u64, cases: u64) -> Vec<Value> {
         let (setting, onset_s) = Self::setting(index);
-        let outcomes: Vec<Outcome> = (0..cases).map(|case| setting.outcome(case)).collect();
+        let outcomes: Vec<Outcome> = setting.outcomes(cases);
         let early = outcomes.iter().filter(|outcome| outcome.is_through()).count() as u64;
         // Of those who were held until the push.
         let mut delays_s: Vec<f64> =

@@ -30,6 +30,8 @@ const CIRCLE_M: f64 = 0.12;
 const HALF_CORNER_RAD: f64 = std::f64::consts::FRAC_PI_3;
 /// Greatest angle between the aim and the normal of the surface, rad.
 const ASKEW_RAD: f64 = 1.0;
+/// Cycles of a run at most.
+const LONGEST_CYCLES: u32 = 8000;
 /// How long a run goes on after the impact, s.
 const AFTER_S: f64 = 1.0;
 /// Duration of one swing of a wall that moves, s: its speed changes by less than a tenth within half a second about the middle
@@ -256,14 +258,65 @@ impl Strike {
         Self { rule, place, onset_s: None, wall_m_per_s: 0.0, finer: 1 }
     }
 
-    /// Runs until 1 s after the impact, or until a push is through.
-    pub(super) fn run(&self, hand: &Hand) -> Outcome {
-        let mut fixture = self.rule.fixture(self.place);
-        let angle = if self.place == Place::Wall { 0.0 } else { ASKEW_RAD * hand.askew };
+    fn substeps(&self) -> u32 {
+        SUBSTEPS * self.finer
+    }
+}
+
+/// Runs hands against surfaces, each until 1 s after its impact, or until its push is through; their outcomes, in the same order.
+///
+/// A step waits for the last one of the same hand. So several hands take turns, and the processor goes on with the others meanwhile.
+pub(super) fn run_all(strikes: impl IntoIterator<Item = (Strike, Hand)>) -> Vec<Outcome> {
+    const HANDS: usize = 4;
+    let mut waiting = strikes.into_iter();
+    let mut outcomes = Vec::new();
+    let mut running: Vec<(usize, Run)> = Vec::with_capacity(HANDS);
+    loop {
+        running.retain_mut(|(index, run)| {
+            let goes_on = run.begin_cycle();
+            if !goes_on {
+                outcomes[*index] = run.outcome;
+            }
+            goes_on
+        });
+        while running.len() < HANDS
+            && let Some((strike, hand)) = waiting.next()
+        {
+            let mut run = Run::new(strike, hand);
+            run.begin_cycle();
+            running.push((outcomes.len(), run));
+            outcomes.push(Outcome::default());
+        }
+        let Some(substeps) = running.iter().map(|(_, run)| run.strike.substeps()).max() else { return outcomes };
+        for substep in 0..substeps {
+            for (_, run) in running.iter_mut().filter(|(_, run)| substep < run.strike.substeps()) {
+                run.bodies.step();
+            }
+        }
+    }
+}
+
+/// A hand on its way.
+struct Run {
+    strike: Strike,
+    fixture: Fixture<Shape2, 2>,
+    bodies: Bodies,
+    cycle: u32,
+    /// Position and rate of the proxy in the last two cycles: the servo is a cycle late.
+    targets: [(Vector2<f64>, Vector2<f64>); 2],
+    before: Vector2<f64>,
+    impact_s: Option<f64>,
+    outcome: Outcome,
+}
+
+impl Run {
+    fn new(strike: Strike, hand: Hand) -> Self {
+        let mut fixture = strike.rule.fixture(strike.place);
+        let angle = if strike.place == Place::Wall { 0.0 } else { ASKEW_RAD * hand.askew };
         let aim = -Vector2::new(elementary::cos(angle), elementary::sin(angle));
-        let mut start = aim * -(if self.place == Place::Wall { RUN_UP_M } else { RUN_UP_WITHIN_M });
-        if self.wall_m_per_s != 0.0 {
-            let amplitude_m = Vector2::x() * (self.wall_m_per_s * SWING_S / std::f64::consts::PI);
+        let mut start = aim * -(if strike.place == Place::Wall { RUN_UP_M } else { RUN_UP_WITHIN_M });
+        if strike.wall_m_per_s != 0.0 {
+            let amplitude_m = Vector2::x() * (strike.wall_m_per_s * SWING_S / std::f64::consts::PI);
             fixture =
                 fixture.with_motion(Motion { amplitude_m, swing_s: SWING_S }).expect("no faster than a surface may be");
             // Far ahead of the wall, where nothing meets it.
@@ -273,61 +326,111 @@ impl Strike {
             }
             start = fixture.origin() + Vector2::x() * WALL_START_M;
         }
-        self.strike(fixture, hand, aim, start)
+        fixture.reset(&start).expect("a finite start");
+        Self {
+            strike,
+            fixture,
+            bodies: Bodies::at_rest(&hand, aim, start, PERIOD_S / f64::from(strike.substeps())),
+            cycle: 0,
+            targets: [(start, Vector2::zeros()); 2],
+            before: start,
+            impact_s: None,
+            outcome: Outcome::default(),
+        }
     }
 
-    fn strike(&self, mut fixture: Fixture<Shape2, 2>, hand: &Hand, aim: Vector2<f64>, start: Vector2<f64>) -> Outcome {
-        fixture.reset(&start).expect("a finite start");
-        let rest = Vector2::zeros();
-        let (mut tool, mut tool_v, mut sensed) = (start, rest, rest);
-        let (mut holder, mut holder_v) = (start, rest);
-        let grip_n_s_per_m = 2.0 * hand.grip_damping * (hand.grip_n_per_m * hand.mass_kg).sqrt();
-        let mut targets = [(start, rest); 2];
-        let mut before = start;
-        let mut impact_s: Option<f64> = None;
-        let mut outcome = Outcome::default();
-        let substeps = SUBSTEPS * self.finer;
-        let dt = PERIOD_S / f64::from(substeps);
-        for cycle in 0..8000 {
-            let time = f64::from(cycle) * PERIOD_S;
-            let since = impact_s.map_or(0.0, |impact| time - impact);
-            if since > AFTER_S || outcome.delay_s.is_some() {
-                break;
-            }
-            let is_pushing = impact_s.is_some() && self.onset_s.is_some_and(|onset| since >= onset);
-            let step = fixture.step_admittance(&sensed);
-            let depth = -step.signed_distance_m;
-            if impact_s.is_none() && (step.is_impact || depth > 0.0) {
-                impact_s = Some(time);
-                outcome.is_met = true;
-            }
-            if impact_s.is_some() {
-                if !is_pushing {
-                    outcome.depth_m = outcome.depth_m.max(depth);
-                    outcome.tool_depth_m = outcome.tool_depth_m.max(-fixture.signed_distance_m(&tool));
-                } else if depth > outcome.depth_m.max(THROUGH_M) {
-                    outcome.delay_s = self.onset_s.map(|onset| since - onset);
-                }
-            }
-            targets = [targets[1], (step.proxy, (step.proxy - before) / PERIOD_S)];
-            before = step.proxy;
-            let (target, rate) = targets[0];
-            // Stiffness and damping with a limit on the force, held over the cycle as a drive holds its torque.
-            let servo = sat((target - tool) * SERVO_N_PER_M + (rate - tool_v) * SERVO_N_S_PER_M, SERVO_LIMIT_N);
-            for _ in 0..substeps {
-                let voluntary = if is_pushing {
-                    Vector2::x() * (-1.5 * YIELD_N)
-                } else {
-                    // Friction is paid for.
-                    sat((aim * hand.speed_m_per_s - holder_v) * hand.gain + aim * FRICTION_N, hand.limit_n)
-                };
-                sensed = (holder - tool) * hand.grip_n_per_m + (holder_v - tool_v) * grip_n_s_per_m;
-                tool_v += (servo + sensed) * (dt / TOOL_KG);
-                holder_v += (voluntary - sensed) * (dt / hand.mass_kg);
-                tool += tool_v * dt;
-                holder += holder_v * dt;
+    /// The fixture's step of a cycle and the servo's force; whether the run goes on.
+    fn begin_cycle(&mut self) -> bool {
+        let Self { strike, fixture, bodies, outcome, .. } = self;
+        let time = f64::from(self.cycle) * PERIOD_S;
+        let since = self.impact_s.map_or(0.0, |impact| time - impact);
+        if self.cycle == LONGEST_CYCLES || since > AFTER_S || outcome.delay_s.is_some() {
+            return false;
+        }
+        self.cycle += 1;
+        bodies.is_pushing = self.impact_s.is_some() && strike.onset_s.is_some_and(|onset| since >= onset);
+        let step = fixture.step_admittance(&bodies.sensed);
+        let depth = -step.signed_distance_m;
+        if self.impact_s.is_none() && (step.is_impact || depth > 0.0) {
+            self.impact_s = Some(time);
+            outcome.is_met = true;
+        }
+        if self.impact_s.is_some() {
+            if !bodies.is_pushing {
+                outcome.depth_m = outcome.depth_m.max(depth);
+                outcome.tool_depth_m = outcome.tool_depth_m.max(-fixture.signed_distance_m(&bodies.tool));
+            } else if depth > outcome.depth_m.max(THROUGH_M) {
+                outcome.delay_s = strike.onset_s.map(|onset| since - onset);
             }
         }
-        outcome
+        self.targets = [self.targets[1], (step.proxy, (step.proxy - self.before) / PERIOD_S)];
+        self.before = step.proxy;
+        let (target, rate) = self.targets[0];
+        // Stiffness and damping with a limit on the force, held over the cycle as a drive holds its torque.
+        let Bodies { tool, tool_v, .. } = *bodies;
+        bodies.servo = sat((target - tool) * SERVO_N_PER_M + (rate - tool_v) * SERVO_N_S_PER_M, SERVO_LIMIT_N);
+        true
+    }
+}
+
+/// Tool, and the hand that holds it by its grip.
+struct Bodies {
+    tool: Vector2<f64>,
+    tool_v: Vector2<f64>,
+    holder: Vector2<f64>,
+    holder_v: Vector2<f64>,
+    /// Force of the grip on the tool.
+    sensed: Vector2<f64>,
+    /// Force of the servo on the tool.
+    servo: Vector2<f64>,
+    is_pushing: bool,
+    /// Velocity at which the hand aims, and what it presses beside that: friction is paid for.
+    aim_v: Vector2<f64>,
+    paid: Vector2<f64>,
+    gain: f64,
+    limit_n: f64,
+    grip_n_per_m: f64,
+    grip_n_s_per_m: f64,
+    dt: f64,
+    per_tool: f64,
+    per_holder: f64,
+}
+
+impl Bodies {
+    fn at_rest(hand: &Hand, aim: Vector2<f64>, start: Vector2<f64>, dt: f64) -> Self {
+        let rest = Vector2::zeros();
+        Self {
+            tool: start,
+            tool_v: rest,
+            holder: start,
+            holder_v: rest,
+            sensed: rest,
+            servo: rest,
+            is_pushing: false,
+            aim_v: aim * hand.speed_m_per_s,
+            paid: aim * FRICTION_N,
+            gain: hand.gain,
+            limit_n: hand.limit_n,
+            grip_n_per_m: hand.grip_n_per_m,
+            grip_n_s_per_m: 2.0 * hand.grip_damping * (hand.grip_n_per_m * hand.mass_kg).sqrt(),
+            dt,
+            per_tool: dt / TOOL_KG,
+            per_holder: dt / hand.mass_kg,
+        }
+    }
+
+    #[inline]
+    fn step(&mut self) {
+        let voluntary = if self.is_pushing {
+            Vector2::x() * (-1.5 * YIELD_N)
+        } else {
+            sat((self.aim_v - self.holder_v) * self.gain + self.paid, self.limit_n)
+        };
+        self.sensed =
+            (self.holder - self.tool) * self.grip_n_per_m + (self.holder_v - self.tool_v) * self.grip_n_s_per_m;
+        self.tool_v += (self.servo + self.sensed) * self.per_tool;
+        self.holder_v += (voluntary - self.sensed) * self.per_holder;
+        self.tool += self.tool_v * self.dt;
+        self.holder += self.holder_v * self.dt;
     }
 }
