@@ -42,10 +42,12 @@ pub(super) struct Earlier {
     steps: Vec<(StepReport, Option<u64>)>,
 }
 
-/// A hash of all that a rig file says.
+/// A hash of all that a rig file says, and the device profiles that it names by their files.
 pub(super) fn rig_hash(rig: &config::Rig) -> String {
+    let profiles = rig.clone().name_profile_files();
+    let profiles: Vec<_> = profiles.iter().map(|(_, profile)| profile.as_ref()).collect();
     // A value of these types has a text.
-    let text = serde_json::to_string(rig).unwrap_or_default();
+    let text = serde_json::to_string(&(rig, profiles)).unwrap_or_default();
     format!("{:016x}", fnv1a(text.as_bytes()))
 }
 
@@ -133,5 +135,29 @@ impl Reported {
             curves: Vec::new(),
         };
         (report, self.ran_at_unix_s)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+    use std::sync::Arc;
+
+    use super::rig_hash;
+    use crate::config::{Source, load_rig};
+    use yieldwall_drives::profiles::SHIPPED;
+
+    #[test]
+    fn a_rig_whose_profile_file_was_changed_is_another_one() {
+        let rig = Source::named("builtin:paper-admittance.yaml").read().unwrap();
+        let rig = rig.replace("profile: simulated-servo", "profile: own.yaml");
+        let (_, servo) = SHIPPED.iter().find(|(name, _)| *name == "simulated-servo").unwrap();
+        let hash = |profile: &str| {
+            let files = [("rig.yaml", rig.as_str()), ("own.yaml", profile)];
+            let files = files.map(|(name, text)| (PathBuf::from(name), Arc::from(text)));
+            rig_hash(&load_rig(Source::among("rig.yaml", files)).unwrap().value)
+        };
+        assert_eq!(hash(servo), hash(servo));
+        assert_ne!(hash(servo), hash(&servo.replace("tried: simulation", "tried: never")));
     }
 }
