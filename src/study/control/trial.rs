@@ -26,7 +26,7 @@ pub(super) const MOST_DELAY: usize = 3;
 /// Where the tool starts, on the x axis, and where the hand aims: 14 N beyond the circle.
 const START_M: f64 = 0.075;
 const AIM_M: f64 = 0.155;
-/// The way to the circle, s: the tool meets it at some 0.2 m/s.
+/// The way to the circle, s: the tool meets it at some 0.4 m/s.
 const APPROACH_S: f64 = 0.6;
 const REST_S: f64 = 0.4;
 /// Half of the tracing: along an arc and back.

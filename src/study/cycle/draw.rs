@@ -66,7 +66,7 @@ pub(super) fn chart(rigs: &Table, computing: &Table) -> Chart {
                 lines(rigs, |row| 1e6 * row.number("error_rms_m")),
             ),
             panel(
-                "impact at 0.2 m/s, held",
+                "impact at 0.39 m/s, held",
                 Axis::logarithmic("depth of the tool (mm)"),
                 lines(rigs, |row| 1e3 * row.number("held_tool_depth_m")),
             ),

@@ -296,7 +296,7 @@ impl Study for CycleStudy {
     }
 
     fn about(&self) -> &'static str {
-        "cycle time of the whole rig on CAN and EtherCAT at equal margins: path error, penetration, least virtual mass, bus load, computing time"
+        "cycle time of the whole rig on CAN and EtherCAT: path error, penetration, least virtual mass, bus load, computing time"
     }
 
     fn sweeps(&self) -> &[Box<dyn Sweep>] {

@@ -22,7 +22,7 @@ const RADIUS_M: f64 = 0.12;
 /// Where the tool starts, on the x axis, and where the hand aims: 14 N beyond the circle, below R.
 const START_M: f64 = 0.075;
 const AIM_M: f64 = 0.155;
-/// Rest, the way to the circle (which the tool meets at some 0.2 m/s), rest, and half of the trace along the circle and back, in s.
+/// Rest, the way to the circle (which the tool meets at some 0.4 m/s), rest, and half of the trace along the circle and back, in s.
 const BEFORE_S: f64 = 0.2;
 const APPROACH_S: f64 = 0.6;
 const REST_S: f64 = 0.4;

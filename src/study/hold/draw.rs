@@ -48,7 +48,7 @@ fn window(impacts: &Table, pushes: &Table) -> Chart {
     let panel = |grips| {
         let mut series = Vec::new();
         for name in ["N_wait", "automatic"] {
-            let mut points = Vec::new();
+            let (mut points, mut default) = (Vec::new(), Vec::new());
             for rule in rules(name) {
                 let row = of_rule(impacts_of(impacts, Place::Wall, grips), rule);
                 let Some((row, push)) = row.zip(of_rule(pushes_of(pushes, grips, ONSET_MS), rule)) else { continue };
@@ -57,14 +57,21 @@ fn window(impacts: &Table, pushes: &Table) -> Chart {
                     continue;
                 }
                 points.push((x, 100.0 * row.number("share")));
+                if rule == DEFAULT {
+                    default.push((x, 100.0 * row.number("share")));
+                }
                 let interval = ["share_low", "share_high"].map(|column| (100.0 * row.number(column)).max(LEAST));
                 series.push(whisker(x, interval, color(name)));
             }
             series.push(Series { name: name.to_owned(), points, mark: mark(name), color: color(name) });
+            if !default.is_empty() {
+                let name = format!("{name}, {} ms: the default", DEFAULT.window_ms());
+                series.push(Series { name, points: default, mark: Mark::Marks, color: Color::Black });
+            }
         }
         Panel {
             title: format!("{} grips", grips.name),
-            x: Axis::linear("delay of a push begun 100 ms after the impact, median (ms)").over(-10.0, 310.0),
+            x: Axis::linear("delay of a push begun 100 ms after the impact, median (ms)").over(-10.0, 330.0),
             y: Axis::logarithmic("hands that break through (%)").over(LEAST, 100.0),
             series,
         }
@@ -77,6 +84,9 @@ fn window(impacts: &Table, pushes: &Table) -> Chart {
         columns: 3,
     }
 }
+
+/// What a rig has that says nothing of it.
+const DEFAULT: Rule = Rule::Automatic(150);
 
 /// Lower edge of the axis of shares, in percent.
 const LEAST: f64 = 0.005;

@@ -289,7 +289,7 @@ fn tool_panel(tool: &Table, notes: &mut Vec<String>) -> Panel {
             })
         };
         let points = rows().map(|row| (row.number("impact_m_per_s"), row.number("tool_depth_m") * 1e3)).collect();
-        series.push(Series { name: format!("tool, N_wait {hold_steps}"), points, mark: Mark::MarkedLine, color });
+        series.push(Series { name: format!("tool, N_wait {hold_steps}"), points, mark: Mark::MarkedDashes, color });
         let deepest = rows().map(|row| row.number("depth_m")).fold(0.0, f64::max);
         let farthest = rows().map(|row| row.number("tool_depth_m")).fold(0.0, f64::max);
         notes.push(format!(

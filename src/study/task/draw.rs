@@ -105,7 +105,7 @@ fn price(errors: &Table) -> Chart {
     }
     Chart {
         title: format!(
-            "Error against its price, circle at {SPEED_M_PER_S} m/s, soft hand; a line runs over aims off by 1.25, 2.5, 5 and 10 mm RMS"
+            "Error against its price, circle at {SPEED_M_PER_S} m/s, soft hand; a line runs over aims off by 1.25, 2.5, 5 and 10 mm RMS at rest"
         ),
         panels,
         columns: 3,
@@ -161,7 +161,7 @@ fn map(errors: &Table) -> Chart {
                     cells[which].push((1.0 + place as f64, 1e3 * aim_m));
                 }
             }
-            let names = ["plastic", "a saturated spring (cross)", "viscous", "alike"];
+            let names = ["plastic", "a saturated spring (cross)", "viscous", "no single law"];
             let colors = [Color::Blue, Color::Orange, Color::Green, Color::Pale];
             let mut series: Vec<Series> = (names.into_iter().zip(colors).zip(&cells))
                 .map(|((name, color), points)| Series {
