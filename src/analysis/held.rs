@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::identified::{identified_delay_cycles, identified_models};
+use super::identified::{identified_delay_cycles, identified_models, later_between_s};
 use super::margins::poses;
 use crate::assembly::{
     AssemblyError, bus_id, bus_plan, delay_cycles, gains, linkage, period_s, plant_mass, sampled_before,
@@ -16,7 +16,7 @@ use crate::control::{
 use crate::linkage::MassModel;
 use crate::quantity::{JointAngles, JointRates, TipPoint};
 use crate::rig::RigError;
-use crate::run::JointFound;
+use crate::run::{ForceFound, JointFound};
 use crate::sim::SYNC_RATE_HZ;
 
 /// Hands for which a rig is looked at when none is named: normal, stiff and braced, N/m.
@@ -103,19 +103,27 @@ pub fn held_masses(rig: &config::Rig, hands: &[Grip], configured_kg: f64) -> Res
 }
 
 /// The same in torque mode with what was identified of the joints: their delay, and the arm as both of
-/// [`identified_models`] have it, while the model of the file is fed forward. `None` in the other modes.
+/// [`identified_models`] have it, while the model of the file is fed forward; and with the force as old as it may be, at least and at most, by
+/// what was identified of it, where that is older than the file has it. `None` in the other modes.
 ///
 /// # Errors
 /// As [`held_masses`].
 pub fn held_masses_identified(
     rig: &config::Rig,
-    found: &[JointFound; 2],
+    (found, force): (&[JointFound; 2], Option<&ForceFound>),
     hands: &[Grip],
     configured_kg: f64,
 ) -> Result<Option<Vec<Holding>>, RigError> {
-    let (Some((Follower::Host { gains, .. }, is_cartesian)), outers) = (follower(rig)?, outers(rig)?) else {
+    let (Some((Follower::Host { gains, .. }, is_cartesian)), believed) = (follower(rig)?, outers(rig)?) else {
         return Ok(None);
     };
+    let mut later_s = force.map_or(Ok([0.0; 2]), |force| later_between_s(rig, force))?.to_vec();
+    later_s.dedup();
+    let older = |outer: &Outer, by_s: f64| {
+        let oldest_s = outer.sampling.oldest_s + by_s;
+        Outer { sampling: Sampling { oldest_s, ..outer.sampling }, ..*outer }
+    };
+    let outers = later_s.iter().flat_map(|by_s| believed.iter().map(move |outer| older(outer, *by_s))).collect();
     let follower = Follower::Host { gains, delay_cycles: identified_delay_cycles(rig, found)? };
     let models = identified_models(rig, found)?;
     let places = || poses(rig).into_iter().flat_map(|tool| models.iter().map(move |model| (tool, model)));
@@ -239,7 +247,7 @@ pub fn is_sampled_at_sync(rig: &config::Rig) -> bool {
 
 /// The way of the force, with the oldest samples that the sensor's clock can have the cycle use: where frames decide which one that
 /// is, for the shortest and for the longest ones.
-fn outers(rig: &config::Rig) -> Result<Vec<Outer>, RigError> {
+pub(super) fn outers(rig: &config::Rig) -> Result<Vec<Outer>, RigError> {
     let period_s = period_s(rig);
     let interval_s = rig.sensor.sample_rate_hz.get().recip();
     let own_clock = |latest_s: f64| Sampling { interval_s, oldest_s: interval_s - latest_s, phases: PHASES };

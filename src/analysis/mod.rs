@@ -14,6 +14,6 @@ pub use held::{
     Coupled, HeldMasses, Holding, UnevenSamples, coupled_device, hand_of, held_masses, held_masses_identified,
     is_sampled_at_sync, stiffer, uneven_samples, usual_hands,
 };
-pub use identified::{identified_margins, identified_models};
+pub use identified::{believed_age_s, identified_margins, identified_models, later_s};
 pub use margins::{Margin, PoseMargins, pose_margins};
 pub use remedies::{Remedy, remedies};

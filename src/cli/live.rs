@@ -30,7 +30,7 @@ use crate::record::recording::About;
 use crate::report::{self, Overrides, measured, replay};
 use crate::run::{Ended, Orders, Play, RunError};
 use facts::Facts;
-use proof::{check_measured_loop, unproven, untimely};
+use proof::{check_measured_loop, measured_masses, unproven, untimely};
 pub(super) use proof::{evidence, loops};
 
 /// Cycles of which figure and measures are made, from the first one on: ten minutes at 1 kHz. A recording holds all.
@@ -65,6 +65,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     if arguments.pace == PaceArgument::Free {
         let buses = arguments.bus.iter().map(|bus| format!("--bus {bus}")).collect::<Vec<_>>().join(" ");
         check_measured_loop(&rig, &loops()?, &buses)?;
+        output.configuration(&measured_masses(&rig, &loops()?)?)?;
     }
     // Devices in lockstep are simulated; on others a scene says no more than how long it lasts.
     let scene = match (&rig.value.simulation, arguments.pace) {

@@ -9,6 +9,7 @@ pub(super) use device::{coupled_finding, coupled_json, coupled_lines};
 pub(super) use masses::{Masses, advice};
 
 use super::failure::{Exit, Failure};
+use super::keep::state_folder;
 use super::output::Output;
 use crate::analysis::coupled_device;
 use crate::config::{self, Document, Source};
@@ -22,7 +23,8 @@ pub(super) enum Command {
     /// Tell the virtual masses of a rig that are stable, or the greatest virtual stiffness and damping of a device
     ///
     /// By the sampled loop with its real delays at the worst pose along the surface and the worst phase of a sensor with its own
-    /// clock, hand on the tool for a rig, hand off for a device. docs/studies.md compares it with simulation.
+    /// clock, hand on the tool for a rig, hand off for a device. docs/studies.md compares it with simulation. Where `tune loop` has
+    /// measured the rig on its bus in torque mode, inertia, delay and age of the force are those.
     Fixture(Arguments),
     /// Tell the gains of a rig with 6 dB and 45 degrees of margin, by the model of its arm alone
     ///
@@ -30,12 +32,13 @@ pub(super) enum Command {
     /// of the simulated arm, the delay of its bus and the hold. Velocity mode: the greatest gain without overshoot. In position mode this
     /// program has no gains.
     Gains(gains::Arguments),
-    /// Identify inertia, friction and delay of each joint from its motion, and tell the gains that these leave 6 dB and 45 degrees
+    /// Identify inertia, friction and delay of each joint and the age of the force, and tell the gains that leave 6 dB and 45 degrees
     ///
     /// One joint after the other is led to and fro by 12 degrees while the other one is held: slowly at three rates, with small vibrations
     /// (a sum of sines in place of a chirp), and with small steps. In torque mode the torque is what this program sets, and the delay from
     /// an angle to the torque that was computed from it is identified too. In the other modes the drive closes the loop and is asked for its torque
-    /// (6077h), which shows friction and no inertia. Nobody may hold the handle. docs/bringup.md says more.
+    /// (6077h), which shows friction and no inertia. Meanwhile the force sensor feels the mass of the handle, which shows how old its
+    /// force is; a light handle wants a weight of some 0.3 kg. Nobody may hold the handle. docs/bringup.md says more.
     Loop(Box<joint_loop::Arguments>),
 }
 
@@ -72,7 +75,15 @@ pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     match config::load(Source::named(&arguments.file))? {
         Document::Rig(rig) => {
             output.configuration(&rig.warnings)?;
-            let masses = Masses::of(&rig, &arguments.hand_stiffness).map_err(|error| failure(&error))?;
+            let folder = state_folder("loops");
+            let recorded = folder
+                .map(|folder| Masses::of_recorded(&rig, &arguments.hand_stiffness, &folder))
+                .transpose()?
+                .flatten();
+            let masses = match recorded {
+                Some(masses) => masses,
+                None => Masses::of(&rig, &arguments.hand_stiffness).map_err(|error| failure(&error))?,
+            };
             if output.is_json() { output.report(masses.to_json(reserve)) } else { output.result(&masses.text(reserve)) }
         }
         Document::Device(device) => {

@@ -1,9 +1,10 @@
 //! What an arm is: inertia, friction and delay of a joint from how it went where it was led, link lengths and zeros from points that the tool
-//! has visited, each with its 95 % interval; what a force sensor makes of known forces.
+//! has visited, each with its 95 % interval; what a force sensor makes of known forces, and how old its force is.
 //!
 //! ```text
 //! Excitation -> the joint is led at a steady rate, and the excitation on top -> Passage -> dynamics(): inertia, delay, response
 //!               the joint is led at steady rates, to and fro                 -> Steady  -> friction(): Coulomb and viscous
+//!               the tool is shaken by that, with nobody at the handle        -> Shaken  -> handle(): mass beyond the sensor, age of the force
 //! ```
 //! Nothing here reads a clock or knows a rig: angles and torques of consecutive cycles go in.
 //!
@@ -21,6 +22,7 @@ mod estimate;
 mod excitation;
 mod forces;
 mod friction;
+mod handle;
 mod kinematics;
 
 pub use dynamics::{Dynamics, MOST_SHIFTS, Passage, Response, dynamics};
@@ -28,6 +30,7 @@ pub use estimate::Estimate;
 pub use excitation::{Excitation, Line};
 pub use forces::{ForceMap, Pull, force_map};
 pub use friction::{Friction, Steady, friction};
+pub use handle::{BEHIND, Handle, Shaken, handle, lead_in};
 pub use kinematics::{Kinematics, Visited, kinematics};
 
 use thiserror::Error;
@@ -58,6 +61,14 @@ pub enum NotIdentified {
     NoDelay {
         /// The longest one, s.
         longest_s: f64,
+    },
+    /// What is beyond the force sensor has too little mass against the sensor's noise.
+    #[error("the force sensor feels {mass_kg:.3} kg beyond it, {up_to_kg:.3} kg at most, too little against its noise")]
+    NoHandle {
+        /// The mass that fits, kg.
+        mass_kg: f64,
+        /// Greatest one that it may be, kg, 0 or above.
+        up_to_kg: f64,
     },
     /// The inertia would not be positive.
     #[error("the torque does not accelerate the joint")]

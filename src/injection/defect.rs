@@ -24,6 +24,8 @@ pub enum DefectKind {
     Backlash,
     LooseHome,
     BiasedSensor,
+    HeavyHandle,
+    SlowSensor,
 }
 
 /// The size of a defect.
@@ -98,7 +100,7 @@ const fn row(
 }
 
 /// All defects, in the order of their kinds.
-pub const DEFECTS: [DefectRow; 14] = [
+pub const DEFECTS: [DefectRow; 16] = [
     row(
         DefectKind::EncoderPolarity,
         "encoder-polarity",
@@ -196,6 +198,20 @@ pub const DEFECTS: [DefectRow; 14] = [
         (false, FoundBy::Step("admittance")),
         size("force along x of the sensor that is not there, N", 6.0, 4.0, 12.0),
         "the zero of the force sensor is wrong, by less than the step `sensor-rest` sees",
+    ),
+    row(
+        DefectKind::HeavyHandle,
+        "heavy-handle",
+        (false, FoundBy::Command("yieldwall tune loop")),
+        size("mass beyond the force sensor on top of what the rig file says, kg", 0.3, 0.05, 1.0),
+        "the handle weighs more than the rig file says, or a weight was put on it",
+    ),
+    row(
+        DefectKind::SlowSensor,
+        "slow-sensor",
+        (false, FoundBy::Command("yieldwall tune loop")),
+        size("time constant of a low pass in the sensor, ms", 2.0, 1.0, 10.0),
+        "the force sensor filters what it sends, and the force is older than the rig file says; a handle with some mass shows it",
     ),
 ];
 

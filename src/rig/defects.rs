@@ -46,8 +46,23 @@ pub(super) fn friction(scene: &config::Scene, mut healthy: [f64; 2]) -> Result<[
 
 /// The noise of a sensor that has too much of it, counts.
 pub(super) fn sensor_noise_counts(rig: &config::Rig, scene: &config::Scene) -> Result<Option<f64>, RigError> {
-    let noise = all(scene)?.into_iter().find(|defect| defect.kind == DefectKind::NoisySensor);
-    Ok(noise.map(|defect| defect.size / n_per_count(rig)))
+    let noise = of_machine(scene, DefectKind::NoisySensor)?;
+    Ok(noise.map(|noise_n| noise_n / n_per_count(rig)))
+}
+
+/// What hangs at the handle beside what the rig file says, kg.
+pub(super) fn hung_kg(scene: &config::Scene) -> Result<f64, RigError> {
+    of_machine(scene, DefectKind::HeavyHandle).map(Option::unwrap_or_default)
+}
+
+/// The time constant of a low pass in the force sensor that the rig file does not know, s; 0 for none.
+pub(super) fn sensor_lag_s(scene: &config::Scene) -> Result<f64, RigError> {
+    of_machine(scene, DefectKind::SlowSensor).map(|lag_ms| 1e-3 * lag_ms.unwrap_or_default())
+}
+
+/// The size of a defect that is not one of a drive, if the machine has it.
+fn of_machine(scene: &config::Scene, kind: DefectKind) -> Result<Option<f64>, RigError> {
+    Ok(all(scene)?.into_iter().find(|defect| defect.kind == kind).map(|defect| defect.size))
 }
 
 /// The force that a count of the first channel is, N.

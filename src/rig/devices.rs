@@ -7,7 +7,7 @@ use nalgebra::Vector2;
 use super::defects::{self, Defects};
 use super::error::RigError;
 use super::far_end::DEVICES;
-use super::world::{Body, Grip, Ideal, Truth, World};
+use super::world::{Body, Grip, Ideal, SensorFilter, Truth, World};
 use crate::assembly;
 use crate::assembly::AssemblyError;
 use crate::bus::{CommandMode, SensorLink};
@@ -214,7 +214,8 @@ fn axis(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive) -> Resu
     })
 }
 
-/// The arm that the embedded simulation takes a rig to have, with the mass of the scene's hand and the gears of its model.
+/// The arm that the embedded simulation takes a rig to have, with the mass of the scene's hand and the gears of its model. The handle
+/// beyond the force sensor (`sensor.handle_mass_kg`) is a part of its tool.
 ///
 /// # Errors
 /// A linkage that does not close, or a scene without a model.
@@ -223,7 +224,7 @@ pub fn arm(rig: &config::Rig, scene: &config::Scene) -> Result<ArmParameters, Ri
     Ok(ArmParameters {
         linkage: assembly::linkage(rig)?,
         mass: assembly::plant_mass(rig)?,
-        handle_kg: scene.hand.mass_kg.get(),
+        handle_kg: scene.hand.mass_kg.get() + defects::hung_kg(scene)?,
         coulomb_n_m: defects::friction(scene, arm.coulomb_n_m.map(|value| value.get()))?,
         viscous_n_m_s_per_rad: arm.viscous_n_m_s_per_rad.map(|value| value.get()),
         joint_elasticity: model(scene)?.joint_elasticity.as_ref().map(|elasticity| JointElasticity {
@@ -279,6 +280,8 @@ pub(super) fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Resu
         pushes: Vec::new(),
         weight: Force::default(),
         defects: Defects::new(rig, scene, angles)?,
+        handle_kg: rig.sensor.handle_mass_kg.get() + defects::hung_kg(scene)?,
+        filter: SensorFilter::new(defects::sensor_lag_s(scene)?),
         truth: Truth::default(),
         sampled: None,
     })

@@ -127,6 +127,31 @@ impl Push {
     }
 }
 
+/// A first-order low pass within the force sensor, behind which its converters are.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct SensorFilter {
+    /// Its time constant, s; 0 for none.
+    lag_s: f64,
+    output: Vector2<f64>,
+    at_s: f64,
+}
+
+impl SensorFilter {
+    /// One with this time constant, s, that has felt nothing yet; 0 for none.
+    pub(super) fn new(lag_s: f64) -> Self {
+        Self { lag_s, ..Self::default() }
+    }
+
+    /// Goes on to `time_s` with a force that has been the same since it went on last.
+    fn advance_to(&mut self, time_s: f64, force_n: Vector2<f64>) {
+        let elapsed_s = time_s - self.at_s;
+        if elapsed_s > 0.0 {
+            self.output += (force_n - self.output) * (1.0 - elementary::exp(-elapsed_s / self.lag_s));
+            self.at_s = time_s;
+        }
+    }
+}
+
 /// Arm, hand and the transducer between them.
 #[derive(Clone, Debug)]
 pub(super) struct World {
@@ -150,6 +175,10 @@ pub(super) struct World {
     pub(super) weight: Force,
     /// What is wrong with the machine.
     pub(super) defects: Defects,
+    /// Mass on the hand's side of the force sensor, kg: a part of the tool's own.
+    pub(super) handle_kg: f64,
+    /// The low pass of the force sensor.
+    pub(super) filter: SensorFilter,
     /// Whether there is one at all.
     pub(super) has_hand: bool,
     /// Stiffness of the hand as the scene has it, N/m.
@@ -178,6 +207,11 @@ impl World {
                 load.force_n += weight.0 + pushes.iter().map(|push| push.force_n(time, tip.0)).sum::<Vector2<f64>>();
                 load
             })?;
+        }
+        if self.filter.lag_s > 0.0 {
+            // Torques are the same since the last moment to which the machine was moved on.
+            let (_, truth, acceleration) = self.present(now)?;
+            self.filter.advance_to(now.as_secs_f64(), self.carried_n(&truth, acceleration));
         }
         Ok(())
     }
@@ -273,13 +307,14 @@ impl World {
 
     /// Notes the truth of this moment as what the drives have sampled.
     pub(super) fn sample(&mut self, now: Time) -> Result<(), RigError> {
-        self.posture(now)?;
-        self.sampled = Some(self.truth);
+        let (_, truth, _) = self.present(now)?;
+        self.truth = truth;
+        self.sampled = Some(truth);
         Ok(())
     }
 
-    /// The arm's posture at `now`; notes the truth of this moment.
-    fn posture(&mut self, now: Time) -> Result<Posture, RigError> {
+    /// The arm's posture at `now`, the truth of this moment, and the acceleration of the tool, m/s^2.
+    fn present(&mut self, now: Time) -> Result<(Posture, Truth, Vector2<f64>), RigError> {
         let time = now.as_secs_f64() - self.hand_from_s;
         let (posture, position, velocity, acceleration) = match &self.body {
             Body::Arm(arm) => {
@@ -297,15 +332,22 @@ impl World {
                 Force(self.hand.force_on_tool(time, position.0 - offset, velocity.0, acceleration) + pushed)
             }
         };
-        self.truth = Truth { tip: position, velocity, force };
-        Ok(posture)
+        Ok((posture, Truth { tip: position, velocity, force }, acceleration))
+    }
+
+    /// What the force sensor carries, N: the force of the hand, less what accelerates the handle between both.
+    fn carried_n(&self, truth: &Truth, acceleration: Vector2<f64>) -> Vector2<f64> {
+        truth.force.0 - acceleration * self.handle_kg
     }
 
     /// What the force sensor's channels read at `now`, in counts; notes the truth of this moment.
     pub(super) fn feel(&mut self, now: Time) -> Result<[i32; 6], RigError> {
-        let posture = self.posture(now)?;
+        let (posture, truth, acceleration) = self.present(now)?;
+        self.truth = truth;
+        let carried = self.carried_n(&truth, acceleration);
+        let felt = if self.filter.lag_s > 0.0 { self.filter.output } else { carried };
         let link = self.mounting.link_rotation(posture.distal_rotation);
-        let mut counts = self.calibration.counts_for(&self.mounting.to_sensor(self.truth.force, 0.0, link));
+        let mut counts = self.calibration.counts_for(&self.mounting.to_sensor(Force(felt), 0.0, link));
         if self.noise_counts > 0.0 {
             let range = self.calibration.range_counts();
             for count in &mut counts {

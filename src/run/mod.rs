@@ -52,6 +52,6 @@ pub use runner::{ANNOUNCED, BootWatch, END_OF_WATCH, LinkCounts, Observer, Runne
 pub use scene::{Ended, Play, Played};
 pub use sensor::{NoZero, Wrenches};
 pub use tune_loop::{
-    Follows, JointFound, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced, LoopUnreadable, MeasuredLoop, Prove,
-    STEP_RISE_S, StepAnswer,
+    Follows, ForceFound, JointFound, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced, LoopUnreadable, MeasuredLoop,
+    Prove, STEP_RISE_S, StepAnswer,
 };

@@ -9,8 +9,9 @@ use crate::cli::keep::state_folder;
 use crate::cli::latency::now_unix_s;
 use crate::cli::pace::PaceArgument;
 use crate::cli::run::{NOTHING_ENABLED, judge};
+use crate::cli::tune::Masses;
 use crate::cli::{drill, latency};
-use crate::config;
+use crate::config::{self, Diagnostic};
 use crate::host::{Evidence, Untimely};
 use crate::rig;
 use crate::run::{MeasuredLoop, Unproven};
@@ -103,6 +104,16 @@ pub(super) fn check_measured_loop(
     Err(refused(message, &again))
 }
 
+/// What there is to say of the virtual mass by what was measured on a bus, if anything was.
+pub(super) fn measured_masses(rig: &config::Loaded<config::Rig>, folder: &Path) -> Result<Vec<Diagnostic>, Failure> {
+    // Masses are those of hands, of which the scene has one.
+    if rig.value.simulation.is_none() {
+        return Ok(Vec::new());
+    }
+    let masses = Masses::of_recorded(rig, &[], folder)?;
+    Ok(masses.and_then(|masses| masses.measured_finding(rig)).into_iter().collect())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -117,7 +128,7 @@ mod tests {
         for (delay_s, is_refused) in [(1.0e-3, false), (1.6e-3, true), (40e-3, true)] {
             let joint = |pose_rad| JointFound { inertia_kg_m2: 0.34, pose_rad, delay_s, viscous_n_m_s_per_rad: 0.5 };
             let joints = [[2.2, 0.69], [2.1, 0.79]].map(joint);
-            MeasuredLoop::new(&rig.value, joints).store(&folder).unwrap();
+            MeasuredLoop::new(&rig.value, joints, None).store(&folder).unwrap();
             let checked = check_measured_loop(&rig, &folder, "--bus can0");
             assert_eq!(checked.is_err(), is_refused, "{delay_s}: {checked:?}");
         }

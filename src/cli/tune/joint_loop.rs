@@ -1,5 +1,6 @@
 //! `yieldwall tune loop`: inertia, friction and delay of each joint from its motion, and gains from them.
 
+mod force;
 mod page;
 
 use std::path::PathBuf;
@@ -8,7 +9,8 @@ use serde_json::{Value, json};
 
 use super::gains::{Proposal, nothing, set};
 use super::masses::Masses;
-use crate::analysis::{PROPOSED_MARGINS, PoseMargins, has_margins, identified_margins, proposed_gains};
+use crate::analysis::{PROPOSED_MARGINS, PoseMargins, has_margins, identified_margins, proposed_gains, usual_hands};
+use crate::cli::commission::add_defects;
 use crate::cli::ending::{rig_failure, stopped_by};
 use crate::cli::failure::{Exit, Failure, both};
 use crate::cli::interrupt::{interrupted, on_interrupt};
@@ -17,10 +19,13 @@ use crate::cli::output::Output;
 use crate::cli::replace::Replace;
 use crate::cli::run::check_buses;
 use crate::config::{self, CommandMode, ControlLaw, Loaded, Positive, Rig, Source};
+use crate::control::Grip;
 use crate::guard::Fault;
 use crate::identification::{Estimate, Friction, NotIdentified};
 use crate::rig::EmbeddedRig;
-use crate::run::{Ended, JointFound, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced, NotProven, STEP_RISE_S};
+use crate::run::{
+    Ended, ForceFound, JointFound, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced, NotProven, STEP_RISE_S,
+};
 
 /// Beside the exact bound: so much more sliding time keeps an axis from overshooting after a saturation.
 ///
@@ -49,6 +54,10 @@ pub(in crate::cli) struct Arguments {
     html: Option<PathBuf>,
     #[command(flatten)]
     replace: Replace,
+    /// Give the simulated machine a defect, as `commission`; may be repeated
+    #[cfg_attr(target_os = "linux", arg(conflicts_with = "bus"))]
+    #[arg(long, value_name = "NAME[=SIZE][:left|right]")]
+    defect: Vec<String>,
     #[cfg(target_os = "linux")]
     #[command(flatten)]
     on_bus: crate::cli::first_motion::OnBus,
@@ -76,7 +85,8 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
     if arguments.on_bus.is_asked() {
         return on_bus(arguments, &plans, &rig, output);
     }
-    let scene = rig.scene()?.value;
+    let mut scene = rig.scene()?.value;
+    add_defects(&mut scene, &rig.value, &arguments.defect)?;
     let is_interrupted = on_interrupt()?;
     let machine = EmbeddedRig::new(&rig.value, &scene, &rig.value.fixture, scene.seed);
     let mut machine = machine.map_err(|error| rig_failure(&error))?;
@@ -147,11 +157,16 @@ fn on_bus(arguments: &Arguments, plans: &[LoopPlan], rig: &Loaded<Rig>, output: 
 /// Keeps what was measured on a bus for the runs with this configuration; where.
 #[cfg(target_os = "linux")]
 fn keep(traced: &[LoopTraced], rig: &Loaded<Rig>, is_by_the_clock: bool) -> Result<Option<PathBuf>, Failure> {
+    use crate::run::MeasuredLoop;
+
     let found: Vec<&JointLoop> = traced.iter().filter_map(|traced| traced.found.as_ref()).collect();
     // In lockstep time is that of the devices, and says nothing of a bus.
     let Some(joints) = joints_found(&found, &rig.value).filter(|_| is_by_the_clock) else { return Ok(None) };
     let folder = crate::cli::live::loops()?;
-    let stored = crate::run::MeasuredLoop::new(&rig.value, joints).store(&folder);
+    // Without the weight that has shown it the age of the force stays as it was measured.
+    let before = || MeasuredLoop::load(&rig.value, &folder).ok().flatten().and_then(|before| before.force(&rig.value));
+    let force = ForceFound::of(&found).or_else(before);
+    let stored = MeasuredLoop::new(&rig.value, joints, force).store(&folder);
     stored.map(Some).map_err(|error| {
         Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
     })
@@ -180,7 +195,9 @@ fn end(
     let mut judged = both(judged, given_back);
     // With the gains that are proposed; a rig without a scene has no hand to be held by.
     let held = proposal.as_ref().map_or(rig, Proposal::tuned);
-    let masses = joints.and_then(|joints| Masses::of_identified(held, &joints).ok());
+    let force = ForceFound::of(&found);
+    let usual = |hand: &Grip| usual_hands(hand).to_vec();
+    let masses = joints.and_then(|joints| Masses::of_identified(held, &joints, force.as_ref(), usual).ok());
     if let Some(masses) = &masses {
         output.warnings(&masses.finding(held).into_iter().collect::<Vec<_>>());
     }
@@ -219,6 +236,7 @@ fn end(
                 "rig": rig.value.rig.name,
                 "joints": joints.collect::<Vec<_>>(),
                 "advice": advice(&found, &rig.value),
+                "force": force::json(&found, &rig.value),
                 "proposal": gains,
                 "masses": masses.as_ref().map(|masses| masses.to_json(super::RESERVE)),
             }),
@@ -360,6 +378,7 @@ fn joint_text(joint: &JointLoop, rig: &Rig) -> String {
         }
         Err(error) => lines.push(format!("friction  not identified: {error}")),
     }
+    lines.push(force::line(&joint.handle));
     if let Some(lag_s) = joint.lag_s.filter(|_| joint.is_told) {
         lines.push(format!(
             "lag       {:.2} ms from a set-point to the angle; the loop closes in the drive",
@@ -415,6 +434,7 @@ fn advice(found: &[&JointLoop], rig: &Rig) -> Vec<String> {
             rig.control.sliding_time_s.get()
         ));
     }
+    lines.extend(force::advice(found, rig));
     match rig.rig.command_mode {
         CommandMode::Torque => {}
         CommandMode::Velocity => lines.push(
@@ -429,8 +449,12 @@ fn advice(found: &[&JointLoop], rig: &Rig) -> Vec<String> {
     lines
 }
 
+fn estimate_json(estimate: &Estimate) -> Value {
+    json!({ "value": estimate.value, "low": estimate.low, "high": estimate.high })
+}
+
 fn joint_json(joint: &JointLoop, rig: &Rig) -> Value {
-    let estimate = |estimate: &Estimate| json!({ "value": estimate.value, "low": estimate.low, "high": estimate.high });
+    let estimate = estimate_json;
     let complex = |hz: f64, z: nalgebra::Complex<f64>| json!({ "frequency_hz": hz, "re": z.re, "im": z.im });
     let dynamics = joint.dynamics.as_ref().ok();
     let friction = joint.friction.as_ref().ok();
@@ -446,6 +470,7 @@ fn joint_json(joint: &JointLoop, rig: &Rig) -> Value {
         "offset_n_m": friction.map(|friction| friction.offset_n_m),
         "delay_s": dynamics.map(|dynamics| estimate(&dynamics.delay_s)),
         "misfit": dynamics.map(|dynamics| dynamics.misfit),
+        "force": force::handle_json(&joint.handle),
         "lag_s": joint.lag_s,
         "is_torque_told": joint.is_told,
         "torque_limit_n_m": joint.torque_n_m,

@@ -1,7 +1,10 @@
 //! The virtual masses of a rig that are stable, for a person and for a program to read.
 
+mod measured;
+
 use serde_json::{Value, json};
 
+use self::measured::Measured;
 use crate::analysis::{
     HeldMasses, Holding, Remedy, UnevenSamples, hand_of, held_masses, held_masses_identified, remedies, stiffer,
     uneven_samples, usual_hands,
@@ -11,7 +14,7 @@ use crate::config::{Coupling, Diagnostic, Loaded, Rig, Scene, Severity};
 use crate::control::Grip;
 use crate::report::{Overrides, replay};
 use crate::rig::RigError;
-use crate::run::JointFound;
+use crate::run::{ForceFound, JointFound};
 
 /// What to do where the loop is not known.
 const UNKNOWN: &str = "least virtual mass: not known, since the velocity loop closes in the drives; try masses by `yieldwall run`, with \
@@ -31,6 +34,8 @@ pub(in crate::cli) struct Masses {
     configured_kg: f64,
     has_scene_hand: bool,
     uneven: Option<UnevenSamples>,
+    /// What was measured on a bus, if that stands in place of the rig file's word.
+    measured: Option<Measured>,
     /// `None` where the loop is not known.
     holdings: Option<Vec<Holding>>,
 }
@@ -50,10 +55,17 @@ impl Masses {
         Self::with(rig, |_| Vec::new(), held_masses)
     }
 
-    /// For the hand of the scene and for the usual ones, by what was identified of the joints.
-    pub(super) fn of_identified(rig: &Loaded<Rig>, found: &[JointFound; 2]) -> Result<Self, RigError> {
-        let held = |rig: &Rig, hands: &[Grip], configured_kg| held_masses_identified(rig, found, hands, configured_kg);
-        Self::with(rig, |hand| usual_hands(hand).to_vec(), held)
+    /// For the hand of the scene and for others, by what was identified of the joints and of the force.
+    pub(super) fn of_identified(
+        rig: &Loaded<Rig>,
+        found: &[JointFound; 2],
+        force: Option<&ForceFound>,
+        others: impl Fn(&Grip) -> Vec<Grip>,
+    ) -> Result<Self, RigError> {
+        let held = |rig: &Rig, hands: &[Grip], configured_kg| {
+            held_masses_identified(rig, (found, force), hands, configured_kg)
+        };
+        Self::with(rig, others, held)
     }
 
     /// For the hand of the scene and for others.
@@ -79,6 +91,7 @@ impl Masses {
             configured_kg,
             has_scene_hand,
             uneven: uneven_samples(&rig.value),
+            measured: None,
             holdings,
         })
     }
@@ -167,6 +180,9 @@ impl Masses {
         }
         let passive_kg = holdings.iter().map(|holding| holding.passive_kg).fold(0.0, f64::max);
         text += &format!("  no mass below {passive_kg:.1} kg, the arm's own, is passive for every hand\n");
+        if let Some(measured) = &self.measured {
+            text += &format!("  {}\n", measured.words());
+        }
         for words in self.bus_words().into_iter().chain([LEFT_OUT]) {
             text += &format!("  {words}\n");
         }
@@ -199,7 +215,8 @@ impl Masses {
             each.collect::<Vec<_>>()
         });
         let note = if hands.is_none() { Some(UNKNOWN) } else { self.bus_words() };
-        json!({ "configured_kg": self.configured_kg, "reserve": reserve, "hands": hands, "note": note })
+        let measured = self.measured.map(Measured::to_json);
+        json!({ "configured_kg": self.configured_kg, "reserve": reserve, "hands": hands, "note": note, "measured": measured })
     }
 }
 

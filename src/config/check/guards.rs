@@ -214,6 +214,16 @@ pub(super) fn check_handle(findings: &mut Findings, rig: &Rig) {
         );
         let help = "write the mass beyond the sensor in kg, or make the virtual mass several times as heavy";
         findings.error(key, message, help).see("fixture.coupling.admittance.mass_kg", "virtual mass");
+        return;
+    }
+    let Some(simulation) = &rig.simulation else { return };
+    let tool = *simulation.arm.tool_kg;
+    if handle > tool {
+        let key = "sensor.handle_mass_kg";
+        let message =
+            format!("`{key}` is {handle} kg, more than the {tool} kg of the simulated tool of which it is a part");
+        let help = "have `simulation.arm.tool_kg` be the mass of the whole tool, with what is beyond the sensor";
+        findings.warning(key, message, help).see("simulation.arm.tool_kg", "tool");
     }
 }
 
@@ -277,6 +287,8 @@ mod tests {
         assert!(found_in("rig.yaml", &text).contains(&(Severity::Warning, "fixture.yield_n".to_owned())));
         let heavy = found("rig.yaml", "handle_mass_kg: 0.0", "handle_mass_kg: 2.0");
         assert_eq!(heavy, [(Severity::Error, "sensor.handle_mass_kg".to_owned())]);
+        let light = found("rig.yaml", "handle_mass_kg: 0.0", "handle_mass_kg: 1.5");
+        assert_eq!(light, [(Severity::Warning, "sensor.handle_mass_kg".to_owned())]);
         let stuck = found("simulation.yaml", "coulomb_n_m: [10.0, 10.0]", "coulomb_n_m: [60.0, 10.0]");
         assert_eq!(stuck, [(Severity::Warning, "simulation.arm.coulomb_n_m".to_owned())]);
     }

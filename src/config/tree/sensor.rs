@@ -34,7 +34,7 @@ pub struct Sensor {
     pub mounted_on: Mount,
     /// Angle of the sensor's x axis against that link, rad.
     pub mounting_angle_rad: Finite,
-    /// Mass beyond the sensor, whose inertia is taken out of the reading, kg. 0 or above.
+    /// Mass beyond the sensor, whose inertia is taken out of the reading, kg. A part of the tool's; the simulated sensor carries it. 0 or above.
     #[garde(dive)]
     pub handle_mass_kg: NotNegative,
     /// Corner frequency of the low pass on the force, Hz, below half the sampling rate of the control; null for no filter.

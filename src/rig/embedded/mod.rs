@@ -13,6 +13,8 @@ mod commission;
 mod commission_tests;
 mod computer;
 #[cfg(test)]
+mod force_age_tests;
+#[cfg(test)]
 mod home_tests;
 mod injectable;
 mod injecting;

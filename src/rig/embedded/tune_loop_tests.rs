@@ -13,7 +13,7 @@ use crate::quantity::JointRates;
 use crate::rig::simulated_arm;
 use crate::run::{Ended, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced};
 
-fn rig(text: &str) -> config::Loaded<config::Rig> {
+pub(super) fn rig(text: &str) -> config::Loaded<config::Rig> {
     config::load_rig(config::Source::memory("rig.yaml", text.to_owned())).unwrap()
 }
 
@@ -45,18 +45,18 @@ fn planted_inertia(loaded: &config::Loaded<config::Rig>, found: &JointLoop) -> f
     dynamics.mass[(found.joint, found.joint)]
 }
 
-const AT_1_KHZ: &str = "like: builtin:paper-admittance.yaml\nrig: {name: usual}\n";
+pub(super) const AT_1_KHZ: &str = "like: builtin:paper-admittance.yaml\nrig: {name: usual}\n";
 const AT_250_HZ: &str = "like: builtin:paper-admittance.yaml\nrig: {name: slow}\ncycle: {period_us: 4000, compute_at_us: 2400}\n\
     sensor: {sample_rate_hz: 200}\n\
     control: {gains: {joint: {stiffness_n_m_per_rad: 600.0, damping_n_m_s_per_rad: 24.0, integral_n_m_per_rad_s: 2000.0}}}\n";
 /// The shipped rig on EtherCAT with another segment and another cycle.
-fn on_ethercat(name: &str, bus: &str, cycle: &str) -> String {
+pub(super) fn on_ethercat(name: &str, bus: &str, cycle: &str) -> String {
     let shipped = config::builtin("paper-ethercat.yaml").read().unwrap();
     let text = shipped.replace("like: ", "like: builtin:").replace("name: paper-ethercat", &format!("name: {name}"));
     format!("{}\ncycle: {cycle}\n", text.replace("ethercat: {}", &format!("ethercat: {bus}")))
 }
 
-fn at_4_khz() -> config::Loaded<config::Rig> {
+pub(super) fn at_4_khz() -> config::Loaded<config::Rig> {
     let mut loaded = rig(&on_ethercat("fast", "{}", "{period_us: 1000, compute_at_us: 480}"));
     (loaded.value.cycle.period_us, loaded.value.cycle.compute_at_us) = (250, 120);
     loaded

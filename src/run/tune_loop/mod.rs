@@ -1,7 +1,7 @@
 //! One joint led to and fro, to identify its loop.
 //!
 //! ```text
-//! boot, permit with bounds -> Course -> lead_to() in each cycle -> reference, angle, torque -> Parts -> identification -> JointLoop
+//! boot, permit with bounds -> Course -> lead_to() in each cycle -> reference, angle, torque, force -> Parts -> identification -> JointLoop
 //! ```
 //! The course is one enabling: slow travels at three rates, travels with an excitation on top, travels with a step. The other joint is held. In
 //! torque mode the torque is what this program sets. In the other modes the drive closes the loop, and is asked for its torque (6077h)
@@ -9,6 +9,7 @@
 //! goes up and down within each cycle, of which one moment is told. A joint that does not follow is tried again with more torque, after another boot.
 
 mod course;
+mod felt;
 mod parts;
 mod record;
 
@@ -17,9 +18,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use nalgebra::Complex;
 
 pub use self::course::STEP_RISE_S;
-pub use self::record::{JointFound, LoopUnreadable, MeasuredLoop};
+pub use self::record::{ForceFound, JointFound, LoopUnreadable, MeasuredLoop};
 
 use self::course::{Course, RATES, WAY_RAD};
+use self::felt::felt;
 use self::parts::{Sample, Trace};
 use super::conduct::settling_on_bus;
 use super::error::RunError;
@@ -33,7 +35,7 @@ use crate::assembly::scaling;
 use crate::config::{self, CommandMode, Positive};
 use crate::cycle::LeadLimits;
 use crate::guard::{Cause, DeviceSet, Fault, JointCommand, State};
-use crate::identification::{Dynamics, Friction, NotIdentified};
+use crate::identification::{Dynamics, Friction, Handle, NotIdentified};
 use crate::quantity::JointAngles;
 use crate::record::CycleRecord;
 
@@ -95,6 +97,8 @@ pub struct JointLoop {
     pub friction: Result<Friction, NotIdentified>,
     /// Inertia at that pose and the delay, in torque mode.
     pub dynamics: Result<Dynamics, NotIdentified>,
+    /// Mass beyond the force sensor, and the age of the force, in every mode.
+    pub handle: Result<Handle, NotIdentified>,
     /// Whether the drive closes the loop, and torques are those that it tells.
     pub is_told: bool,
     /// How the joint follows its reference.
@@ -238,7 +242,8 @@ impl<P: Place> Runner<P> {
             }
             let Some(record) = record else {
                 // Its place in the course is kept.
-                samples.push(samples.last().copied().unwrap_or_default());
+                samples
+                    .push(samples.last().copied().map_or_else(Sample::default, |last| Sample { force: None, ..last }));
                 continue;
             };
             let of = |angles: JointAngles| angles.to_array().get(joint).copied().unwrap_or_default();
@@ -251,6 +256,8 @@ impl<P: Place> Runner<P> {
                 angle_rad: of(record.signals.measured_angles),
                 torque_n_m: torque,
                 is_cut: record.signals.is_saturated,
+                angles: record.signals.measured_angles,
+                force: record.inputs.sample,
             });
             let at = samples.len() - 1;
             if let Some(meter) = &mut meter {
@@ -271,7 +278,8 @@ impl<P: Place> Runner<P> {
             meter.finish(self);
             meter.into_samples()
         });
-        let trace = Trace { course: &course, samples: &samples, skipped: &skipped, told: &told, period_s };
+        let felt = felt(&samples, self.master().cycle());
+        let trace = Trace { course: &course, samples: &samples, felt: &felt, skipped: &skipped, told: &told, period_s };
         let is_cut = trace.is_cut(CUT_SHARE * torque_n_m);
         let found = (ended == Ended::Whole && !is_cut).then(|| {
             let mut middle = [0.0; 2];

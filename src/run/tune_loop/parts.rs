@@ -5,10 +5,12 @@ use std::f64::consts::TAU;
 use nalgebra::Complex;
 
 use super::course::{Course, Part, RATES, STEP_RAD, Shows};
+use super::felt::Felt;
 use super::{Follows, JointLoop, StepAnswer};
 use crate::elementary;
 use crate::identification::{Dynamics, Friction, MOST_SHIFTS, NotIdentified, Passage, Steady, dynamics, friction};
 use crate::quantity::JointAngles;
+use crate::sensing::RawSample;
 
 /// What is known of a joint in one cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -18,12 +20,18 @@ pub(super) struct Sample {
     /// The torque that was set; zero where the drive closes the loop.
     pub(super) torque_n_m: f64,
     pub(super) is_cut: bool,
+    /// Angles of both joints.
+    pub(super) angles: JointAngles,
+    /// A sample of the force sensor that came in this cycle.
+    pub(super) force: Option<RawSample>,
 }
 
 /// What was recorded along a course.
 pub(super) struct Trace<'a> {
     pub(super) course: &'a Course,
     pub(super) samples: &'a [Sample],
+    /// What the force sensor said in the same cycles.
+    pub(super) felt: &'a [Felt],
     /// Samples before which a cycle is missing.
     pub(super) skipped: &'a [usize],
     /// Torques that the drive has told: the sample at which it was asked, and N m.
@@ -65,6 +73,7 @@ impl Trace<'_> {
             pose,
             friction: self.friction(is_told, inertia),
             dynamics,
+            handle: self.handle(),
             is_told,
             lag_s: lag_s(&follows),
             follows,

@@ -25,6 +25,24 @@ pub struct JointFound {
     pub viscous_n_m_s_per_rad: f64,
 }
 
+/// The age of the force as it was identified at one of both joints.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ForceFound {
+    /// Between what it lies, s before the sample of the angles of its cycle.
+    pub between_s: [f64; 2],
+    /// Mass beyond the sensor, kg.
+    pub mass_kg: f64,
+}
+
+impl ForceFound {
+    /// Of what was identified of joints the older one; none if the sensor felt too little of a handle at all of them.
+    pub fn of(joints: &[&JointLoop]) -> Option<Self> {
+        let found = joints.iter().filter_map(|joint| joint.handle.as_ref().ok());
+        let oldest = found.max_by(|one, other| one.between_s[1].total_cmp(&other.between_s[1]))?;
+        Some(Self { between_s: oldest.between_s, mass_kg: oldest.mass_kg.value })
+    }
+}
+
 impl JointLoop {
     /// What counts for the loop, if this program closes it and all of that was identified.
     pub fn found(&self) -> Option<JointFound> {
@@ -44,7 +62,17 @@ pub struct MeasuredLoop {
     configuration: Value,
     /// Both joints, left and right.
     pub joints: [JointFound; 2],
+    /// The age of the force, if it was identified.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    force: Option<MeasuredForce>,
     version: String,
+}
+
+/// The age of the force, and the sensor that has it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct MeasuredForce {
+    sensor: Value,
+    found: ForceFound,
 }
 
 /// A record that cannot be read.
@@ -58,9 +86,15 @@ pub struct LoopUnreadable {
 }
 
 impl MeasuredLoop {
-    /// What was measured with this rig.
-    pub fn new(rig: &config::Rig, joints: [JointFound; 2]) -> Self {
-        Self { configuration: configuration(rig), joints, version: env!("CARGO_PKG_VERSION").to_owned() }
+    /// What was measured with this rig; the age of its force where that was identified.
+    pub fn new(rig: &config::Rig, joints: [JointFound; 2], force: Option<ForceFound>) -> Self {
+        let force = force.map(|found| MeasuredForce { sensor: sensor(rig), found });
+        Self { configuration: configuration(rig), joints, force, version: env!("CARGO_PKG_VERSION").to_owned() }
+    }
+
+    /// The age of the force, if it was identified with the sensor that this rig has.
+    pub fn force(&self, rig: &config::Rig) -> Option<ForceFound> {
+        self.force.as_ref().filter(|force| force.sensor == sensor(rig)).map(|force| force.found)
     }
 
     /// Keeps it in a folder of records, in the place of an older one; where.
@@ -94,7 +128,12 @@ impl MeasuredLoop {
             let JointFound { inertia_kg_m2, pose_rad: [left, right], delay_s, viscous_n_m_s_per_rad } = *joint;
             [inertia_kg_m2, left, right, delay_s, viscous_n_m_s_per_rad].iter().all(|value| value.is_finite())
         };
-        if record.configuration != wanted || !record.joints.iter().all(is_number) {
+        let is_age = |force: &MeasuredForce| {
+            let ForceFound { between_s: [low, high], mass_kg } = force.found;
+            low <= high && low.is_finite() && high.is_finite() && mass_kg.is_finite()
+        };
+        let is_whole = record.joints.iter().all(is_number) && record.force.as_ref().is_none_or(is_age);
+        if record.configuration != wanted || !is_whole {
             return Err(unreadable("it is of another configuration, or a number in it is none".to_owned()));
         }
         Ok(Some(record))
@@ -116,6 +155,11 @@ fn configuration(rig: &config::Rig) -> Value {
     configuration
 }
 
+/// All of a sensor that the age of its force depends on, beside what the delay of the loop does.
+fn sensor(rig: &config::Rig) -> Value {
+    json!({ "bus": rig.sensor.bus, "protocol": rig.sensor.protocol, "sample_rate_hz": rig.sensor.sample_rate_hz })
+}
+
 fn path(configuration: &Value, folder: &Path) -> PathBuf {
     folder.join(format!("{:016x}.json", fnv1a(configuration.to_string().as_bytes())))
 }
@@ -131,14 +175,23 @@ mod tests {
         assert!(MeasuredLoop::load(&rig, &folder).unwrap().is_none());
         let joint =
             JointFound { inertia_kg_m2: 0.4, pose_rad: [2.0, 0.7], delay_s: 1.001e-3, viscous_n_m_s_per_rad: 0.5 };
-        let measured = MeasuredLoop::new(&rig, [joint; 2]);
+        let force = ForceFound { between_s: [1.9e-3, 2.1e-3], mass_kg: 0.3 };
+        let measured = MeasuredLoop::new(&rig, [joint; 2], Some(force));
+        assert_eq!(measured.force(&rig), Some(force));
         let path = measured.store(&folder).unwrap();
         assert_eq!(MeasuredLoop::load(&rig, &folder).unwrap(), Some(measured));
         let mut other = rig.clone();
         other.control.law = config::ControlLaw::Pid;
-        assert!(MeasuredLoop::load(&other, &folder).unwrap().is_some());
+        other.sensor.sample_rate_hz = config::Positive::new(500.0).unwrap();
+        let of_other = MeasuredLoop::load(&other, &folder).unwrap().unwrap();
+        assert_eq!(of_other.force(&other), None, "another sensor has another age");
         other.cycle.compute_at_us += 10;
         assert!(MeasuredLoop::load(&other, &folder).unwrap().is_none());
+        // One of before ages were identified.
+        let mut earlier: Value = serde_json::from_str(&fs::read_to_string(&path).unwrap()).unwrap();
+        earlier.as_object_mut().unwrap().remove("force").unwrap();
+        fs::write(&path, earlier.to_string()).unwrap();
+        assert_eq!(MeasuredLoop::load(&rig, &folder).unwrap().unwrap().force(&rig), None);
         fs::write(&path, "{").unwrap();
         assert!(MeasuredLoop::load(&rig, &folder).is_err());
         fs::remove_dir_all(&folder).unwrap();
