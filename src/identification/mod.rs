@@ -63,7 +63,7 @@ pub enum NotIdentified {
         longest_s: f64,
     },
     /// What is beyond the force sensor has too little mass against the sensor's noise.
-    #[error("the force sensor feels {mass_kg:.3} kg beyond it, {up_to_kg:.3} kg at most, too little against its noise")]
+    #[error("the force sensor feels {:.1} g at most beyond it, too little against its noise", 1e3 * up_to_kg)]
     NoHandle {
         /// The mass that fits, kg.
         mass_kg: f64,
