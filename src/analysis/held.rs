@@ -2,12 +2,10 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::identified::{identified_delay_cycles, identified_models, later_between_s};
+use super::force_age::{later_between_s, outers};
+use super::identified::{identified_delay_cycles, identified_models};
 use super::margins::poses;
-use crate::assembly::{
-    AssemblyError, bus_id, bus_plan, delay_cycles, gains, linkage, period_s, plant_mass, sampled_before,
-};
-use crate::bus::budget::{Budget, PlannedFrame, Use};
+use crate::assembly::{AssemblyError, delay_cycles, gains, linkage, plant_mass};
 use crate::config;
 use crate::control::{
     Follower, Gains, Grip, HeldLoop, Outer, Pose, Sampling, ServoLoop, damping_needed_n_s_per_m,
@@ -17,12 +15,9 @@ use crate::linkage::MassModel;
 use crate::quantity::{JointAngles, JointRates, TipPoint};
 use crate::rig::RigError;
 use crate::run::{ForceFound, JointFound};
-use crate::sim::SYNC_RATE_HZ;
 
 /// Hands for which a rig is looked at when none is named: normal, stiff and braced, N/m.
 const USUAL_HANDS_N_PER_M: [f64; 3] = [500.0, 1000.0, 3000.0];
-/// Phases of a sensor's own clock that are looked at.
-const PHASES: u32 = 17;
 /// Every which pose is looked at at phases of that clock but the first and the last.
 const POSE_STRIDE: usize = 4;
 
@@ -220,96 +215,6 @@ fn follower(rig: &config::Rig) -> Result<Option<(Follower, bool)>, RigError> {
     })
 }
 
-/// What frames that wait on a bus may do to the samples of a sensor whose clock is its own, which the masses leave out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum UnevenSamples {
-    /// The sensor sends by its clock, and SYNC waits for its frames: then the drives sample and act late.
-    SyncWaits,
-    /// SYNC or a request has the newest sample sent, and a heartbeat that delays it decides now and then whether one is in time.
-    SampleMissed,
-}
-
-/// Which of the two can happen on the rig's bus; `None` where SYNC has the sample taken.
-pub fn uneven_samples(rig: &config::Rig) -> Option<UnevenSamples> {
-    match rig.sensor.protocol {
-        config::SensorProtocol::Canopen { .. } => (!is_sampled_at_sync(rig)).then_some(UnevenSamples::SampleMissed),
-        config::SensorProtocol::Streaming { .. } => Some(UnevenSamples::SyncWaits),
-        config::SensorProtocol::Polled { .. } => Some(UnevenSamples::SampleMissed),
-        config::SensorProtocol::Ethercat { .. } => None,
-    }
-}
-
-/// Whether the sensor takes its samples at SYNC.
-pub fn is_sampled_at_sync(rig: &config::Rig) -> bool {
-    matches!(rig.sensor.protocol, config::SensorProtocol::Canopen { .. })
-        && *rig.sensor.sample_rate_hz == f64::from(SYNC_RATE_HZ)
-}
-
-/// The way of the force, with the oldest samples that the sensor's clock can have the cycle use: where frames decide which one that
-/// is, for the shortest and for the longest ones.
-pub(super) fn outers(rig: &config::Rig) -> Result<Vec<Outer>, RigError> {
-    let period_s = period_s(rig);
-    let interval_s = rig.sensor.sample_rate_hz.get().recip();
-    let own_clock = |latest_s: f64| Sampling { interval_s, oldest_s: interval_s - latest_s, phases: PHASES };
-    let samplings = match rig.sensor.protocol {
-        config::SensorProtocol::Canopen { .. } if is_sampled_at_sync(rig) => vec![Sampling::at_sync(period_s)],
-        // SYNC has the newest sample of the sensor's own clock sent.
-        config::SensorProtocol::Canopen { .. } => vec![own_clock(0.0)],
-        // The input frame takes the newest one along, some time after SYNC0, at which the drives act.
-        config::SensorProtocol::Ethercat { .. } => vec![own_clock(sampled_before(rig).as_secs_f64())],
-        config::SensorProtocol::Streaming { .. } | config::SensorProtocol::Polled { .. } => {
-            let mut latest_s = latest_samples_s(rig)?.to_vec();
-            latest_s.dedup();
-            latest_s.into_iter().map(own_clock).collect()
-        }
-    };
-    let outer = |sampling| Outer {
-        period_s,
-        sampling,
-        // More than one sample in a cycle cannot be seen.
-        low_pass: rig.sensor.low_pass_hz.map(|cut_off_hz| (cut_off_hz.get(), interval_s.max(period_s))),
-        damping_n_s_per_m: 0.0,
-    };
-    Ok(samplings.into_iter().map(outer).collect())
-}
-
-/// How long after the end of SYNC a sample of a sensor on plain CAN may be taken that its cycle still uses, s, with the shortest and with
-/// the longest frames: stuff bits are as the data are. Negative if it has to be taken before SYNC. In the regular course of the bus: a
-/// heartbeat that makes one sample late now and then does not count.
-fn latest_samples_s(rig: &config::Rig) -> Result<[f64; 2], RigError> {
-    let bus = bus_id(rig, &rig.sensor.bus)?;
-    let (setup, conditions) = bus_plan(rig)?;
-    let conditions = conditions.into_iter().find(|conditions| conditions.bus == bus);
-    let conditions = conditions.ok_or_else(|| RigError::Mismatch("the sensor's bus has no plan".into()))?;
-    let budget = Budget::new(&setup, conditions).map_err(|error| RigError::Mismatch(error.to_string()))?;
-    let frames = || budget.frames.iter().map(|budgeted| &budgeted.frame);
-    let request = frames().find(|frame| frame.usage == Use::Request);
-    // Behind SYNC the devices of SYNC answer, and the request waits for those that go before it.
-    let goes_first = |frame: &&PlannedFrame| match frame.usage {
-        Use::Sync => true,
-        Use::Measured if !frame.is_answer => request.is_none_or(|request| frame.cob_id < request.cob_id),
-        _ => false,
-    };
-    let takes_time = rig.frames_take_time();
-    let latest_s = |bits: &dyn Fn(&PlannedFrame) -> u32| {
-        let duration_s = |frame: &PlannedFrame| match takes_time {
-            true => f64::from(bits(frame)) / f64::from(conditions.bit_rate),
-            false => 0.0,
-        };
-        let first_s: f64 = frames().filter(goes_first).map(duration_s).sum();
-        // The drives act when SYNC is over; the computation is planned from its begin.
-        let sync_s: f64 = frames().filter(|frame| frame.usage == Use::Sync).map(duration_s).sum();
-        if let Some(request) = request {
-            return first_s + duration_s(request) - sync_s;
-        }
-        let sample_s: f64 = frames().filter(|frame| frame.usage == Use::Streamed).map(duration_s).sum();
-        let latest_s = f64::from(rig.cycle.compute_at_us) * 1e-6 - sample_s;
-        // Where the bus is not free again in time, the sample has to go before SYNC.
-        (if latest_s >= first_s { latest_s } else { -sample_s }) - sync_s
-    };
-    Ok([latest_s(&PlannedFrame::bits_shortest), latest_s(&|frame| frame.bits(conditions.is_plain()))])
-}
-
 /// The arm with the tool at a point; `real` stands in place of the model that is known of it.
 fn pose_at(
     rig: &config::Rig,
@@ -373,46 +278,4 @@ pub fn coupled_device(device: &config::ImpedanceDevice, reserve: f64) -> Result<
         greatest_stiffness_n_per_m: greatest_stiffness_n_per_m(&servo, mass, viscous, reserve)?,
         greatest_damping_n_s_per_m: greatest_damping_n_s_per_m(&servo, mass, viscous, reserve)?,
     }))
-}
-
-#[cfg(test)]
-mod tests {
-    use std::sync::{Arc, Mutex};
-
-    use super::*;
-    use crate::config::Source;
-    use crate::guard::Request;
-    use crate::rig::EmbeddedRig;
-
-    #[test]
-    fn a_polled_sensor_takes_its_sample_when_the_request_has_come_to_drives_that_sync_has_reached() {
-        let loaded = config::load_rig(Source::named("builtin:paper-admittance-polled.yaml")).unwrap();
-        let scene = loaded.scene().unwrap().value;
-        let rig = loaded.value;
-        let config::SensorProtocol::Polled { base_id, .. } = rig.sensor.protocol else { panic!("it is polled") };
-        let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, 1).unwrap();
-        machine.enable().unwrap();
-        let ends = Arc::new(Mutex::new(Vec::new()));
-        let seen = Arc::clone(&ends);
-        machine.set_witness(Box::new(move |passage| {
-            seen.lock().unwrap().push((passage.sent.id(), passage.time));
-        }));
-        (0..20).for_each(|_| _ = machine.run_cycle(Request::None).unwrap());
-        let ends = ends.lock().unwrap();
-        let mut sync = None;
-        let mut between_s = Vec::new();
-        for (id, end) in ends.iter() {
-            match (*id, sync) {
-                (0x080, _) => sync = Some(*end),
-                (id, Some(begun)) if id == base_id => between_s.push(end.since(begun).as_secs_f64()),
-                _ => {}
-            }
-        }
-        // In the run frames have as many stuff bits as their data give. The plan counts an interframe space more.
-        let [shortest_s, longest_s] = latest_samples_s(&rig).unwrap();
-        assert!(between_s.len() > 10);
-        for took_s in between_s {
-            assert!((shortest_s - 3e-6..=longest_s).contains(&took_s), "{shortest_s} to {longest_s}: {took_s}");
-        }
-    }
 }

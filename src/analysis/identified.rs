@@ -1,14 +1,13 @@
 //! The loop of a rig by what was identified of its joints.
 
-use super::held::outers;
 use super::margins::{PoseMargins, margins_of};
 use crate::assembly::{linkage, period_s, plant_mass};
 use crate::config;
-use crate::control::{MAX_DELAY_CYCLES, Outer};
+use crate::control::MAX_DELAY_CYCLES;
 use crate::linkage::MassModel;
 use crate::quantity::{JointAngles, JointRates};
 use crate::rig::RigError;
-use crate::run::{ForceFound, JointFound};
+use crate::run::JointFound;
 
 /// Least inertia that a motor is taken to have, kg m^2, where the model's links alone already have more than was identified.
 const LEAST_MOTOR_KG_M2: f64 = 1e-3;
@@ -60,47 +59,6 @@ pub(super) fn identified_delay_cycles(rig: &config::Rig, found: &[JointFound; 2]
     Ok(delay_cycles)
 }
 
-/// Share of a cycle by which an age has to be beyond what the rig file says to be another one.
-const OLDER_CYCLES: f64 = 0.05;
-
-/// Between what the mean age of the force lies by what the rig file says of sensor and bus, s before the sample of the angles of its cycle. A
-/// sensor with a clock of its own may stand at any phase to the cycle all along.
-///
-/// # Errors
-/// If the bus has no plan.
-pub fn believed_age_s(rig: &config::Rig) -> Result<[f64; 2], RigError> {
-    let of = |outer: &Outer| {
-        let sampling = outer.sampling;
-        if sampling.phases == 1 {
-            return [sampling.oldest_s; 2];
-        }
-        let middle_s = sampling.oldest_s - 0.5 * sampling.interval_s;
-        let half_s = 0.5 * sampling.interval_s.min(outer.period_s);
-        [middle_s - half_s, middle_s + half_s]
-    };
-    let ages = outers(rig)?;
-    Ok(ages
-        .iter()
-        .map(of)
-        .fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], [low, high]| [least.min(low), most.max(high)]))
-}
-
-/// By how much the force may be older than the rig file has it, s; 0 where what was identified does not contradict the file, and where the
-/// force is younger.
-///
-/// # Errors
-/// As [`believed_age_s`].
-pub fn later_s(rig: &config::Rig, force: &ForceFound) -> Result<f64, RigError> {
-    later_between_s(rig, force).map(|[_, most]| most)
-}
-
-/// The same from the least to the most: an older force does not ask for more mass everywhere.
-pub(super) fn later_between_s(rig: &config::Rig, force: &ForceFound) -> Result<[f64; 2], RigError> {
-    let [least, most] = believed_age_s(rig)?;
-    let [low, high] = force.between_s;
-    Ok(if low > most + OLDER_CYCLES * period_s(rig) { [low - most, high - least] } else { [0.0; 2] })
-}
-
 /// As [`pose_margins`](super::pose_margins), by what was identified: the worst over both models of [`identified_models`], with the longer
 /// delay of both joints.
 ///
@@ -148,17 +106,11 @@ mod tests {
     }
 
     #[test]
-    fn a_force_counts_as_older_where_it_contradicts_the_file_alone_and_asks_for_more_mass() {
+    fn an_older_force_asks_for_more_mass() {
         use crate::analysis::{hand_of, held_masses, held_masses_identified};
+        use crate::run::ForceFound;
         let loaded = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap();
         let rig = &loaded.value;
-        assert_eq!(believed_age_s(rig).unwrap(), [0.0; 2]);
-        let later = |between_s| later_s(rig, &ForceFound { between_s, mass_kg: 0.3 }).unwrap();
-        assert_eq!([later([-0.01e-3, 1.01e-3]), later([-0.9e-3, -0.2e-3])], [0.0; 2]);
-        assert_eq!(later([1.9e-3, 2.1e-3]), 2.1e-3);
-        let streaming = config::load_rig(config::builtin("paper-admittance-streaming.yaml")).unwrap().value;
-        let [least, most] = believed_age_s(&streaming).unwrap();
-        assert!(most - least >= 1e-3, "its clock may stand at any phase: {least} {most}");
         let mass = rig.control.feed_forward.inertia.as_ref().unwrap().mass_model();
         let (found, hand) = (found(rig, &mass), hand_of(&loaded.scene().unwrap().value));
         let least_kg = |force: Option<&ForceFound>| {

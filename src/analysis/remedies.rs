@@ -1,6 +1,7 @@
 //! What makes a virtual mass stable that is not, tried in the rig's own linear model.
 
-use super::held::{Held, HeldMasses, held_masses, is_sampled_at_sync, stiffer};
+use super::force_age::is_sampled_at_sync;
+use super::held::{Held, HeldMasses, held_masses, stiffer};
 use crate::config::{self, Positive};
 use crate::control::Grip;
 use crate::rig::RigError;
