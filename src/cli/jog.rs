@@ -126,7 +126,7 @@ impl<'a> Plan<'a> {
         let limits =
             LeadLimits { rate_rad_per_s: arguments.rate, acceleration_rad_per_s2: arguments.rate / COMES_UP_S };
         let keys = arguments.keys.then_some(keys);
-        let jog = Jog { by: JointAngles::from(by), keys, limits, settling: settling_on_bus(rig) };
+        let jog = Jog { by: JointAngles::from(by), keys, limits, settling: settling_on_bus(rig), is_metered: false };
         let motion_rad = positive(way.abs() + BEYOND_RAD)?;
         Ok(Self { joint, jog, bounds: Bounds { motion_rad, torque_n_m: positive(torque)? } })
     }

@@ -231,7 +231,7 @@ pub struct Cycle {
     lead: Option<Lead>,
     /// Whether the drives move the joints by themselves.
     homes: bool,
-    /// Of those the ones that push and do not move.
+    /// Joints that are pushed and do not move, while they are led or their drives move them.
     blocked: DeviceSet,
     /// Torques that the reference's motion needs; known in torque mode alone.
     needed: Option<JointTorques>,
@@ -308,7 +308,7 @@ impl Cycle {
     /// [`Cycle::lead_to`]. A fault that would stop the rig along a ramp takes its torque off.
     pub fn lead(&mut self, limits: Option<LeadLimits>) {
         if self.reference.is_none() {
-            self.lead = limits.map(Lead::new);
+            (self.lead, self.blocked) = (limits.map(Lead::new), DeviceSet::default());
         }
     }
 
@@ -320,12 +320,12 @@ impl Cycle {
         }
     }
 
-    /// Takes the torque off joints of which this one, 0 the left one, pushes and does not move while its drive moves it by itself: a
-    /// following error. A ramp of a drive whose encoder stands still would go on pushing.
+    /// Takes the torque off joints of which this one, 0 the left one, is pushed and does not move while it is led, or while its drive moves
+    /// it by itself: a following error. A ramp by an encoder that stands still would go on pushing.
     ///
     /// Real-time: yes.
     pub fn report_blocked(&mut self, joint: usize) {
-        self.blocked = DeviceSet::drives_where([0, 1].map(|one| self.homes && one == joint));
+        self.blocked = DeviceSet::drives_where([0, 1].map(|one| (self.homes || self.lead.is_some()) && one == joint));
     }
 
     /// Leads the joints of a rig that runs to these angles, within its limits. Targets that are not finite are passed over.

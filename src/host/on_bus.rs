@@ -283,7 +283,7 @@ impl RigOnBus {
             runner.boot()?;
             let permit = runner.prove_for_bring_up(rig, &terms.proof(), bounds)?;
             let _ = news.send(News::Proved);
-            Ok(runner.jog(jog, &permit, is_interrupted, |_, _| ())?)
+            Ok(runner.jog(rig, jog, &permit, is_interrupted, |_, _| ())?)
         })
     }
 

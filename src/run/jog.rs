@@ -4,17 +4,19 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::error::RunError;
 use super::keys::{Keys, Led};
+use super::lead_watch::{LeadWatch, ToldTorque};
 use super::permit::{Ask, Permit};
 use super::place::Place;
 use super::runner::Runner;
 use super::scene::Ended;
+use crate::config::{self, CommandMode};
 use crate::cycle::LeadLimits;
 use crate::guard::{Cause, State};
 use crate::quantity::JointAngles;
 use crate::record::{AROUND_FAULT_S, CycleRecord};
 
-/// How long the joints are watched at their targets, s.
-const REST_S: f64 = 0.3;
+/// How long the joints are watched at their targets, s. One whose encoder stands still just short of it is pushed on more and more meanwhile.
+const REST_S: f64 = 0.05;
 /// How long a way may take beyond what its rate and its acceleration need, s.
 const PATIENCE_S: f64 = 1.0;
 /// How much farther than it takes to come to rest a joint is led while a key holds, in periods.
@@ -31,6 +33,8 @@ pub struct Jog<'a> {
     pub limits: LeadLimits,
     /// Cycles of process data before the rig is enabled, as of [`Play::settling`](super::Play::settling).
     pub settling: u32,
+    /// Whether the drives of joints that are led are asked for their torque (6077h) in torque mode too.
+    pub is_metered: bool,
 }
 
 /// What a jog has shown.
@@ -97,21 +101,27 @@ impl Way<'_> {
 impl<P: Place> Runner<P> {
     /// Enables a booted rig, leads its joints from where they are to other angles, both at once, or as keys say, watches them there and
     /// stops it. A fault
-    /// at either drive stops both, and so does whatever holds the rig: it does not go on by itself. `each` gets the record of every
-    /// cycle in which the joints are led, and may ask the drives for objects.
+    /// at either drive stops both, and so does whatever holds the rig: it does not go on by itself. A joint that is pushed and does not move
+    /// takes the torque off both, as a following error. `each` gets the record of every cycle in which the joints are led, and what a drive
+    /// has told of its torque; in torque mode drives are asked for it only if `is_metered`.
     ///
     /// # Errors
     /// [`RunError::WayBlocked`], before anything is enabled, if the linkage does not go that way, with keys either way; as [`Runner::enable`].
     pub fn jog(
         &mut self,
+        rig: &config::Rig,
         jog: &Jog<'_>,
         permit: &Permit,
         is_interrupted: &AtomicBool,
-        each: impl FnMut(&mut Self, &CycleRecord),
+        each: impl FnMut(&CycleRecord, Option<ToldTorque>),
     ) -> Result<Jogged, RunError> {
         self.check_permit(permit)?;
+        let is_asked = jog.is_metered || rig.rig.command_mode != CommandMode::Torque;
+        let are_asked = jog.by.to_array().map(|by| is_asked && by != 0.0);
+        let mut watch = LeadWatch::new(self, rig, permit, jog.limits, are_asked)?;
         self.lead(Some(jog.limits));
-        let jogged = self.led(jog, permit, is_interrupted, each);
+        let jogged = self.led(jog, permit, &mut watch, is_interrupted, each);
+        watch.finish(self);
         self.lead(None);
         jogged
     }
@@ -120,8 +130,9 @@ impl<P: Place> Runner<P> {
         &mut self,
         jog: &Jog<'_>,
         permit: &Permit,
+        watch: &mut LeadWatch,
         is_interrupted: &AtomicBool,
-        mut each: impl FnMut(&mut Self, &CycleRecord),
+        mut each: impl FnMut(&CycleRecord, Option<ToldTorque>),
     ) -> Result<Jogged, RunError> {
         self.idle_before_lead(jog.settling.max(1), is_interrupted)?;
         let measured = |rig: &Self| rig.last_outputs().map_or(JointAngles::default(), |it| it.signals.measured_angles);
@@ -170,9 +181,16 @@ impl<P: Place> Runner<P> {
                 ended = Ended::Panicked;
                 break;
             }
-            record.iter().for_each(|record| each(self, record));
+            if let Some(record) = &record {
+                let told = watch.step(self, record, cycles);
+                each(record, told);
+            }
             if self.state() != State::Running {
                 break;
+            }
+            if let Some(joint) = watch.blocked() {
+                self.report_blocked(joint);
+                continue;
             }
             let now = (measured(self) - self.led_angles()).to_array();
             deviation.iter_mut().zip(now).for_each(|(most, now)| *most = most.max(now.abs()));

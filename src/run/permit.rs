@@ -98,6 +98,14 @@ impl Permit {
             Scope::Rest => Some(REST_RAD),
         }
     }
+
+    /// Most torque of each drive, N m; `None` as much as the rig file allows.
+    pub(super) fn torque_bound_n_m(&self) -> Option<f64> {
+        match &self.scope {
+            Scope::BringUp(bounds) => Some(bounds.torque_n_m.get()),
+            Scope::Whole(_) | Scope::Rest => None,
+        }
+    }
 }
 
 /// What is asked of a rig with a cycle.

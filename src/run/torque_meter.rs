@@ -49,10 +49,12 @@ impl TorqueMeter {
     /// Takes an answer that has come, and asks again. `at` is where the joint is, or when it is asked, if that counts.
     ///
     /// Real-time: yes.
-    pub(super) fn step<P: Place>(&mut self, runner: &mut Runner<P>, at: Option<f64>) {
-        if self.take(runner) != Metered::Pending {
+    pub(super) fn step<P: Place>(&mut self, runner: &mut Runner<P>, at: Option<f64>) -> Metered {
+        let answer = self.take(runner);
+        if answer != Metered::Pending {
             self.ask(runner, at);
         }
+        answer
     }
 
     /// Takes an answer that has come.

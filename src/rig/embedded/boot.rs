@@ -127,7 +127,8 @@ impl EmbeddedRig {
         self.take_tool();
         self.place_mut().far.world.let_go();
         let settling = jog.settling.max(settling_cycles(self.runner.period(), self.sample_period));
-        let jogged = self.runner.jog(&Jog { settling, ..*jog }, &self.permit, is_interrupted, |_, record| each(record));
+        let jogged =
+            self.runner.jog(rig, &Jog { settling, ..*jog }, &self.permit, is_interrupted, |record, _| each(record));
         self.go_on()?;
         Ok(jogged)
     }

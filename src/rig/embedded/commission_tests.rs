@@ -230,7 +230,7 @@ proptest! {
     /// Whatever breaks on the way: no joint leaves the bound, and no drive is left with torque or with a lowered limit.
     #[test]
     fn whatever_breaks_nothing_goes_too_far(
-        rig in 0usize..5, at_s in 0.0..30.0f64, for_s in 0.01..0.5f64, defect in prop::option::of(0..DEFECTS.len()),
+        rig in 0usize..5, at_s in 0.0..110.0f64, for_s in 0.01..0.5f64, defect in prop::option::of(0..DEFECTS.len()),
         kind in prop::sample::select(vec![
             Kind::DriveFault, Kind::DriveLeavesOperation, Kind::VoltageOff, Kind::EncoderStuck, Kind::Emergency, Kind::NodeReset,
             Kind::ArmBlocked, Kind::SensorInvalid,

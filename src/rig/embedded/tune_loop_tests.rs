@@ -248,6 +248,35 @@ fn no_joint_is_led_beyond_its_bound_or_with_more_torque_than_its_limit() {
     assert!(torque > 5.0 && torque <= end.torque_n_m + 1e-9, "{torque} of {}", end.torque_n_m);
 }
 
+/// By the truth of the tool.
+#[test]
+fn an_encoder_that_stands_still_at_any_moment_leads_no_joint_away() {
+    for file in ["paper-admittance.yaml", "paper-admittance-csp.yaml"] {
+        let loaded = config::load_rig(config::builtin(file)).unwrap();
+        let linkage = linkage(&loaded.value).unwrap();
+        for (joint, target) in [Target::LeftDrive, Target::RightDrive].into_iter().enumerate() {
+            for at in 0..16 {
+                let at_s = 0.3 + 0.87 * f64::from(at);
+                let stuck = Injection::new(Kind::EncoderStuck, at_s).on(target).lasting(Some(0.6));
+                let farthest = std::sync::Arc::new(std::sync::Mutex::new(0.0_f64));
+                let (seen, mut from) = (std::sync::Arc::clone(&farthest), None);
+                traced(&loaded, joint, &[stuck], move |record| {
+                    let Some(angles) = record.truth.and_then(|truth| linkage.inverse(truth.tool).ok()) else { return };
+                    // From where it was last enabled: it is tried again with more torque.
+                    let is_on = record.inputs.drives.iter().any(|drive| drive.state == cia402::State::OperationEnabled);
+                    let (start, was_on) = from.unwrap_or((angles, false));
+                    let start = if is_on && !was_on { angles } else { start };
+                    from = Some((start, is_on));
+                    let mut seen = seen.lock().unwrap();
+                    *seen = seen.max((angles - start).max_abs());
+                });
+                let farthest = *farthest.lock().unwrap();
+                assert!(farthest < LOOP_BOUND_RAD + 0.05, "{} {target:?} at {at_s}: {farthest}", loaded.value.rig.name);
+            }
+        }
+    }
+}
+
 #[test]
 fn a_joint_that_runs_the_wrong_way_is_told_so_and_gets_no_more_torque() {
     use crate::injection::{Defect, DefectKind};

@@ -16,7 +16,6 @@ use crate::run::place::Place;
 use crate::run::proof::{DriveIdentity, NotProven};
 use crate::run::runner::Runner;
 use crate::run::scene::Ended;
-use crate::run::torque_meter::TorqueMeter;
 
 /// How fast joints are led, rad/s: 6 degrees in a second.
 pub(super) const RATE: f64 = 6.0 * std::f64::consts::PI / 180.0;
@@ -259,21 +258,16 @@ impl<'a, P: Place> Bench<'a, P> {
         let mut by = [0.0; 2];
         by.iter_mut().skip(joint).take(1).for_each(|by| *by = by_rad);
         let limits = LeadLimits { rate_rad_per_s: RATE, acceleration_rad_per_s2: RATE / COMES_UP_S };
-        let jog = Jog { by: by.into(), keys: None, limits, settling: self.settling };
-        let mut meter = TorqueMeter::new(self.rig, joint, self.cycles_in(by_rad.abs() / RATE + 1.0))?;
-        let (period_s, mut last) = (self.runner.period().as_secs_f64(), None);
-        let jogged = self.runner.jog(&jog, &permit, self.is_interrupted, |runner, record| {
-            let led = record.signals.target_angles.to_array()[joint];
-            let rate = last.replace(led).map_or(0.0, |last: f64| (led - last) / period_s);
-            let is_steady = (rate.abs() - RATE).abs() < 0.01 * RATE;
-            let angle = record.signals.measured_angles.to_array()[joint];
-            meter.step(runner, is_steady.then_some(angle));
-        });
-        meter.finish(self.runner);
-        let jogged = jogged?;
+        let jog = Jog { by: by.into(), keys: None, limits, settling: self.settling, is_metered: true };
+        let mut torques = Vec::with_capacity(self.cycles_in(by_rad.abs() / RATE + 1.0) as usize);
+        let jogged = self.runner.jog(self.rig, &jog, &permit, self.is_interrupted, |_, told| {
+            if let Some(told) = told.filter(|told| told.is_steady && torques.len() < torques.capacity()) {
+                torques.push([told.angle_rad, told.torque_n_m]);
+            }
+        })?;
         if jogged.ended == Ended::Interrupted {
             return Err(Halt::Interrupted);
         }
-        Ok(Travel { jogged, torques: meter.into_samples() })
+        Ok(Travel { jogged, torques })
     }
 }

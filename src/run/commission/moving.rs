@@ -105,7 +105,9 @@ impl<P: Place> Bench<'_, P> {
             if seen.is_some() {
                 self.attendant.look(&self.runner.place, joint);
             }
-            let (back, _) = self.travel_gently(joint, -measured_rad)?;
+            // One that went on while its encoder stood still is not led back all the way.
+            let most_rad = ROTATION_RAD + LED_BEYOND_RAD;
+            let (back, _) = self.travel_gently(joint, -measured_rad.clamp(-most_rad, most_rad))?;
             let back_rad = (back.jogged.to - travel.jogged.to).to_array()[joint];
             self.runner.leave();
             let Some((seen_rad, seen_back_rad)) = seen.zip(self.attendant.turned(&self.runner.place, joint)) else {

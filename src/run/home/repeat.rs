@@ -126,8 +126,8 @@ impl<P: Place> Runner<P> {
         let [left, right] = plan.rate_rad_per_s;
         let rate_rad_per_s = left.min(right);
         let limits = LeadLimits { rate_rad_per_s, acceleration_rad_per_s2: rate_rad_per_s / HOMING_COMES_UP_S };
-        let jog = Jog { by: -way_rad, keys: None, limits, settling: plan.settling };
-        let jogged = self.jog(&jog, &permit, is_interrupted, |_, _| ())?;
+        let jog = Jog { by: -way_rad, keys: None, limits, settling: plan.settling, is_metered: false };
+        let jogged = self.jog(rig, &jog, &permit, is_interrupted, |_, _| ())?;
         self.leave();
         Ok(jogged)
     }

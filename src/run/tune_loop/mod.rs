@@ -28,9 +28,10 @@ use super::error::RunError;
 use super::permit::{Ask, Bounds, Permit};
 use super::place::Place;
 use super::proof::NotProven;
+use super::push::{Push, Stand};
 use super::runner::Runner;
 use super::scene::Ended;
-use super::torque_meter::TorqueMeter;
+use super::torque_meter::{Metered, TorqueMeter};
 use crate::assembly::scaling;
 use crate::config::{self, CommandMode, Positive};
 use crate::cycle::LeadLimits;
@@ -218,6 +219,7 @@ impl<P: Place> Runner<P> {
         let sent = |torque: f64| scaling.torque_per_mille(torque).map_or(torque, |raw| scaling.torque_n_m(raw.value));
         let mut samples: Vec<Sample> = Vec::with_capacity(cycles);
         let (mut skipped, mut ran_away) = (Vec::with_capacity(cycles), false);
+        let mut push = Push::new(torque_n_m);
         self.enable(settling_on_bus(rig), permit, is_interrupted)?;
         self.begin_scene();
         let start = self.led_angles();
@@ -260,8 +262,13 @@ impl<P: Place> Runner<P> {
                 force: record.inputs.sample,
             });
             let at = samples.len() - 1;
-            if let Some(meter) = &mut meter {
-                meter.step(self, Some(at as f64));
+            let made = meter.as_mut().map_or(Metered::Torque(torque), |meter| meter.step(self, Some(at as f64)));
+            let [angle_rad, led_rad] = [record.signals.measured_angles, record.signals.target_angles].map(of);
+            let now = Stand { time_s: at as f64 * period_s, angle_rad, led_rad };
+            if let Metered::Torque(made_n_m) = made
+                && push.is_blocked_while_led(now, made_n_m)
+            {
+                self.report_blocked(joint);
             }
             if self.state() != State::Running {
                 ended = Ended::Stopped;
