@@ -248,15 +248,16 @@ fn no_joint_is_led_beyond_its_bound_or_with_more_torque_than_its_limit() {
     assert!(torque > 5.0 && torque <= end.torque_n_m + 1e-9, "{torque} of {}", end.torque_n_m);
 }
 
-/// By the truth of the tool.
+/// By the truth of the tool. The first travel ends after 0.7 s; a joint just short of its target is near enough to be no following error.
 #[test]
 fn an_encoder_that_stands_still_at_any_moment_leads_no_joint_away() {
+    let ends_travel = (0..12).map(|at| 0.7 + 0.012 * f64::from(at));
+    let moments_s: Vec<f64> = ends_travel.chain((0..8).map(|at| 1.2 + 1.6 * f64::from(at))).collect();
     for file in ["paper-admittance.yaml", "paper-admittance-csp.yaml"] {
         let loaded = config::load_rig(config::builtin(file)).unwrap();
         let linkage = linkage(&loaded.value).unwrap();
         for (joint, target) in [Target::LeftDrive, Target::RightDrive].into_iter().enumerate() {
-            for at in 0..16 {
-                let at_s = 0.3 + 0.87 * f64::from(at);
+            for &at_s in &moments_s {
                 let stuck = Injection::new(Kind::EncoderStuck, at_s).on(target).lasting(Some(0.6));
                 let farthest = std::sync::Arc::new(std::sync::Mutex::new(0.0_f64));
                 let (seen, mut from) = (std::sync::Arc::clone(&farthest), None);
@@ -271,7 +272,7 @@ fn an_encoder_that_stands_still_at_any_moment_leads_no_joint_away() {
                     *seen = seen.max((angles - start).max_abs());
                 });
                 let farthest = *farthest.lock().unwrap();
-                assert!(farthest < LOOP_BOUND_RAD + 0.05, "{} {target:?} at {at_s}: {farthest}", loaded.value.rig.name);
+                assert!(farthest < LOOP_BOUND_RAD, "{} {target:?} at {at_s}: {farthest}", loaded.value.rig.name);
             }
         }
     }

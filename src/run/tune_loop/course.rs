@@ -18,8 +18,8 @@ const EXCITATION_SHARE: f64 = 0.5;
 const RAMP_S: f64 = 0.1;
 /// What the loop has to forget of that, s: the integral takes over dry friction.
 const FORGETS_S: f64 = 0.2;
-/// A joint rests so long between two travels, s.
-const REST_S: f64 = 0.2;
+/// A joint rests so long between two travels, s. One whose encoder stands still just short of its target is pushed on more and more meanwhile.
+const REST_S: f64 = 0.05;
 /// Length of a record, s.
 const RECORD_S: f64 = 0.5;
 /// How often the joint goes to and fro while it is excited, and with a step.
