@@ -28,8 +28,14 @@ const LEAST_LETTERS: u32 = 9;
 const LETTER_WIDTH: f64 = 0.56;
 /// Half the width of a mark, in pixels of the SVG.
 const MARK: f64 = 4.0;
-/// How far within the frame marks stand that lie beyond it, as a share of the axis.
+/// Widths of lines, in pixels of the SVG: of a series, and of an interval.
+const LINE: f64 = 1.8;
+const WHISKER: f64 = 1.0;
+/// By how much a mark is larger than that of the next series, so that its rim is seen where both stand in one place.
+const RIM: f64 = 0.08;
+/// How far within the frame marks stand that lie beyond it, as a share of the axis, and how much farther those of the next series.
 const EDGE: f64 = 0.015;
+const NEXT_EDGE: f64 = 0.03;
 /// Between these a logarithmic axis has decimals at its ticks.
 const LEAST_PLAIN: f64 = 0.001;
 const MOST_PLAIN: f64 = 100_000.0;
@@ -80,7 +86,7 @@ fn legend(chart: &Chart) -> Vec<LegendEntry> {
     let mut entries: Vec<LegendEntry> = Vec::new();
     let all = chart.panels.iter().flat_map(|panel| panel.series.iter().map(move |series| (panel, series)));
     for (panel, series) in all {
-        let is_seen = !drawn(panel, series).is_empty() || !beyond(panel, series).is_empty();
+        let is_seen = !drawn(panel, series).is_empty() || !beyond_values(panel, series).is_empty();
         if series.name.is_empty() || !is_seen || entries.iter().any(|entry| entry.label == series.name) {
             continue;
         }
@@ -88,7 +94,7 @@ fn legend(chart: &Chart) -> Vec<LegendEntry> {
             label: series.name.clone(),
             color: code(series.color).to_owned(),
             shape: match series.mark {
-                Mark::Line | Mark::Dashed => LegendShape::Line,
+                Mark::Line | Mark::Dashed | Mark::Whisker => LegendShape::Line,
                 Mark::MarkedLine | Mark::MarkedDashes | Mark::Marks => LegendShape::Marker(shape(series)),
                 Mark::Cells(_) => LegendShape::Rect,
             },
@@ -100,7 +106,7 @@ fn legend(chart: &Chart) -> Vec<LegendEntry> {
 
 fn layout(panel: &Panel) -> Layout {
     let [x, y] = [(&panel.x, 0), (&panel.y, 1)].map(|(axis, which)| range(axis, panel, which));
-    let beyond = panel.series.iter().map(|series| beyond(panel, series).len()).sum::<usize>();
+    let beyond = panel.series.iter().map(|series| beyond_values(panel, series).len()).sum::<usize>();
     let title = match beyond {
         0 => panel.title.clone(),
         _ => format!("{} ({beyond} {})", panel.title, edge_words(panel)),
@@ -212,22 +218,21 @@ fn beyond_values(panel: &Panel, series: &Series) -> Vec<(f64, f64)> {
     series.points.iter().copied().filter(is_finite).filter(|&point| !is_within(panel, point)).collect()
 }
 
-/// The same marks, each at the nearest place on the edge, and whether its value lies below.
-fn beyond(panel: &Panel, series: &Series) -> Vec<((f64, f64), bool)> {
+/// The same marks, each near the nearest place on the edge, and whether its value lies below. `row` counts the series that have such
+/// marks before this one.
+fn beyond(panel: &Panel, series: &Series, row: usize) -> Vec<((f64, f64), bool)> {
     let values = beyond_values(panel, series);
-    if values.is_empty() {
-        return Vec::new();
-    }
+    let inward = EDGE + NEXT_EDGE * row as f64;
     let [of_x, of_y] = [(&panel.x, 0), (&panel.y, 1)].map(|(axis, which)| (axis, range(axis, panel, which)));
-    let at = |(x, y): (f64, f64)| (edge(x, of_x.0, of_x.1), edge(y, of_y.0, of_y.1));
+    let at = |(x, y): (f64, f64)| (edge(x, of_x.0, of_x.1, EDGE), edge(y, of_y.0, of_y.1, inward));
     values.into_iter().map(|point| (at(point), point.1 < at(point).1)).collect()
 }
 
-/// A value on the axis, or the place just within the end that it lies beyond.
-fn edge(value: f64, axis: &Axis, (low, high): (f64, f64)) -> f64 {
+/// A value on the axis, or the place within the end that it lies beyond, by a share of the axis.
+fn edge(value: f64, axis: &Axis, (low, high): (f64, f64), inward: f64) -> f64 {
     let share = match value {
-        _ if value < low => EDGE,
-        _ if value > high => 1.0 - EDGE,
+        _ if value < low => inward,
+        _ if value > high => 1.0 - inward,
         _ => return value,
     };
     if axis.is_logarithmic { low * elementary::powf(high / low, share) } else { low + share * (high - low) }
@@ -235,12 +240,16 @@ fn edge(value: f64, axis: &Axis, (low, high): (f64, f64)) -> f64 {
 
 fn plots(panel: &Panel) -> Vec<Plot> {
     let mut plots = Vec::new();
+    let named = panel.series.iter().filter(|series| !series.name.is_empty());
+    let (mut under, mut rows) = (named.count(), 0);
     for series in &panel.series {
+        under = under.saturating_sub(usize::from(!series.name.is_empty()));
+        let mark = MARK * (1.0 + RIM * under as f64);
         let (points, all) = (drawn(panel, series), drawable(panel, series));
         let color = code(series.color);
         // What lies beyond the axes is cut off at their frame.
         let line = |style| {
-            LinePlot::new().with_data(all.clone()).with_color(color).with_stroke_width(1.8).with_line_style(style)
+            LinePlot::new().with_data(all.clone()).with_color(color).with_stroke_width(LINE).with_line_style(style)
         };
         let marks = |points: Vec<(f64, f64)>, marker, size| {
             ScatterPlot::new().with_data(points).with_color(color).with_marker(marker).with_size(size)
@@ -249,20 +258,29 @@ fn plots(panel: &Panel) -> Vec<Plot> {
             _ if all.is_empty() => {}
             Mark::Line | Mark::MarkedLine => plots.push(line(LineStyle::Solid).into()),
             Mark::Dashed | Mark::MarkedDashes => plots.push(line(LineStyle::Dashed).into()),
+            Mark::Whisker => {
+                let ends = series.points.iter().filter(|(x, y)| x.is_finite() && y.is_finite());
+                let [of_x, of_y] = [(&panel.x, 0), (&panel.y, 1)].map(|(axis, which)| range(axis, panel, which));
+                // An end beyond the frame is drawn at it.
+                let ends: Vec<_> = ends.map(|&(x, y)| (x.clamp(of_x.0, of_x.1), y.clamp(of_y.0, of_y.1))).collect();
+                plots.push(LinePlot::new().with_data(ends).with_color(color).with_stroke_width(WHISKER).into());
+            }
             Mark::Marks | Mark::Cells(_) => {}
         }
         match series.mark {
             _ if points.is_empty() => {}
-            Mark::Line | Mark::Dashed => {}
+            Mark::Line | Mark::Dashed | Mark::Whisker => {}
             Mark::MarkedLine | Mark::MarkedDashes | Mark::Marks => {
-                plots.push(marks(points, shape(series), MARK).into());
+                plots.push(marks(points, shape(series), mark).into());
             }
             Mark::Cells(width) => {
                 let half = 0.5 * f64::from(width) / 1000.0 * WITHIN * PANEL.0;
                 plots.push(marks(points, MarkerShape::Square, half).into());
             }
         }
-        let (below, above): (Vec<_>, Vec<_>) = beyond(panel, series).into_iter().partition(|(_, is_below)| *is_below);
+        let (below, above): (Vec<_>, Vec<_>) =
+            beyond(panel, series, rows).into_iter().partition(|(_, is_below)| *is_below);
+        rows += usize::from(!(below.is_empty() && above.is_empty()));
         for (points, shape) in [(above, MarkerShape::Triangle), (below, MarkerShape::TriangleDown)] {
             if !points.is_empty() {
                 plots.push(marks(points.into_iter().map(|(point, _)| point).collect(), shape, MARK).into());
@@ -302,6 +320,7 @@ fn code(color: Color) -> &'static str {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Estimate;
     use super::*;
 
     fn chart() -> Chart {
@@ -357,13 +376,38 @@ mod tests {
         let panel = &mut chart.panels[0];
         panel.y = Axis::linear("y").over(-300.0, 324.0);
         // 19^2 and 20^2 of `measured` are above, -18^2 to -20^2 of the marks are below; the dashed line is only cut off.
-        let counts: Vec<_> = panel.series.iter().map(|series| beyond(panel, series).len()).collect();
+        let counts: Vec<_> = panel.series.iter().map(|series| beyond(panel, series, 0).len()).collect();
         assert_eq!(counts, [0, 2, 0, 3]);
         let near = |((x, y), is_below): ((f64, f64), bool)| (x, y.round(), is_below);
-        assert_eq!(near(beyond(panel, &panel.series[1])[0]), (19.0, 315.0, false));
-        assert_eq!(near(beyond(panel, &panel.series[3])[0]), (18.0, -291.0, true));
-        assert!((edge(1e9, &Axis::logarithmic("x"), (1.0, 1e4)) / 8.7e3 - 1.0).abs() < 0.01);
+        assert_eq!(near(beyond(panel, &panel.series[1], 0)[0]), (19.0, 315.0, false));
+        assert_eq!(near(beyond(panel, &panel.series[3], 0)[0]), (18.0, -291.0, true));
+        assert_eq!(near(beyond(panel, &panel.series[3], 2)[0]), (18.0, -253.0, true), "beside those of two others");
+        assert!((edge(1e9, &Axis::logarithmic("x"), (1.0, 1e4), EDGE) / 8.7e3 - 1.0).abs() < 0.01);
         assert!(svg(&chart).contains("left (5 beyond)"));
+    }
+
+    #[test]
+    fn an_estimate_has_a_line_over_its_interval_as_far_as_the_axes_reach() {
+        let estimate = |value: f64, low: f64, high: f64| Estimate { value, low, high };
+        let estimates = [
+            (1.0.into(), estimate(10.0, 5.0, 20.0)),
+            (estimate(2.0, 1.5, 2.5), estimate(30.0, -1.0, 2e4)),
+            (3.0.into(), f64::NAN.into()),
+            (4.0.into(), estimate(40.0, 40.0, 40.0)),
+        ];
+        let all = Series::new("law".into(), Mark::MarkedLine, Color::Blue).through(&estimates);
+        let ends: Vec<_> = all.iter().filter(|it| it.mark == Mark::Whisker).map(|it| it.points.clone()).collect();
+        let expected = [[(1.0, 5.0), (1.0, 20.0)], [(1.5, 30.0), (2.5, 30.0)], [(2.0, -1.0), (2.0, 2e4)]];
+        assert_eq!(ends, expected.map(Vec::from));
+        assert_eq!(all.last().unwrap().points.len(), 4, "the series itself is on top");
+        let mut chart = chart();
+        chart.panels.truncate(1);
+        chart.panels[0].y = Axis::logarithmic("y").over(1.0, 1e3);
+        chart.panels[0].series = all;
+        assert_eq!(plots(&chart.panels[0]).len(), 3 + 2, "three lines, a line and its marks");
+        let svg = svg(&chart);
+        assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+        assert_eq!(legend(&chart).len(), 1);
     }
 
     /// Of a method whose value is zero the legend would speak, and no panel would show it.
@@ -377,7 +421,7 @@ mod tests {
         }
         let panel = &chart.panels[0];
         let (low, high) = range(&panel.y, panel, 1);
-        for ((_, y), is_below) in beyond(panel, &panel.series[1]) {
+        for ((_, y), is_below) in beyond(panel, &panel.series[1], 0) {
             assert!(is_below && low < y && y < low * elementary::powf(high / low, 0.05));
         }
         let names: Vec<_> = legend(&chart).into_iter().map(|entry| entry.label).collect();

@@ -27,7 +27,7 @@ pub struct Panel {
     /// Axis upward.
     pub y: Axis,
     /// What is drawn, the last on top. Points that are not finite are left out. Marks beyond the range of an axis, and those not
-    /// above zero on a logarithmic one, are drawn as triangles at its edge, and the title says how many; lines are cut off.
+    /// above zero on a logarithmic one, are drawn as triangles at its edge, a row for each series, and the title says how many; lines are cut off.
     pub series: Vec<Series>,
 }
 
@@ -70,8 +70,50 @@ pub enum Mark {
     MarkedDashes,
     /// The marks of [`Mark::MarkedLine`] alone.
     Marks,
+    /// A thin line: an interval.
+    Whisker,
     /// Squares as wide as this many parts of a thousand of the panel: the cells of a map.
     Cells(u32),
+}
+
+/// A value with the ends of its interval, which are not finite where there is none.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// The value.
+    pub value: f64,
+    /// Lower end.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+}
+
+impl From<f64> for Estimate {
+    fn from(value: f64) -> Self {
+        Self { value, low: f64::NAN, high: f64::NAN }
+    }
+}
+
+impl Series {
+    /// A series without points.
+    pub fn new(name: String, mark: Mark, color: Color) -> Self {
+        Self { name, points: Vec::new(), mark, color }
+    }
+
+    /// This series through estimates, on top of the intervals of both coordinates.
+    pub fn through(self, estimates: &[(Estimate, Estimate)]) -> Vec<Self> {
+        let whiskers = estimates
+            .iter()
+            .flat_map(|(x, y)| [[(x.low, y.value), (x.high, y.value)], [(x.value, y.low), (x.value, y.high)]]);
+        let is_known = |ends: &[(f64, f64); 2]| {
+            ends.iter().all(|(x, y)| x.is_finite() && y.is_finite()) && ends.first() != ends.last()
+        };
+        let whisker =
+            |ends: [(f64, f64); 2]| Self { name: String::new(), points: ends.into(), mark: Mark::Whisker, ..self };
+        let mut all: Vec<Self> = whiskers.filter(is_known).map(whisker).collect();
+        let points = estimates.iter().map(|(x, y)| (x.value, y.value)).collect();
+        all.push(Self { points, ..self });
+        all
+    }
 }
 
 /// Colours that the colour-blind can tell apart, the most different first.

@@ -278,7 +278,9 @@ impl Study for Control {
                 .collect(),
         };
         let chart = Chart {
-            title: format!("A rig that traces the circle, gains at {GAIN_DB} dB and {PHASE_DEG} degrees"),
+            title: format!(
+                "A rig that traces the circle, gains at {GAIN_DB} dB and {PHASE_DEG} degrees of an arm with stiff gears"
+            ),
             panels: vec![
                 panel("steady tracing, tool", "steady_rms_m", Axis::logarithmic("RMS error (um)"), 1e6),
                 panel("tracing with its turn, tool", "whole_max_m", Axis::logarithmic("greatest error (um)"), 1e6),

@@ -13,7 +13,7 @@ use crate::report::RunReport;
 const STUDY: &str = "energy";
 /// A tool that in the last second of a run is faster on average, m/s, long after the hand's aim came to rest, swings.
 const SWINGS_M_PER_S: f64 = 0.01;
-/// Lower edge of the chart; what is below stands there, and so does nothing at all.
+/// Lower edge of the chart.
 const LEAST_SHARE: f64 = 1e-4;
 
 /// The study `energy`.
@@ -49,7 +49,7 @@ impl Study for Energy {
         let wrong = clean.rows().filter(|row| row.word("verdict") != WITHIN);
         let wrong = wrong.chain(swinging.rows().filter(|row| swings(row) && row.word("verdict") != ABOVE));
         notes.extend(wrong.map(|row| format!("  {}: {}", row.word("verdict"), row.command(STUDY))));
-        let share = |row: &Row<'_>| (row.number("excess_mj") / row.number("bound_mj")).max(LEAST_SHARE);
+        let share = |row: &Row<'_>| row.number("excess_mj") / row.number("bound_mj");
         let series = |name: &str, table: &Table, color| Series {
             name: name.to_owned(),
             points: table.rows().map(|row| (row.number("period_ms"), share(&row))).collect(),
@@ -63,7 +63,7 @@ impl Study for Energy {
             color: Color::LINES[2],
         };
         let panel = Panel {
-            title: String::new(),
+            title: "a mark is a run".to_owned(),
             x: Axis::logarithmic("cycle (ms)").over(0.4, 12.0),
             y: Axis::logarithmic("energy / bound").over(LEAST_SHARE, 100.0),
             series: vec![
@@ -72,7 +72,7 @@ impl Study for Energy {
                 bound,
             ],
         };
-        let title = "energy given in one go beyond what the rig held".to_owned();
+        let title = "Energy given in one go beyond what the rig held".to_owned();
         Report { notes, charts: vec![("study-energy", Chart { title, panels: vec![panel], columns: 1 })] }
     }
 }

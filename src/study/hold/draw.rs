@@ -1,6 +1,6 @@
 //! The charts of the study.
 
-use super::super::chart::{Axis, Chart, Color, Mark, Panel, Series};
+use super::super::chart::{Axis, Chart, Color, Estimate, Mark, Panel, Series};
 use super::super::sweep::Table;
 use super::trial::{GRIPS, PLACES, Place, RULES, Rule};
 use super::{CASES, ONSETS_MS, impacts_of, of_rule, pushes_of};
@@ -38,10 +38,8 @@ fn mark(name: &str) -> Mark {
     if name == "automatic" { Mark::MarkedLine } else { Mark::MarkedDashes }
 }
 
-/// An upright line over an interval.
-fn whisker(x: f64, [low, high]: [f64; 2], color: Color) -> Series {
-    Series { name: String::new(), points: vec![(x, low), (x, high)], mark: Mark::Line, color }
-}
+/// The hands that break through, in percent.
+const SHARE: [&str; 3] = ["share", "share_low", "share_high"];
 
 /// Break-through against delay, over the windows.
 fn window(impacts: &Table, pushes: &Table) -> Chart {
@@ -56,14 +54,13 @@ fn window(impacts: &Table, pushes: &Table) -> Chart {
                 if !x.is_finite() {
                     continue;
                 }
-                points.push((x, 100.0 * row.number("share")));
+                let share = row.estimate(SHARE, 100.0);
+                points.push((Estimate::from(x), share));
                 if rule == DEFAULT {
-                    default.push((x, 100.0 * row.number("share")));
+                    default.push((x, share.value));
                 }
-                let interval = ["share_low", "share_high"].map(|column| (100.0 * row.number(column)).max(LEAST));
-                series.push(whisker(x, interval, color(name)));
             }
-            series.push(Series { name: name.to_owned(), points, mark: mark(name), color: color(name) });
+            series.extend(Series::new(name.to_owned(), mark(name), color(name)).through(&points));
             if !default.is_empty() {
                 let name = format!("{name}, {} ms: the default", DEFAULT.window_ms());
                 series.push(Series { name, points: default, mark: Mark::Marks, color: Color::Black });
@@ -134,11 +131,9 @@ fn places(impacts: &Table) -> Chart {
             for rule in rules("automatic") {
                 let Some(row) = of_rule(impacts_of(impacts, place, grips), rule) else { continue };
                 let x = f64::from(rule.window_ms());
-                points.push((x, 100.0 * row.number("share")));
-                let interval = ["share_low", "share_high"].map(|column| (100.0 * row.number(column)).max(LEAST));
-                series.push(whisker(x, interval, color));
+                points.push((Estimate::from(x), row.estimate(SHARE, 100.0)));
             }
-            series.push(Series { name: place.name().to_owned(), points, mark: Mark::MarkedLine, color });
+            series.extend(Series::new(place.name().to_owned(), Mark::MarkedLine, color).through(&points));
         }
         Panel {
             title: format!("{} grips", grips.name),

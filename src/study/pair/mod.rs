@@ -167,7 +167,7 @@ impl Study for PairStudy {
         let felt = || Axis::linear("force felt, most (N)");
         let given = || Axis::logarithmic("given to the hand in one go (J)");
         let chart = Chart {
-            title: "a pair that presses on a wall with 12 N, by the place of its fixture".to_owned(),
+            title: "A pair that presses on a wall with 12 N, by the place of its fixture".to_owned(),
             panels: vec![
                 panel(FREE, felt(), braced, nothing, "peak_n", 1.0),
                 panel(FREE, Axis::logarithmic("slave beyond the wall (mm)"), braced, nothing, "slave_depth_m", 1e3),

@@ -1,14 +1,21 @@
 //! The charts of the study.
 
-use super::super::chart::{Axis, Chart, Color, Mark, Panel, Series};
+use super::super::chart::{Axis, Chart, Color, Estimate, Mark, Panel, Series};
 use super::super::sweep::{Row, Table};
 use super::super::task::{Aid, Law};
 use super::of_aid;
 use super::runs::{BESIDE_M, VARIED, WIDTH_BESIDE_M, WIDTHS_AGAIN_M, WIDTHS_M, YIELDS_N, aids};
 use super::track::Track;
 
+/// How far apart fixtures stand beside each other at one kind of user.
+const BESIDE_EACH_OTHER: f64 = 0.12;
 /// Ends of the axes of time, in s.
 const TIMES_S: [f64; 2] = [0.7, 12.0];
+
+/// Columns with their intervals of 95 %.
+const TIME: [&str; 3] = ["time_s", "time_low_s", "time_high_s"];
+const ERROR: [&str; 3] = ["error_rms_m", "error_low_m", "error_high_m"];
+const OUTSIDE: [&str; 3] = ["outside_share", "outside_low", "outside_high"];
 
 type Named = (&'static str, Chart);
 
@@ -46,8 +53,8 @@ fn drawn_at(yield_n: f64) -> impl Iterator<Item = Aid> {
     all.into_iter()
 }
 
-fn series(aid: &Aid, points: Vec<(f64, f64)>) -> Series {
-    Series { name: aid.name(), points, mark: Mark::MarkedLine, color: look(aid) }
+fn series(aid: &Aid, points: &[(Estimate, Estimate)]) -> Vec<Series> {
+    Series::new(aid.name(), Mark::MarkedLine, look(aid)).through(points)
 }
 
 /// The row of a way, a width and a fixture.
@@ -62,35 +69,36 @@ fn law(widths: &Table) -> Chart {
         for yield_n in YIELDS_N {
             let of = |aid: Aid| {
                 let point = |width_m: f64| {
-                    at(widths, track, width_m, &aid).map(|row| (row.number("length_over_width"), row.number("time_s")))
+                    at(widths, track, width_m, &aid)
+                        .map(|row| (row.number("length_over_width").into(), row.estimate(TIME, 1.0)))
                 };
-                series(&aid, WIDTHS_M.into_iter().filter_map(point).collect())
+                series(&aid, &WIDTHS_M.into_iter().filter_map(point).collect::<Vec<_>>())
             };
             panels.push(Panel {
                 title: format!("{}, R = {yield_n} N", track.name()),
                 x: Axis::logarithmic("length over width of the band").over(4.0, 130.0),
                 y: Axis::logarithmic("time (s)").over(TIMES_S[0], TIMES_S[1]),
-                series: drawn_at(yield_n).map(of).collect(),
+                series: drawn_at(yield_n).flat_map(of).collect(),
             });
         }
     }
-    Chart { title: "A simulated user chooses speed: time along a band, medians of 40 users".into(), panels, columns: 2 }
+    let title = "A simulated user chooses speed: time along a band, medians of 40 users with intervals of 95 %".into();
+    Chart { title, panels, columns: 2 }
 }
 
 fn error(widths: &Table) -> Chart {
     let panel = |yield_n: f64| {
         let of = |aid: Aid| {
             let point = |width_m: f64| {
-                at(widths, Track::Circle, width_m, &aid)
-                    .map(|row| (row.number("time_s"), 1e3 * row.number("error_rms_m")))
+                at(widths, Track::Circle, width_m, &aid).map(|row| (row.estimate(TIME, 1.0), row.estimate(ERROR, 1e3)))
             };
-            series(&aid, WIDTHS_M.into_iter().filter_map(point).collect())
+            series(&aid, &WIDTHS_M.into_iter().filter_map(point).collect::<Vec<_>>())
         };
         Panel {
             title: format!("R = {yield_n} N"),
             x: Axis::logarithmic("time (s)").over(TIMES_S[0], TIMES_S[1]),
             y: Axis::logarithmic("RMS error (mm)").over(0.01, 20.0),
-            series: drawn_at(yield_n).map(of).collect(),
+            series: drawn_at(yield_n).flat_map(of).collect(),
         }
     };
     Chart {
@@ -105,54 +113,61 @@ fn users(widths: &Table, varied: &Table) -> Chart {
     let mut panels = Vec::new();
     for width_m in WIDTHS_AGAIN_M {
         for yield_n in YIELDS_N {
-            let of = |aid: Aid| {
-                let usual = at(widths, Track::Circle, width_m, &aid).map(|row| (1.0, row.number("time_s")));
+            let aids: Vec<Aid> = drawn_at(yield_n).collect();
+            let of = |(beside, aid): (usize, &Aid)| {
+                // Each fixture beside the last one, around the place of its kind of user.
+                let x = BESIDE_EACH_OTHER * (beside as f64 - 0.5 * (aids.len() - 1) as f64);
+                let time = |place: f64, row: Row<'_>| (Estimate::from(place + x), row.estimate(TIME, 1.0));
+                let usual = at(widths, Track::Circle, width_m, aid).map(|row| time(1.0, row));
                 let of_kind = |(place, (variant, _)): (usize, &(&str, _))| {
                     let is_meant = |row: &Row<'_>| row.word("variant") == *variant && row.number("width_m") == width_m;
-                    of_aid(varied.rows().filter(is_meant), &aid).map(|row| (2.0 + place as f64, row.number("time_s")))
+                    of_aid(varied.rows().filter(is_meant), aid).map(|row| time(2.0 + place as f64, row))
                 };
-                let points = usual.into_iter().chain(VARIED.iter().enumerate().filter_map(of_kind)).collect();
-                Series { mark: Mark::Marks, ..series(&aid, points) }
+                let points: Vec<_> = usual.into_iter().chain(VARIED.iter().enumerate().filter_map(of_kind)).collect();
+                Series::new(aid.name(), Mark::Marks, look(aid)).through(&points)
             };
             panels.push(Panel {
                 title: format!("band of {} mm, R = {yield_n} N", 1e3 * width_m),
                 x: Axis::of_words("kind of user", ('a'..='o').map(String::from).collect()),
                 y: Axis::logarithmic("time (s)").over(TIMES_S[0], TIMES_S[1]),
-                series: drawn_at(yield_n).map(of).collect(),
+                series: aids.iter().enumerate().flat_map(of).collect(),
             });
         }
     }
-    Chart { title: "Users of other numbers: a the usual ones, b to o one number changed".into(), panels, columns: 2 }
+    let title =
+        "Users of other numbers: a the usual ones, b to o one number changed; medians with intervals of 95 %".into();
+    Chart { title, panels, columns: 2 }
 }
 
 /// A reference beside the way.
 fn misplaced(widths: &Table, beside: &Table) -> Chart {
     let mut panels = Vec::new();
     let kinds = [
-        ("time_s", 1.0, Axis::logarithmic("time (s)").over(TIMES_S[0], TIMES_S[1])),
-        ("outside_share", 100.0, Axis::linear("time outside of the band (%)").over(-3.0, 103.0)),
+        (TIME, 1.0, Axis::logarithmic("time (s)").over(TIMES_S[0], TIMES_S[1])),
+        (OUTSIDE, 100.0, Axis::linear("time outside of the band (%)").over(-3.0, 103.0)),
     ];
     for yield_n in YIELDS_N {
-        for (column, factor, y) in kinds.clone() {
+        for (columns, factor, y) in kinds.clone() {
             let of = |aid: Aid| {
-                let on = at(widths, Track::Circle, WIDTH_BESIDE_M, &aid).map(|row| (0.0, factor * row.number(column)));
+                let point =
+                    |beside_m: f64, row: Row<'_>| (Estimate::from(1e3 * beside_m), row.estimate(columns, factor));
+                let on = at(widths, Track::Circle, WIDTH_BESIDE_M, &aid).map(|row| point(0.0, row));
                 let off = |beside_m: f64| {
                     let is_meant = |row: &Row<'_>| row.number("beside_m") == beside_m;
-                    of_aid(beside.rows().filter(is_meant), &aid)
-                        .map(|row| (1e3 * beside_m, factor * row.number(column)))
+                    of_aid(beside.rows().filter(is_meant), &aid).map(|row| point(beside_m, row))
                 };
-                series(&aid, on.into_iter().chain(BESIDE_M.into_iter().filter_map(off)).collect())
+                series(&aid, &on.into_iter().chain(BESIDE_M.into_iter().filter_map(off)).collect::<Vec<_>>())
             };
             panels.push(Panel {
                 title: format!("R = {yield_n} N"),
                 x: Axis::linear("fixture beside the way (mm)").over(-0.4, 8.4),
                 y,
-                series: drawn_at(yield_n).map(of).collect(),
+                series: drawn_at(yield_n).flat_map(of).collect(),
             });
         }
     }
     Chart {
-        title: "A fixture beside the way, on which the tool starts; circle, band of 8 mm, whose edge is at 4 mm".into(),
+        title: "A fixture beside the way, on which the tool starts; circle, band of 8 mm, whose edge is at 4 mm; medians with intervals of 95 %".into(),
         panels,
         columns: 2,
     }

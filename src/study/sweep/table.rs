@@ -5,6 +5,7 @@ use std::fmt::Write;
 
 use serde_json::{Map, Value};
 
+use super::super::chart::Estimate;
 use super::Sweep;
 
 /// The points of a table that have been computed.
@@ -92,6 +93,12 @@ impl<'a> Row<'a> {
     /// A number; NaN where there is none.
     pub fn number(&self, column: &str) -> f64 {
         self.cell(column).as_f64().unwrap_or(f64::NAN)
+    }
+
+    /// A number of one column with the ends of its interval from two more, all times a factor.
+    pub fn estimate(&self, columns: [&str; 3], factor: f64) -> Estimate {
+        let [value, low, high] = columns.map(|column| factor * self.number(column));
+        Estimate { value, low, high }
     }
 
     /// A word; empty where there is none.

@@ -1,6 +1,6 @@
 //! The charts of the study.
 
-use super::super::chart::{Axis, Chart, Color, Mark, Panel, Series};
+use super::super::chart::{Axis, Chart, Color, Estimate, Mark, Panel, Series};
 use super::super::sweep::{Row, Table, wilson};
 use super::aid::{Aid, DRIFTS_M_PER_S, Law, SPRINGS_N_PER_M, YIELDS_N};
 use super::runs::{AIM_M, AIMS_M, SPEED_M_PER_S, SPEEDS_M_PER_S};
@@ -13,6 +13,10 @@ const THROWN_M: f64 = 1e-3;
 const ALIKE: f64 = 0.9;
 /// Width of a cell of the map, in thousandths of the panel.
 const CELL: u32 = 190;
+
+/// Columns with their intervals of 95 %.
+const ERROR: [&str; 3] = ["error_rms_m", "error_low_m", "error_high_m"];
+const JUMP: [&str; 3] = ["jump_m", "jump_low_m", "jump_high_m"];
 
 type Named = (&'static str, Chart);
 
@@ -47,9 +51,9 @@ fn drawn_at(yield_n: f64) -> Vec<Aid> {
     [Aid::NONE].into_iter().chain(Aid::at(yield_n)).collect()
 }
 
-fn series(aid: &Aid, points: Vec<(f64, f64)>) -> Series {
+fn series(aid: &Aid, points: &[(Estimate, Estimate)]) -> Vec<Series> {
     let (color, mark) = look(aid);
-    Series { name: aid.name(), points, mark, color }
+    Series::new(aid.name(), mark, color).through(points)
 }
 
 fn speed(speeds: &Table) -> Chart {
@@ -58,20 +62,20 @@ fn speed(speeds: &Table) -> Chart {
             let at = |speed: f64| {
                 let rows =
                     speeds.rows().filter(|row| row.word("way") == "circle" && row.number("speed_m_per_s") == speed);
-                of_aid(rows, aid).map(|row| (speed, 1e3 * row.number("error_rms_m")))
+                of_aid(rows, aid).map(|row| (Estimate::from(speed), row.estimate(ERROR, 1e3)))
             };
-            series(aid, SPEEDS_M_PER_S.into_iter().filter_map(at).collect())
+            series(aid, &SPEEDS_M_PER_S.into_iter().filter_map(at).collect::<Vec<_>>())
         };
         Panel {
             title: format!("R = {yield_n} N"),
             x: Axis::logarithmic("imposed speed (m/s)").over(0.03, 0.3),
             y: Axis::logarithmic("RMS error (mm)").over(0.01, 30.0),
-            series: drawn_at(yield_n).iter().map(of).collect(),
+            series: drawn_at(yield_n).iter().flat_map(of).collect(),
         }
     };
     Chart {
         title: format!(
-            "Error at an imposed speed, circle, aim off by {} mm RMS at rest; medians of 24 users",
+            "Error at an imposed speed, circle, aim off by {} mm RMS at rest; medians of 24 users with intervals of 95 %",
             1e3 * AIM_M
         ),
         panels: YIELDS_N.map(panel).to_vec(),
@@ -83,29 +87,34 @@ fn price(errors: &Table) -> Chart {
     let mut panels = Vec::new();
     for yield_n in [YIELDS_N[0], YIELDS_N[2]] {
         let axes = [
-            ("energy_across_j", 1e3, Axis::logarithmic("energy given across the way (mJ)").over(0.01, 1000.0)),
-            ("jump_m", 1e3, Axis::linear("jump when let go (mm)").over(-2.0, 42.0)),
-            ("force_max_n", 1.0, Axis::logarithmic("greatest force while tracing (N)").over(1.0, 100.0)),
+            (
+                ["energy_across_j", "energy_low_j", "energy_high_j"],
+                1e3,
+                Axis::logarithmic("energy given across the way (mJ)").over(0.01, 1000.0),
+            ),
+            (JUMP, 1e3, Axis::linear("jump when let go (mm)").over(-2.0, 42.0)),
+            // The greatest force has no interval.
+            (["force_max_n"; 3], 1.0, Axis::logarithmic("greatest force while tracing (N)").over(1.0, 100.0)),
         ];
-        for (column, factor, x) in axes {
+        for (columns, factor, x) in axes {
             let of = |aid: &Aid| {
                 let at = |aim_m: f64| {
                     of_aid(of_errors(errors, GRIPS[0].name, aim_m), aid)
-                        .map(|row| (factor * row.number(column), 1e3 * row.number("error_rms_m")))
+                        .map(|row| (row.estimate(columns, factor), row.estimate(ERROR, 1e3)))
                 };
-                series(aid, AIMS_M.into_iter().filter_map(at).collect())
+                series(aid, &AIMS_M.into_iter().filter_map(at).collect::<Vec<_>>())
             };
             panels.push(Panel {
                 title: format!("R = {yield_n} N"),
                 x,
                 y: Axis::logarithmic("RMS error (mm)").over(0.01, 30.0),
-                series: drawn_at(yield_n).iter().map(of).collect(),
+                series: drawn_at(yield_n).iter().flat_map(of).collect(),
             });
         }
     }
     Chart {
         title: format!(
-            "Error against its price, circle at {SPEED_M_PER_S} m/s, soft hand; a line runs over aims off by 1.25, 2.5, 5 and 10 mm RMS at rest"
+            "Error against its price, circle at {SPEED_M_PER_S} m/s, soft hand; medians with intervals of 95 %; a line runs over aims off by 1.25, 2.5, 5 and 10 mm RMS at rest"
         ),
         panels,
         columns: 3,
@@ -196,28 +205,26 @@ fn map(errors: &Table) -> Chart {
 
 fn on_device(device: &Table) -> Chart {
     let colors = [Color::Vermilion, Color::Green, Color::Blue];
-    let panel = |title: &str, grip: &'static str, column: &'static str, factor: f64, y: Axis| {
-        let line = |law: Law, yield_n: Option<f64>, name: String, mark: Mark, color: Color| Series {
-            name,
-            points: device::STIFFNESSES_N_PER_M
+    let panel = |title: &str, grip: &'static str, columns: [&'static str; 3], factor: f64, y: Axis| {
+        let line = |law: Law, yield_n: Option<f64>, name: String, mark: Mark, color: Color| {
+            let points: Vec<_> = device::STIFFNESSES_N_PER_M
                 .into_iter()
                 // How far a tool jumps that swings is chance.
-                .filter(|stiffness| column != "jump_m" || *stiffness <= device::STIFFEST_N_PER_M)
+                .filter(|stiffness| columns != JUMP || *stiffness <= device::STIFFEST_N_PER_M)
                 .filter_map(|stiffness| {
                     let aid = Aid { law, hardness: Some(stiffness), yield_n };
                     let rows = device.rows().filter(|row| row.word("grip") == grip);
-                    of_aid(rows, &aid).map(|row| (stiffness, factor * row.number(column)))
+                    of_aid(rows, &aid).map(|row| (Estimate::from(stiffness), row.estimate(columns, factor)))
                 })
-                .collect(),
-            mark,
-            color,
+                .collect();
+            Series::new(name, mark, color).through(&points)
         };
-        let mut series = vec![line(Law::Spring, None, "spring without limit".into(), Mark::MarkedLine, Color::Black)];
+        let mut series = line(Law::Spring, None, "spring without limit".into(), Mark::MarkedLine, Color::Black);
         for (yield_n, color) in device::YIELDS_N.into_iter().zip(colors) {
             let plastic = format!("plastic, R = {yield_n} N");
-            series.push(line(Law::Plastic, Some(yield_n), plastic, Mark::MarkedLine, color));
+            series.extend(line(Law::Plastic, Some(yield_n), plastic, Mark::MarkedLine, color));
             let spring = format!("spring, at most {yield_n} N");
-            series.push(line(Law::Saturated, Some(yield_n), spring, Mark::MarkedDashes, color));
+            series.extend(line(Law::Saturated, Some(yield_n), spring, Mark::MarkedDashes, color));
         }
         let Axis { range, .. } = y;
         let [low, high] = range.unwrap_or([0.0, 1.0]);
@@ -229,12 +236,12 @@ fn on_device(device: &Table) -> Chart {
     let error = || Axis::logarithmic("RMS error (mm)").over(0.2, 12.0);
     let rest = || Axis::logarithmic("speed when nobody holds it, RMS (m/s)").over(1e-4, 10.0);
     Chart {
-        title: "The same on an impedance device of 50 g at 1 kHz: the spring and the coupling of the plastic fixture have one K".into(),
+        title: "The same on an impedance device of 50 g at 1 kHz: the spring and the coupling of the plastic fixture have one K; medians with intervals of 95 %".into(),
         panels: vec![
-            panel("soft hand", GRIPS[0].name, "error_rms_m", 1e3, error()),
-            panel("stiff hand", GRIPS[1].name, "error_rms_m", 1e3, error()),
-            panel("soft hand, after a press of 4 N", GRIPS[0].name, "jump_m", 1e3, Axis::linear("jump when let go (mm)").over(0.0, 8.0)),
-            panel("let go", GRIPS[0].name, "resting_m_per_s", 1.0, rest()),
+            panel("soft hand", GRIPS[0].name, ERROR, 1e3, error()),
+            panel("stiff hand", GRIPS[1].name, ERROR, 1e3, error()),
+            panel("soft hand, after a press of 4 N", GRIPS[0].name, JUMP, 1e3, Axis::linear("jump when let go (mm)").over(0.0, 8.0)),
+            panel("let go", GRIPS[0].name, ["resting_m_per_s"; 3], 1.0, rest()),
         ],
         columns: 2,
     }
