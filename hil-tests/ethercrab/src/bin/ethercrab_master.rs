@@ -1,8 +1,7 @@
 //! ethercrab, an EtherCAT master that nobody here wrote, on the simulated segment of two drives and a force sensor.
 //!
 //! ```text
-//! cargo run --locked --manifest-path hil-tests/ethercrab/Cargo.toml --target-dir target \
-//!     --bin ethercrab_master -- [CAPTURE.pcap]
+//! cargo run --locked -p hil-tests-ethercrab --bin ethercrab_master -- [CAPTURE.pcap]
 //! ```
 //!
 //! It finds the devices, reads their identity by SII and by SDO, sets up distributed clocks, reaches OP and exchanges 10 000 cycles with

@@ -1,7 +1,7 @@
 //! A frame to the simulated devices and back over a virtual cable, with the program's own socket and with ethercrab's `tx_rx_task`.
 //!
 //! ```text
-//! cargo build --locked --release --manifest-path hil-tests/ethercrab/Cargo.toml --target-dir target --features wire --bin round_trip
+//! cargo build --locked --release -p hil-tests-ethercrab --features wire --bin round_trip
 //! hil-tests/veth chrt -f 50 target/release/round_trip [TURNS]
 //! ```
 //!
