@@ -2,6 +2,7 @@
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
+use std::time::Duration;
 
 use super::programs::*;
 
@@ -26,7 +27,18 @@ pub(super) fn what_the_drives_held_is_given_back(rig: &str, bus: &str, counted: 
     };
     let is_open = || journals(&state) > 0;
     assert_eq!((differing(), is_open()), (Vec::new(), false));
-    for signal in ["INT", "TERM", "KILL"] {
+    // One that has failed gives it back too, whoever interrupts that: no drill is on record.
+    let mut failed = start(&["commission", rig, "--bus", bus, "--yes", "--ignore-latency", "--from", "friction"]);
+    let mut lines = BufReader::with_capacity(1, failed.stdout()).lines();
+    assert!(lines.any(|line| line.expect("text").starts_with("fail      friction")));
+    drop(lines);
+    for _ in 0..20 {
+        failed.signal("INT");
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    let (code, _, error) = failed.end();
+    assert_eq!((code, is_open(), differing()), (OUT_OF_TOLERANCE, false, Vec::new()), "{error}");
+    for signal in ["INT", "TERM", "HUP", "KILL"] {
         let mut commission =
             start(&["commission", rig, "--bus", bus, "--yes", "--ignore-latency", "--from", "identity"]);
         // Both drives were booted then.

@@ -8,6 +8,7 @@ use crate::canopen::{NodeId, NodeSet, node_id};
 use crate::checkup::{Check, Verdict};
 use crate::cli::checkup::{Section, finish};
 use crate::cli::failure::{Exit, Failure};
+use crate::cli::interrupt::on_interrupt;
 use crate::cli::output::Output;
 use crate::config::{self, Bus, Rig, Source};
 use crate::link::InterfaceFacts;
@@ -184,7 +185,7 @@ pub(in crate::cli) fn on_segment(
 /// The devices of an interface that can be used: who answers, and whether identifiers and node ids are right. `commands` is what
 /// commands need to come there.
 pub(in crate::cli) fn devices(argument: &str, rig: Option<&Rig>, commands: &str) -> Result<Vec<Check>, Failure> {
-    let mut desk = match Desk::on_bus(argument, rig) {
+    let mut desk = match Desk::on_bus(argument, rig, on_interrupt()?) {
         Ok(desk) => desk,
         // A master that is there is no trouble, and nothing is asked beside it.
         Err(failure) => {

@@ -5,6 +5,8 @@
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 use yieldwall_drives::objects;
@@ -18,6 +20,7 @@ use crate::bus::Written;
 use crate::canopen::NmtCommand;
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::interfaces::Interfaces;
+use crate::cli::interrupt::{on_interrupt, uninterrupted};
 use crate::cli::keep::state_folder;
 use crate::cli::latency::now_unix_s;
 use crate::cli::output::Output;
@@ -83,12 +86,13 @@ impl Journal {
         interfaces: &Interfaces,
     ) -> Result<Self, Failure> {
         refuse_open(rig, file, interfaces)?;
+        let is_over = on_interrupt()?;
         let mut devices = Vec::new();
         for (at, (bus, interface)) in rig.buses.values().zip(interfaces.names()).enumerate() {
             let is_on_ethercat = matches!(bus, Bus::Ethercat(_));
             let mut reached: Option<Reached> = None;
             for written in written.iter().filter(|written| written.bus.index() == at) {
-                reach(&mut reached, interface, is_on_ethercat, written.number)?;
+                reach(&mut reached, (interface, is_on_ethercat), written.number, &is_over)?;
                 let Some(reached) = &mut reached else { continue };
                 let mut unreadable = Vec::new();
                 let objects = held(reached, &written.objects, &mut unreadable)?;
@@ -146,11 +150,13 @@ impl Journal {
         let _ = fs::remove_file(&self.path);
     }
 
-    /// Writes into each device what it held, reads it back, and closes the journal. Objects that hold it already are not written.
+    /// Writes into each device what it held, reads it back, and closes the journal. Objects that hold it already are not written. Whoever
+    /// wants the program to end waits for it: a device that does not answer is given up by itself.
     ///
     /// # Errors
     /// What could not be given back, by name; the journal stays open.
     pub(in crate::cli) fn give_back(self, output: &mut Output) -> Result<(), Failure> {
+        let is_over = uninterrupted()?;
         let (mut given, mut lacking) = (Vec::new(), Vec::new());
         let mut reached: Option<Reached> = None;
         let mut interface = None;
@@ -159,7 +165,7 @@ impl Journal {
                 reached = None;
             }
             let mut many = 0;
-            let ended = give_back(&mut reached, device, &mut many, &mut lacking);
+            let ended = give_back(&mut reached, device, &is_over, &mut many, &mut lacking);
             if many > 0 {
                 given.push(format!("{} {many}", device.name));
             }
@@ -292,12 +298,17 @@ fn began_in(status: &str) -> Option<u64> {
 
 /// Comes to a device on an interface, by what was reached there before. One on EtherCAT comes to PRE-OP, also from an error that a boot
 /// has left which was broken off.
-fn reach(reached: &mut Option<Reached>, interface: &str, is_on_ethercat: bool, number: u16) -> Result<(), Failure> {
+fn reach(
+    reached: &mut Option<Reached>,
+    (interface, is_on_ethercat): (&str, bool),
+    number: u16,
+    is_over: &Arc<AtomicBool>,
+) -> Result<(), Failure> {
     let word = number.to_string();
     if is_on_ethercat {
         let mut desk = match reached.take() {
             Some(Reached::Device(desk, _)) => desk,
-            _ => Box::new(SegmentDesk::on_bus(interface)?),
+            _ => Box::new(SegmentDesk::on_bus(interface, Arc::clone(is_over))?),
         };
         let device = desk.device(&word)?;
         let state = desk.service.state(device.position);
@@ -312,7 +323,7 @@ fn reach(reached: &mut Option<Reached>, interface: &str, is_on_ethercat: bool, n
     }
     let mut desk = match reached.take() {
         Some(Reached::Node(desk, _)) => desk,
-        _ => Box::new(Desk::on_bus(interface, None)?),
+        _ => Box::new(Desk::on_bus(interface, None, Arc::clone(is_over))?),
     };
     let node = desk.node(&word)?;
     *reached = Some(Reached::Node(desk, node));
@@ -345,10 +356,11 @@ fn held(
 fn give_back(
     reached: &mut Option<Reached>,
     device: &KeptDevice,
+    is_over: &Arc<AtomicBool>,
     given: &mut usize,
     lacking: &mut Vec<String>,
 ) -> Result<(), Failure> {
-    reach(reached, &device.interface, device.is_on_ethercat, device.number)?;
+    reach(reached, (&device.interface, device.is_on_ethercat), device.number, is_over)?;
     let Some(reached) = reached else { return Ok(()) };
     if identity(reached)? != device.identity {
         let message = "another device answers now".to_owned();

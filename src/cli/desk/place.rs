@@ -112,9 +112,9 @@ impl Desk {
     }
 
     /// The devices of an interface on which something will be sent, and the rig that they may belong to.
-    pub(super) fn on_bus(argument: &str, rig: Option<&Rig>) -> Result<Self, Failure> {
+    pub(super) fn on_bus(argument: &str, rig: Option<&Rig>, is_over: Arc<AtomicBool>) -> Result<Self, Failure> {
         let entries = rig.map_or(Ok(Vec::new()), entries)?;
-        let desk = Self::on_interface(argument, rig, entries, false, on_interrupt()?)?;
+        let desk = Self::on_interface(argument, rig, entries, false, is_over)?;
         Ok(Self { arguments: arguments(Some(argument), None), ..desk })
     }
 

@@ -100,9 +100,9 @@ impl SegmentDesk {
     }
 
     /// The segment on an interface, whatever rig its devices belong to.
-    pub(super) fn on_bus(interface: &str) -> Result<Self, Failure> {
+    pub(super) fn on_bus(interface: &str, is_over: Arc<AtomicBool>) -> Result<Self, Failure> {
         let opening = Opening { is_for_segments: true, ..Opening::default() };
-        let desk = Self::on_interface(interface, None, opening, on_interrupt()?)?;
+        let desk = Self::on_interface(interface, None, opening, is_over)?;
         let desk = desk.ok_or_else(|| Failure::new(Exit::Usage, format!("{interface} has no EtherCAT segment"), ""))?;
         Ok(Self { arguments: format!(" --bus {interface}"), ..desk })
     }
