@@ -24,6 +24,8 @@ mod suggest;
 mod tree;
 mod yaml;
 
+#[cfg(feature = "cli")]
+pub(crate) use check::HEARTBEAT_CYCLES;
 pub use check::MAX_DURATION_S;
 pub use diagnostic::{Diagnostic, Place, Related, Report, Severity};
 pub use kind::Kind;

@@ -5,7 +5,7 @@ use yieldwall_drives::watchdog::{HEARTBEAT_PERIODS, TORQUE_LIMIT, Watchdog};
 
 use super::super::failure::{Exit, Failure};
 use super::words::{copy_of, copying};
-use crate::config::{CommandMode, Drive, Rig};
+use crate::config::{CommandMode, Drive, HEARTBEAT_CYCLES, Rig};
 use crate::run::{Demands, Drilled, Unsafe};
 
 /// What a refusal says that comes before any drive on a bus was enabled.
@@ -29,12 +29,19 @@ const OUTPUTS: &str = "the master sets the watchdog of its sync manager (0420h):
 
 /// A drive in torque mode that stops too late.
 fn too_slow(rig: &Rig) -> String {
+    let period_us = rig.cycle.period_us;
     let most_ms = TORQUE_LIMIT.as_millis() / u128::from(HEARTBEAT_PERIODS);
+    let is_allowed = 1000 * most_ms >= u128::from(HEARTBEAT_CYCLES) * u128::from(period_us);
+    let what = if is_allowed {
+        format!("shorten `cycle.period_us`, or write a `heartbeat_ms` of at most {most_ms}")
+    } else {
+        format!(
+            "shorten `cycle.period_us`; a `heartbeat_ms` of at most {most_ms} has to be {HEARTBEAT_CYCLES} cycles or more"
+        )
+    };
     format!(
-        "SYNC and set-points are watched for a number of cycles of {} us, the heartbeat for {HEARTBEAT_PERIODS} of the master's periods \
-         (`heartbeat_ms` of its bus): shorten `cycle.period_us`, or write a `heartbeat_ms` of at most {most_ms}. In position and velocity \
-         mode (`rig.command_mode`) a drive may take longer",
-        rig.cycle.period_us
+        "SYNC and set-points are watched for a number of cycles of {period_us} us, the heartbeat for {HEARTBEAT_PERIODS} of the master's periods \
+         (`heartbeat_ms` of its bus): {what}. In position and velocity mode (`rig.command_mode`) a drive may take longer"
     )
 }
 
@@ -165,8 +172,12 @@ mod tests {
 
     /// What is advised where nothing stops drives with these profiles.
     fn advice(profile: &str, mode: CommandMode, goes_on: &[Watchdog], after_ms: u64) -> String {
+        advice_at(1000, profile, mode, goes_on, after_ms)
+    }
+
+    fn advice_at(period_us: u32, profile: &str, mode: CommandMode, goes_on: &[Watchdog], after_ms: u64) -> String {
         let mut rig = config::load_rig(config::builtin("paper-admittance-csp.yaml")).unwrap().value;
-        rig.rig.command_mode = mode;
+        (rig.rig.command_mode, rig.cycle.period_us) = (mode, period_us);
         rig.drives.iter_mut().for_each(|drive| drive.profile = profile.to_owned().into());
         let finding = |watchdog| Finding {
             watchdog,
@@ -176,6 +187,17 @@ mod tests {
         let drilled = Drilled { findings: Watchdog::CANOPEN.map(finding).to_vec(), resolution: Duration::ZERO };
         let failure = judge(&drilled, &rig, NOTHING_ENABLED).unwrap_err();
         failure.report.diagnostics[0].help.clone().unwrap()
+    }
+
+    #[test]
+    fn a_heartbeat_is_advised_that_the_cycle_allows() {
+        let advice = |period_us| advice_at(period_us, "simulated-servo", CommandMode::Torque, &[], 40);
+        assert!(advice(2500).contains("or write a `heartbeat_ms` of at most 5"), "{}", advice(2500));
+        let slow = advice(5000);
+        assert!(
+            slow.contains("shorten `cycle.period_us`; a `heartbeat_ms` of at most 5 has to be 2 cycles or more"),
+            "{slow}"
+        );
     }
 
     #[test]
