@@ -18,6 +18,7 @@ use crate::linkage::{FiveBar, Posture};
 use crate::quantity::{Force, JointAngles, JointTorques, TipDisplacement, TipPoint};
 use crate::sensing::{RawSample, Reading, Sensing, SensingError, TareParameters, Wrench};
 use lead::Lead;
+use reference::Track;
 use watch::{Balance, Chatter};
 use yieldwall_drives::cia402;
 
@@ -225,7 +226,7 @@ pub struct Cycle {
     missed: [u16; 2],
     /// Which drives reported Operation Enabled in the last cycle.
     were_enabled: [bool; 2],
-    reference: Option<Reference>,
+    track: Track,
     halt: Option<StopRamp>,
     /// In place of the fixture.
     lead: Option<Lead>,
@@ -271,7 +272,7 @@ impl Cycle {
             clearance_m: f64::NAN,
             missed: [u16::MAX; 2],
             were_enabled: [false; 2],
-            reference: None,
+            track: Track::default(),
             halt: None,
             lead: None,
             homes: false,
@@ -297,7 +298,7 @@ impl Cycle {
         self.faults = FaultCounts::default();
         (self.measured, self.posture, self.clearance_m) = (Measured::default(), None, f64::NAN);
         (self.missed, self.were_enabled) = ([u16::MAX; 2], [false; 2]);
-        (self.reference, self.halt, self.needed, self.enabling_cycles) = (None, None, None, 0);
+        (self.track, self.halt, self.needed, self.enabling_cycles) = (Track::default(), None, None, 0);
         self.lead.iter_mut().for_each(Lead::forget);
         self.excess.restart();
         (self.brought_j, self.chatter, self.balance) = Default::default();
@@ -307,7 +308,7 @@ impl Cycle {
     /// called while the rig idles; while it has a reference nothing changes. When it comes to run its joints rest where they are, until
     /// [`Cycle::lead_to`]. A fault that would stop the rig along a ramp takes its torque off.
     pub fn lead(&mut self, limits: Option<LeadLimits>) {
-        if self.reference.is_none() {
+        if self.track.now().is_none() {
             (self.lead, self.blocked) = (limits.map(Lead::new), DeviceSet::default());
         }
     }
@@ -315,7 +316,7 @@ impl Cycle {
     /// Has the drives move the joints by themselves from now on: there is no reference, and the command is the one that moves nothing.
     /// Whatever would hold or stop the rig is a quick stop of both drives. To be called while the rig idles.
     pub fn home(&mut self, homes: bool) {
-        if self.reference.is_none() {
+        if self.track.now().is_none() {
             (self.homes, self.blocked) = (homes, DeviceSet::default());
         }
     }
@@ -353,7 +354,7 @@ impl Cycle {
     ///
     /// Real-time: yes.
     pub fn is_there(&self) -> bool {
-        self.lead.zip(self.reference).is_some_and(|(lead, reference)| lead.is_there(reference.angles()))
+        self.lead.zip(self.track.now()).is_some_and(|(lead, reference)| lead.is_there(reference.angles()))
     }
 
     /// Lowers the greatest torque of each joint, in N m, until [`Cycle::restart`]. It is not raised before.
@@ -371,8 +372,8 @@ impl Cycle {
         const STEP_RAD: f64 = 5e-3;
         const MOST_STEPS: f64 = 2000.0;
         const RESERVE_M: f64 = 1e-3;
-        let Some(posture) = self.posture else { return 0.0 };
-        let least_m = self.clearance_of_m(&posture).min(self.settings.singularity_margin_m + RESERVE_M);
+        let Some(posture) = &self.posture else { return 0.0 };
+        let least_m = self.clearance_of_m(posture).min(self.settings.singularity_margin_m + RESERVE_M);
         let (from, whole) = (self.measured.angles, targets - self.measured.angles);
         let [left, right] = whole.to_array();
         let steps = (left.abs().max(right.abs()) / STEP_RAD).ceil().clamp(1.0, MOST_STEPS);
@@ -397,16 +398,14 @@ impl Cycle {
         let mut directive = self.supervise(&inputs.drives, inputs.request);
         // move the reference, command the joints, pass the gate
         let mut signals = Signals::default();
-        let before = self.reference;
-        let command = match self.act(directive.motion, &reading, before.as_ref(), &mut signals) {
+        let command = match self.act(directive.motion, &reading, &mut signals) {
             Ok(command) => command,
             Err(fault) => {
                 // A fault found on the way stops all axes in this same cycle: along the ramp, from the last reference
                 // that could be followed, or at once.
                 self.faults.observe(fault, true);
                 directive = self.supervise(&inputs.drives, Request::None);
-                self.reference = before;
-                self.act(directive.motion, &reading, before.as_ref(), &mut signals).unwrap_or_else(|fault| {
+                self.act(directive.motion, &reading, &mut signals).unwrap_or_else(|fault| {
                     // A position to rest at would be a leap for drives that still move.
                     let devices = self.faults.devices(fault);
                     directive = self.supervisor.stop_at_once(Cause { fault, devices });
@@ -473,7 +472,7 @@ impl Cycle {
     fn sense(&mut self, sample: Option<&RawSample>) -> Reading {
         let distal = self.posture.as_ref().map(|posture| posture.distal_rotation).unwrap_or_default();
         let link = self.sensing.mounting().link_rotation(distal);
-        let acceleration = self.reference.as_ref().map(|reference| reference.acceleration).unwrap_or_default();
+        let acceleration = self.track.now().map(|reference| reference.acceleration).unwrap_or_default();
         self.sensing.step(sample, link, acceleration)
     }
 
@@ -506,32 +505,35 @@ impl Cycle {
         }
     }
 
+    /// The command of this cycle. The reference that goes with it is followed from now on; a fault leaves the one that there was.
     fn act(
         &mut self,
         motion: Motion,
         reading: &Reading,
-        before: Option<&Reference>,
         signals: &mut Signals,
     ) -> Result<Allowed<JointCommand>, Fault> {
-        let Some(posture) = self.posture.filter(|_| motion != Motion::Rest && !self.homes) else {
+        if motion == Motion::Rest || self.homes || self.posture.is_none() {
+            return Ok(self.rest());
+        }
+        self.advance(motion, reading, signals)?;
+        let (Some(posture), Some(reference)) = (&self.posture, self.track.next()) else {
             return Ok(self.rest());
         };
-        let reference = self.advance(motion, reading, &posture, signals)?;
-        let effort = self.servo.command(&self.linkage, &reference, &posture)?;
+        let effort = self.servo.command(&self.linkage, reference, posture)?;
         let (allowed, cut) = self.gate.check(&effort.command, &self.measured)?;
         self.needed = effort.needed;
         signals.is_saturated = cut || effort.overreach.is_some();
         // Joints that are led go where they are led; one that is blocked is a following error.
-        let before = before.filter(|_| self.lead.is_none());
-        if let (Some(overreach), Some(before), Motion::Run) = (effort.overreach, before, motion) {
-            self.draw_back(overreach, before, &reference, &posture)?;
+        if let (Some(overreach), None, Motion::Run) = (effort.overreach, self.lead, motion) {
+            self.draw_back(overreach)?;
         }
+        self.track.follow();
         Ok(allowed)
     }
 
     /// The command that moves nothing; forgets the reference, so that the next run starts from the measurement.
     fn rest(&mut self) -> Allowed<JointCommand> {
-        self.reference = None;
+        self.track.forget();
         self.halt = None;
         self.lead.iter_mut().for_each(Lead::forget);
         self.needed = None;
@@ -553,15 +555,15 @@ impl Cycle {
         signals.force = reading.force;
         signals.force_age_s = reading.age_s;
         signals.measured_angles = self.measured.angles;
-        signals.tool = self.posture.map(|posture| posture.tip).unwrap_or_default();
-        signals.proxy = self.reference.as_ref().map_or(signals.tool, |reference| reference.point);
+        signals.tool = self.posture.as_ref().map(|posture| posture.tip).unwrap_or_default();
+        signals.proxy = self.track.now().map_or(signals.tool, |reference| reference.point);
         signals.surface = TipDisplacement(self.fixture.origin());
         signals.signed_distance_m = match signals.is_on_surface {
             // The fixture's own figure is exact there.
             true => signals.signed_distance_m,
             false => self.fixture.signed_distance_m(&signals.proxy.0),
         };
-        signals.target_angles = self.reference.as_ref().map_or(self.measured.angles, |reference| reference.angles());
+        signals.target_angles = self.track.now().map_or(self.measured.angles, Reference::angles);
     }
 }
 

@@ -23,44 +23,26 @@ const LATE_SHARE: f64 = 0.5;
 /// Grid points without a cycle from which no cycle ran for more than three periods.
 const STALLED_AFTER_SKIPPED: u32 = 3;
 
+/// What is known of a joint in a cycle.
+struct MeasuredJoint {
+    angle_rad: f64,
+    rate_rad_per_s: f64,
+    /// Cycles without process data.
+    missed: u16,
+    /// Whether its encoder has gone farther than the joint can.
+    has_jumped: bool,
+}
+
 impl Cycle {
     /// Takes the measured angles; a joint without new process data is predicted by its last rate, for a few cycles.
-    pub(super) fn measure(&mut self, Inputs { drives, timing, link, .. }: &Inputs) {
-        let period = self.settings.period_s;
-        let last = self.measured;
-        let mut angles = last.angles.to_array();
-        let mut rates = last.rates.to_array();
-        let mut jumped = DeviceSet::NONE;
-        for (joint, drive) in drives.iter().enumerate() {
-            let (Some(angle), Some(rate), Some(missed)) =
-                (angles.get_mut(joint), rates.get_mut(joint), self.missed.get_mut(joint))
-            else {
-                continue;
-            };
-            // What no encoder can say, NaN included, counts as not arrived.
-            match drive.angle_rad.filter(|angle| angle.abs() <= ANGLE_LIMIT_RAD) {
-                Some(new) if *missed == u16::MAX => {
-                    (*angle, *rate, *missed) = (new, 0.0, 0);
-                }
-                Some(new) => {
-                    // A joint goes on turning while no cycle runs; how long a suspended computer was away, nobody knows.
-                    let cycles = f64::from(*missed) + f64::from(timing.skipped) + 1.0;
-                    let predicted = f64::from((*missed).min(PREDICTED_CYCLES));
-                    let step = new - (*angle - *rate * period * predicted);
-                    let has_jumped = step.abs() > 2.0 * self.settings.joint_speed_limit_rad_per_s * period * cycles;
-                    jumped |= DeviceSet::drive(joint).only_if(has_jumped && !timing.suspended);
-                    (*angle, *rate, *missed) = (new, step / (period * cycles), 0);
-                }
-                None if *missed == u16::MAX => {}
-                None => {
-                    if *missed < PREDICTED_CYCLES {
-                        *angle += *rate * period;
-                    }
-                    *missed = (*missed + 1).min(u16::MAX - 1);
-                }
-            }
-        }
-        self.measured = Measured { angles: JointAngles::from(angles), rates: JointRates::from(rates) };
+    pub(super) fn measure(&mut self, Inputs { drives: [left, right], timing, link, .. }: &Inputs) {
+        let (left, right) = (self.measured_joint(0, left, timing), self.measured_joint(1, right, timing));
+        self.missed = [left.missed, right.missed];
+        self.measured = Measured {
+            angles: JointAngles::new(left.angle_rad, right.angle_rad),
+            rates: JointRates::new(left.rate_rad_per_s, right.rate_rad_per_s),
+        };
+        let jumped = DeviceSet::drives_where([left.has_jumped, right.has_jumped]);
         self.faults.observe_on(Fault::EncoderJump, jumped);
         // An intruder keeps SYNC from leaving, and with it the process data: what is missed then is no fault of its own.
         let missed = DeviceSet::drives_where(self.missed.map(|missed| missed > 0)) | link.outputs_missed;
@@ -68,10 +50,48 @@ impl Cycle {
         let is_known = self.missed.iter().all(|missed| *missed != u16::MAX);
         // The closure alone does not tell on which sides the elbows lie.
         let sides = self.linkage.geometry().elbows;
-        let posture = self.linkage.forward(self.measured.angles).ok();
-        self.posture = posture.filter(|posture| is_known && posture.elbow_sides == sides);
+        self.posture = self.linkage.close(self.measured.angles).ok().map(|closure| self.linkage.posture(&closure));
+        if !(is_known && self.posture.as_ref().is_some_and(|posture| posture.elbow_sides == sides)) {
+            self.posture = None;
+        }
         self.clearance_m = self.posture.as_ref().map_or(f64::NAN, |posture| self.clearance_of_m(posture));
         self.faults.observe(Fault::Posture, is_known && self.posture.is_none());
+    }
+
+    /// What is known of a joint, 0 the left one, in this cycle.
+    fn measured_joint(&self, joint: usize, drive: &DriveSample, timing: &Timing) -> MeasuredJoint {
+        let period = self.settings.period_s;
+        let [left, right] = self.missed;
+        let (angle_rad, rate_rad_per_s, missed) = match joint {
+            0 => (self.measured.angles.left(), self.measured.rates.left(), left),
+            _ => (self.measured.angles.right(), self.measured.rates.right(), right),
+        };
+        let last = MeasuredJoint { angle_rad, rate_rad_per_s, missed, has_jumped: false };
+        // What no encoder can say, NaN included, counts as not arrived.
+        match drive.angle_rad.filter(|angle| angle.abs() <= ANGLE_LIMIT_RAD) {
+            Some(angle_rad) if missed == u16::MAX => {
+                MeasuredJoint { angle_rad, rate_rad_per_s: 0.0, missed: 0, ..last }
+            }
+            Some(new) => {
+                // A joint goes on turning while no cycle runs; how long a suspended computer was away, nobody knows.
+                let cycles = f64::from(missed) + f64::from(timing.skipped) + 1.0;
+                let predicted = f64::from(missed.min(PREDICTED_CYCLES));
+                let step = new - (angle_rad - rate_rad_per_s * period * predicted);
+                let is_far = step.abs() > 2.0 * self.settings.joint_speed_limit_rad_per_s * period * cycles;
+                MeasuredJoint {
+                    angle_rad: new,
+                    rate_rad_per_s: step / (period * cycles),
+                    missed: 0,
+                    has_jumped: is_far && !timing.suspended,
+                }
+            }
+            None if missed == u16::MAX => last,
+            None => {
+                let is_predicted = missed < PREDICTED_CYCLES;
+                let angle_rad = if is_predicted { angle_rad + rate_rad_per_s * period } else { angle_rad };
+                MeasuredJoint { angle_rad, missed: (missed + 1).min(u16::MAX - 1), ..last }
+            }
+        }
     }
 
     /// Counts every fault that shows before the supervisor decides.
@@ -154,7 +174,7 @@ impl Cycle {
     }
 
     fn observe_arm(&mut self) {
-        let error = match &self.reference {
+        let error = match self.track.now() {
             Some(reference) if is_moving(self.supervisor.state()) => reference.angles() - self.measured.angles,
             _ => JointAngles::default(),
         };
@@ -174,12 +194,13 @@ impl Cycle {
     /// What the rig does to the hand: only while the fixture moves the reference, from the beginning each time.
     fn observe_motion(&mut self, reading: &Reading) {
         let period = self.settings.period_s;
-        let running = self.reference.filter(|_| self.supervisor.state() == State::Running);
+        let is_running = self.supervisor.state() == State::Running;
+        let running = self.track.now().filter(|_| is_running);
         if running.is_none() {
             self.excess.restart();
             self.chatter = Chatter::default();
         }
-        let excess_j = match (running, self.posture) {
+        let excess_j = match (running, &self.posture) {
             (Some(reference), Some(posture)) => self.excess.step(Port {
                 tool: posture.tip.0,
                 force_n: reading.force.0,

@@ -72,26 +72,82 @@ impl Reference {
     }
 }
 
+/// The reference that is followed, and beside it the one to come. A fault on the way to that one leaves the first as it is.
+///
+/// Neither is ever moved: a reference is 200 bytes, and what changes from cycle to cycle is which of the two is which.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Track {
+    slots: [Option<Reference>; 2],
+    is_second: bool,
+}
+
+impl Track {
+    /// The reference that is followed.
+    #[inline]
+    pub(super) fn now(&self) -> Option<&Reference> {
+        self.slots[usize::from(self.is_second)].as_ref()
+    }
+
+    /// The one to come.
+    #[inline]
+    pub(super) fn next(&self) -> Option<&Reference> {
+        self.slots[usize::from(!self.is_second)].as_ref()
+    }
+
+    /// Has this one come next.
+    fn begin(&mut self, next: Reference) {
+        self.slots[usize::from(!self.is_second)] = Some(next);
+    }
+
+    /// Has the reference come next that the present one is within `period_s` when it moves there. Nothing without a present one.
+    #[inline]
+    fn lead_on(&mut self, point: TipPoint, closure: Closure, period_s: f64) {
+        let [first, second] = &mut self.slots;
+        let (now, next) = if self.is_second { (second, first) } else { (first, second) };
+        if let Some(now) = now {
+            *next = Some(now.moved(point, closure, period_s));
+        }
+    }
+
+    /// Follows what comes next.
+    #[inline]
+    pub(super) fn follow(&mut self) {
+        self.is_second = !self.is_second;
+    }
+
+    /// Follows nothing.
+    pub(super) fn forget(&mut self) {
+        self.slots[usize::from(self.is_second)] = None;
+    }
+
+    /// The reference that is followed, for tests that put one elsewhere.
+    #[cfg(test)]
+    pub(super) fn now_mut(&mut self) -> Option<&mut Reference> {
+        self.slots[usize::from(self.is_second)].as_mut()
+    }
+}
+
+/// Where the reference is that is followed, without its loop.
+struct Last {
+    point: TipPoint,
+    velocity: TipVelocity,
+    angles: JointAngles,
+}
+
+impl Last {
+    fn of(reference: &Reference) -> Self {
+        Self { point: reference.point, velocity: reference.velocity, angles: reference.angles() }
+    }
+}
+
 impl Cycle {
-    /// The reference of this cycle. The first one after enabling is where the arm is, at rest and with zero force.
+    /// Finds the reference to come. The first one after enabling is where the arm is, at rest and with zero force.
     ///
     /// # Errors
     /// [`Fault::OverSpeed`], or [`Fault::NotFinite`] if the fixture's answer is unusable.
-    pub(super) fn advance(
-        &mut self,
-        motion: Motion,
-        reading: &Reading,
-        posture: &Posture,
-        signals: &mut Signals,
-    ) -> Result<Reference, Fault> {
-        let Some(last) = self.reference else {
-            let closure = self.linkage.close(posture.angles).map_err(|_| Fault::NotFinite)?;
-            let start = Reference::at_rest(posture.tip, closure);
-            self.reset_fixture(start.point)?;
-            self.servo.reset(&start, posture);
-            self.lead.iter_mut().for_each(|lead| lead.rest(start.angles()));
-            self.reference = Some(start);
-            return Ok(start);
+    pub(super) fn advance(&mut self, motion: Motion, reading: &Reading, signals: &mut Signals) -> Result<(), Fault> {
+        let Some(last) = self.track.now().map(Last::of) else {
+            return self.start();
         };
         let candidate = match motion {
             Motion::Run if self.lead.is_some() => self.led(&last),
@@ -100,30 +156,42 @@ impl Cycle {
         };
         // Joints that are led are not led around an edge: they stay before it.
         let braked = self.brake(candidate, &last).filter(|point| self.lead.is_none() || *point == candidate);
-        let next = match braked.and_then(|point| self.admit(point, &last).map(|closure| (point, closure))) {
-            Some((point, closure)) => {
-                self.faults.observe(Fault::WorkspaceEdge, point != candidate);
-                if point != candidate && motion == Motion::Run {
-                    self.fixture.hold_back_to(&point.0).map_err(|_| Fault::NotFinite)?;
-                }
-                last.moved(point, closure, self.settings.period_s)
+        let period_s = self.settings.period_s;
+        if let Some(point) = braked
+            && let Some(closure) = self.admit(point, last.angles)
+        {
+            self.faults.observe(Fault::WorkspaceEdge, point != candidate);
+            if point != candidate && motion == Motion::Run {
+                self.fixture.hold_back_to(&point.0).map_err(|_| Fault::NotFinite)?;
             }
-            None => {
-                self.faults.observe(Fault::WorkspaceEdge, true);
-                self.reset_fixture(last.point)?;
-                self.lead.iter_mut().for_each(|lead| lead.rest(last.angles()));
-                self.halt = self.halt.map(|_| StopRamp::new(last.point, TipVelocity::default(), 1.0));
-                last.moved(last.point, last.closure, self.settings.period_s)
+            self.track.lead_on(point, closure, period_s);
+        } else {
+            self.faults.observe(Fault::WorkspaceEdge, true);
+            self.reset_fixture(last.point)?;
+            self.lead.iter_mut().for_each(|lead| lead.rest(last.angles));
+            self.halt = self.halt.map(|_| StopRamp::new(last.point, TipVelocity::default(), 1.0));
+            if let Some(closure) = self.track.now().map(|now| now.closure) {
+                self.track.lead_on(last.point, closure, period_s);
             }
-        };
-        if next.velocity.norm() > self.settings.tool_speed_limit_m_per_s {
-            return Err(Fault::OverSpeed);
         }
-        self.reference = Some(next);
-        Ok(next)
+        let speed = self.track.next().map_or(0.0, |next| next.velocity.norm());
+        if speed > self.settings.tool_speed_limit_m_per_s { Err(Fault::OverSpeed) } else { Ok(()) }
     }
 
-    fn run(&mut self, last: &Reference, reading: &Reading, signals: &mut Signals) -> Result<TipPoint, Fault> {
+    /// The reference to come is where the arm is measured to be.
+    #[cold]
+    fn start(&mut self) -> Result<(), Fault> {
+        let Some(posture) = &self.posture else { return Err(Fault::NotFinite) };
+        let closure = self.linkage.close(posture.angles).map_err(|_| Fault::NotFinite)?;
+        let start = Reference::at_rest(posture.tip, closure);
+        self.servo.reset(&start, posture);
+        self.reset_fixture(start.point)?;
+        self.lead.iter_mut().for_each(|lead| lead.rest(start.angles()));
+        self.track.begin(start);
+        Ok(())
+    }
+
+    fn run(&mut self, last: &Last, reading: &Reading, signals: &mut Signals) -> Result<TipPoint, Fault> {
         if self.halt.take().is_some() {
             self.fixture.lead_to(&last.point.0);
         }
@@ -134,56 +202,53 @@ impl Cycle {
         signals.is_on_surface = step.is_on();
         signals.hold_counter = step.hold_count;
         signals.is_impact = step.is_impact;
-        let tool = self.posture.map_or(last.point, |posture| posture.tip);
+        let tool = self.posture.as_ref().map_or(last.point, |posture| posture.tip);
         let point = TipPoint(self.fixture.dissipate(&tool.0, &reading.force.0));
         if point.is_finite() { Ok(point) } else { Err(Fault::NotFinite) }
     }
 
     /// Where the joints are led; where the linkage does not go they stay. After a halt they stay until they are led again.
-    fn led(&mut self, last: &Reference) -> TipPoint {
+    fn led(&mut self, last: &Last) -> TipPoint {
         let was_halted = self.halt.take().is_some();
         let period_s = self.settings.period_s;
-        let angles = self.lead.as_mut().map_or(last.angles(), |lead| {
+        let angles = self.lead.as_mut().map_or(last.angles, |lead| {
             if was_halted {
-                lead.rest(last.angles());
+                lead.rest(last.angles);
             }
-            lead.step(last.angles(), period_s)
+            lead.step(last.angles, period_s)
         });
         self.linkage.forward(angles).map_or(last.point, |posture| posture.tip)
     }
 
     /// Draws the proxy back to where the controllers would not have wanted more than they can have, so that it does not
-    /// run away from an arm that is blocked. `before` is the reference of the cycle before.
+    /// run away from an arm that is blocked.
     ///
     /// # Source
     /// The idea: R. Kikuuwe, *Torque-bounded admittance control realized by a set-valued algebraic feedback* (2019).
-    pub(super) fn draw_back(
-        &mut self,
-        overreach: Deviation,
-        before: &Reference,
-        reference: &Reference,
-        posture: &Posture,
-    ) -> Result<(), Fault> {
+    pub(super) fn draw_back(&mut self, overreach: Deviation) -> Result<(), Fault> {
+        let (Some(posture), Some(now), Some(next)) = (&self.posture, self.track.now(), self.track.next()) else {
+            return Ok(());
+        };
         let by = match overreach {
             Deviation::Tool(by) => by.0,
             Deviation::Joints(by) => posture.tip_velocity(JointRates(by.0)).map_err(|_| Fault::NotFinite)?.0,
         };
         let point = TipPoint(self.fixture.draw_back(&by));
-        let drawn = self.admit(point, before).map(|closure| before.moved(point, closure, self.settings.period_s));
+        let drawn = self.admit(point, now.angles()).map(|closure| now.moved(point, closure, self.settings.period_s));
         match drawn.filter(|drawn| drawn.velocity.norm() <= self.settings.tool_speed_limit_m_per_s) {
             Some(drawn) => {
                 self.servo.draw_back(&drawn, posture);
-                self.reference = Some(drawn);
+                self.track.begin(drawn);
                 Ok(())
             }
             // Where the linkage does not go, or not so fast, the reference stays as it is.
-            None => self.fixture.hold_back_to(&reference.point.0).map_err(|_| Fault::NotFinite),
+            None => self.fixture.hold_back_to(&next.point.0).map_err(|_| Fault::NotFinite),
         }
     }
 
     /// The next point of the ramp, which leads neither through a surface nor off one: there the reference stops at once, as it
     /// does at an impact.
-    fn stop(&mut self, last: &Reference) -> Result<TipPoint, Fault> {
+    fn stop(&mut self, last: &Last) -> Result<TipPoint, Fault> {
         let is_led = self.lead.is_some();
         // A fixture whose step was refused is not where the reference is.
         if !is_led && self.halt.is_none() && *self.fixture.proxy() != last.point.0 {
@@ -195,16 +260,17 @@ impl Cycle {
         Ok(if is_led { point } else { TipPoint(self.fixture.lead_to(&point.0)) })
     }
 
-    /// The linkage with its tool at `candidate`, or `None` if the linkage cannot go there, or if the arm is within the margin
-    /// and `candidate` leads further in.
-    fn admit(&self, candidate: TipPoint, last: &Reference) -> Option<Closure> {
-        let closure = self.linkage.close_near(candidate, last.angles()).ok()?;
+    /// The linkage with its tool at `candidate` and angles near these, or `None` if the linkage cannot go there, or if the arm is within
+    /// the margin and `candidate` leads further in.
+    fn admit(&self, candidate: TipPoint, near: JointAngles) -> Option<Closure> {
+        let closure = self.linkage.close_near(candidate, near).ok()?;
         if self.clearance_m >= self.settings.singularity_margin_m {
             return Some(closure);
         }
-        let [here, there] = [last.closure, closure].map(|at| self.clearance_of_m(&self.linkage.posture(&at)));
+        let clearance = |closure: &Closure| self.clearance_of_m(&self.linkage.posture(closure));
+        let here = clearance(&self.track.now()?.closure);
         let least = here.min(self.settings.singularity_margin_m) - CLEARANCE_TOLERANCE_M;
-        (there >= least).then_some(closure)
+        (clearance(&closure) >= least).then_some(closure)
     }
 
     /// `candidate`, brought back so far that the reference can still come to rest at the margin within the deceleration of
@@ -212,7 +278,7 @@ impl Cycle {
     /// brought back; along it and away from it the reference goes on. `None` if no such point is found.
     ///
     /// Far from the edge nothing is computed.
-    fn brake(&self, candidate: TipPoint, last: &Reference) -> Option<TipPoint> {
+    fn brake(&self, candidate: TipPoint, last: &Last) -> Option<TipPoint> {
         let Settings { period_s, singularity_margin_m: margin, stop_deceleration_m_per_s2: deceleration, .. } =
             self.settings;
         let speed = (candidate - last.point).norm() / period_s;
@@ -220,7 +286,7 @@ impl Cycle {
             return Some(candidate);
         }
         let clearance = |point: TipPoint| {
-            let closure = self.linkage.close_near(point, last.angles()).ok()?;
+            let closure = self.linkage.close_near(point, last.angles).ok()?;
             Some(self.clearance_of_m(&self.linkage.posture(&closure)))
         };
         let here = clearance(last.point)?;

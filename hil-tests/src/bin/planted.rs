@@ -67,7 +67,7 @@ const DEFECTS: [Defect; 18] = [
     defect(
         "the reference of before the stop is kept for the next run",
         "src/cycle/mod.rs",
-        "        self.reference = None;\n        self.halt = None;\n",
+        "        self.track.forget();\n        self.halt = None;\n",
         "        self.halt = None;\n",
     ),
     defect(

@@ -106,18 +106,18 @@ fn inject(fault: Fault, bench: &mut Bench) -> Outputs {
             assert!(bench.cycle.linkage.forward(angles).is_ok(), "the loop closes with the elbow on the other side");
             // The whole history is there: only the posture is wrong.
             bench.cycle.measured.angles = angles;
-            if let Some(reference) = &mut bench.cycle.reference {
+            if let Some(reference) = bench.cycle.track.now_mut() {
                 reference.closure = bench.cycle.linkage.close(angles).unwrap();
             }
             bench.angles = angles.to_array().map(Some);
         }
         Fault::WorkspaceEdge => {
-            let is_fast = bench.cycle.reference.is_some_and(|reference| reference.velocity.norm() > 0.3);
+            let is_fast = bench.cycle.track.now().is_some_and(|reference| reference.velocity.norm() > 0.3);
             bench.force = [0.0, if is_fast { 0.0 } else { 26.0 }];
         }
         Fault::WorkspaceLeft => {
             // The whole arm is taken there, reference and all: only the place is wrong.
-            if let Some(reference) = &mut bench.cycle.reference {
+            if let Some(reference) = bench.cycle.track.now_mut() {
                 let tip = reference.point + TipDisplacement::new(0.0, 2e-4);
                 if let Ok(closure) = bench.cycle.linkage.close_near(tip, reference.angles()) {
                     (reference.point, reference.closure) = (tip, closure);
@@ -129,7 +129,7 @@ fn inject(fault: Fault, bench: &mut Bench) -> Outputs {
         }
         Fault::OverSpeed => bench.force = [140.0, 0.0],
         Fault::NotFinite => {
-            if let Some(reference) = &mut bench.cycle.reference {
+            if let Some(reference) = bench.cycle.track.now_mut() {
                 reference.closure = reference.closure.at_no_angle();
             }
         }
@@ -253,7 +253,7 @@ fn the_reaction_leaves_within_its_bound() {
             // All axes, in that same cycle.
             let outputs = inject(fault, &mut bench);
             assert_eq!(outputs.directive.motion, Motion::Rest);
-            assert!(bench.cycle.reference.is_none());
+            assert!(bench.cycle.track.now().is_none());
         }
     }
 }

@@ -11,7 +11,7 @@ fn it_rests_until_it_is_enabled() {
             let outputs = bench.step(Request::None);
             assert_eq!((outputs.directive.state, outputs.directive.motion), (State::Idle, Motion::Rest));
             assert_eq!(outputs.signals.proxy, outputs.signals.tool);
-            assert!(bench.cycle.reference.is_none());
+            assert!(bench.cycle.track.now().is_none());
         }
         assert!((bench.cycle.measured.angles.left() - bench.angles[0].unwrap()).abs() == 0.0);
     }
