@@ -25,7 +25,6 @@ mod permit;
 mod place;
 mod proof;
 mod push;
-mod push_watch;
 mod runner;
 mod scene;
 mod sensor;

@@ -1,14 +1,14 @@
 //! Whether drives that move their joints by themselves push and do not move them: what blocks a joint looks so, and an encoder that stands
 //! still. Position tells neither from a drive that rests.
 
-use super::error::RunError;
-use super::home::NotHome;
-use super::place::Place;
-use super::push::{Push, Stand};
-use super::runner::Runner;
-use super::torque_meter::{Metered, TorqueMeter};
+use super::NotHome;
 use crate::config;
 use crate::guard::Device;
+use crate::run::error::RunError;
+use crate::run::place::Place;
+use crate::run::push::{Push, Stand};
+use crate::run::runner::Runner;
+use crate::run::torque_meter::{Metered, TorqueMeter};
 use yieldwall_drives::objects::TORQUE_ACTUAL;
 
 /// How long a drive may be silent about its torque, s.
