@@ -15,7 +15,7 @@ use super::replace::Replace;
 use super::run::check_buses;
 use crate::config::{self, Loaded, Source};
 use crate::elementary::sin_cos;
-use crate::identification::{Estimate, Kinematics, Visited, kinematics};
+use crate::identification::{Estimate, Kinematics, Mistaken, Visited, kinematics, mistaken};
 use crate::linkage::FiveBar;
 use crate::quantity::{JointAngles, TipPoint};
 use crate::rig::EmbeddedRig;
@@ -76,9 +76,17 @@ pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
         arguments.replace.write(out, written(&visited).as_bytes())?;
         output.news(&format!("points    {}", out.display()))?;
     }
-    let found = kinematics(&rig.value.linkage.geometry(), &visited).map_err(|error| {
-        let help = "lead the tool to eight points and more that are spread over the working disc, and compare them with the plate";
-        Failure::new(Exit::OutOfTolerance, format!("nothing was identified: {error}"), help)
+    let geometry = rig.value.linkage.geometry();
+    let found = kinematics(&geometry, &visited).map_err(|error| {
+        let what = match mistaken(&geometry, &visited, MISTAKEN_M) {
+            Some(Mistaken::Point(at)) => format!("point {} does not fit the others", at + 1),
+            Some(Mistaken::Exchanged(one, other)) => {
+                format!("points {} and {} look exchanged", one + 1, other + 1)
+            }
+            None => error.to_string(),
+        };
+        let help = "compare the points with the plate, and lead the tool to eight and more that are spread over the working disc";
+        Failure::new(Exit::OutOfTolerance, format!("nothing was identified: {what}"), help)
     })?;
     tell(&rig.value, &visited, &found, output)
 }

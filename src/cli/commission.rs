@@ -140,15 +140,59 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let mut machine = machine.map_err(|error| rig_failure(&error))?;
     output.aside(&format!("the simulated machine of {}; a real one with --bus INTERFACE", rig.rig.name));
     let (begin, earlier) = begin(arguments, rig, output)?;
+    let simulated = Machine::Simulated {
+        defects: scene
+            .defects
+            .iter()
+            .filter_map(|defect| defect.defect().ok())
+            .map(|defect| defect.to_string())
+            .collect(),
+    };
     let (mut printed, mut ran) = (Ok(()), Vec::new());
     let commissioned = machine.commission(rig, begin, &is_interrupted, |report| {
         ran.push((report.step, now_unix_s()));
-        let line = output.news(&lines(report));
+        let line = output.news(&told(earlier.as_ref(), report));
         printed = std::mem::replace(&mut printed, Ok(())).and(line);
     });
     printed?;
     let commissioned = commissioned.map_err(|error| rig_failure(&error))?;
-    end(arguments, rig, &Taken::new(earlier, commissioned, ran), (|failure| failure, Ok(())), output)
+    end(arguments, rig, &Taken::new(earlier, commissioned, ran), &simulated, (|failure| failure, Ok(())), output)
+}
+
+/// What was commissioned.
+enum Machine {
+    /// A simulated one with these defects.
+    Simulated { defects: Vec<String> },
+    /// The one on these buses, each as `NAME=INTERFACE`.
+    #[cfg(target_os = "linux")]
+    OnBus { buses: Vec<String>, is_lockstep: bool },
+}
+
+impl Machine {
+    /// For a person.
+    fn words(&self) -> String {
+        match self {
+            Self::Simulated { defects } if defects.is_empty() => "a simulated one: no drive was moved".to_owned(),
+            Self::Simulated { defects } => {
+                format!("a simulated one, with {}: no drive was moved", defects.join(" and "))
+            }
+            #[cfg(target_os = "linux")]
+            Self::OnBus { buses, is_lockstep } => {
+                let pace = if *is_lockstep { ", in lockstep: simulated devices" } else { "" };
+                format!("the one on {}{pace}", buses.join(", "))
+            }
+        }
+    }
+
+    fn document(&self) -> Value {
+        match self {
+            Self::Simulated { defects } => json!({ "simulated": true, "defects": defects }),
+            #[cfg(target_os = "linux")]
+            Self::OnBus { buses, is_lockstep } => {
+                json!({ "simulated": is_lockstep, "buses": buses })
+            }
+        }
+    }
 }
 
 /// Where a run begins, and the earlier one that it goes on from.
@@ -177,7 +221,18 @@ impl Taken {
     }
 }
 
-/// What a person reads of a step.
+/// What a person reads of a step, be it that it was not taken again.
+fn told(earlier: Option<&Earlier>, report: &StepReport) -> String {
+    let name = report.step.name();
+    match earlier.and_then(|earlier| earlier.verdict(report.step)) {
+        Some(verdict) if report.verdict == Verdict::Skipped => {
+            format!("{:9} {name}, in the earlier run", verdict.name())
+        }
+        _ => lines(report),
+    }
+}
+
+/// What a person reads of a step that was taken.
 fn lines(report: &StepReport) -> String {
     let mut text = format!("{:9} {}", report.verdict.name(), report.step.name());
     if let Some(figure) = &report.figure {
@@ -198,6 +253,7 @@ fn end(
     arguments: &Arguments,
     rig: &config::Rig,
     taken: &Taken,
+    machine: &Machine,
     (told, given_back): (impl FnOnce(Failure) -> Failure, Result<(), Failure>),
     output: &mut Output,
 ) -> Result<(), Failure> {
@@ -205,7 +261,8 @@ fn end(
     // What was found is told, whatever becomes of the file.
     let mut page = Ok(());
     if let Some(html) = &arguments.html {
-        page = arguments.replace.write(html, page::html(rig, commissioned).as_bytes());
+        let file = arguments.rig.as_deref().unwrap_or_default();
+        page = arguments.replace.write(html, page::html(rig, file, commissioned, &machine.words()).as_bytes());
         if page.is_ok() {
             output.news(&format!("report    {}", html.display()))?;
         }
@@ -216,11 +273,13 @@ fn end(
     let is_on_bus = false;
     let judged = both(judge(commissioned, is_on_bus).map_err(told), both(given_back, page));
     if output.is_json() {
-        return output.end(document(rig, taken), judged);
+        return output.end(document(rig, taken, machine), judged);
     }
     if judged.is_ok() {
         let count = |verdict| commissioned.steps.iter().filter(|step| step.verdict == verdict).count();
-        output.news(&format!("{} steps passed, {} were skipped", count(Verdict::Pass), count(Verdict::Skipped)))?;
+        let (passed, skipped) = (count(Verdict::Pass), count(Verdict::Skipped));
+        let but = if skipped == 0 { "" } else { ": that is a part of a commissioning" };
+        output.news(&format!("{passed} steps passed, {skipped} were skipped{but}"))?;
     }
     judged
 }
@@ -228,8 +287,11 @@ fn end(
 fn judge(commissioned: &Commissioned, is_on_bus: bool) -> Result<(), Failure> {
     let Some(failed) = commissioned.steps.iter().find(|step| step.verdict == Verdict::Fail) else {
         let message = "interrupted: the rig is stopped, and no drive makes torque";
-        let interrupted = || Failure::new(Exit::Interrupted, message, "begin again with --from STEP");
-        return if commissioned.is_interrupted { Err(interrupted()) } else { Ok(()) };
+        let interrupted = |step: Step| {
+            let help = format!("begin again with --from {}, or with --resume and what --json has printed", step.name());
+            Failure::new(Exit::Interrupted, message, help)
+        };
+        return commissioned.interrupted_in().map_or(Ok(()), |step| Err(interrupted(step)));
     };
     let name = failed.step.name();
     let why = failed.reason.clone().or_else(|| failed.figure.as_ref().map(page::figure_text)).unwrap_or_default();
@@ -244,7 +306,7 @@ fn judge(commissioned: &Commissioned, is_on_bus: bool) -> Result<(), Failure> {
     Err(Failure::new(Exit::OutOfTolerance, format!("{name}: {why}"), help))
 }
 
-fn document(rig: &config::Rig, Taken { commissioned, ran }: &Taken) -> Value {
+fn document(rig: &config::Rig, Taken { commissioned, ran }: &Taken, machine: &Machine) -> Value {
     let step = |report: &StepReport| {
         let evidence: serde_json::Map<String, Value> =
             report.evidence.iter().map(|(name, value)| (name.clone(), json!(value))).collect();
@@ -266,6 +328,7 @@ fn document(rig: &config::Rig, Taken { commissioned, ran }: &Taken) -> Value {
     json!({
         "rig": rig.rig.name,
         "rig_hash": earlier::rig_hash(rig),
+        "machine": machine.document(),
         "drives": commissioned.drives,
         "version": env!("CARGO_PKG_VERSION"),
         "verdict": commissioned.verdict().name(),

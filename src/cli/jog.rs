@@ -17,6 +17,7 @@ use super::output::Output;
 use super::run::check_buses;
 use crate::config::{self, Positive, Source};
 use crate::cycle::LeadLimits;
+use crate::guard::Fault;
 use crate::quantity::JointAngles;
 use crate::record::CycleRecord;
 use crate::rig::EmbeddedRig;
@@ -140,6 +141,19 @@ impl<'a> Plan<'a> {
         off
     }
 
+    /// A failure with what it means for a joint that is led: one that does not follow its reference has too little torque, or is blocked.
+    fn told(&self, mut failure: Failure, jogged: &Jogged) -> Failure {
+        let is_behind = jogged.cause.is_some_and(|cause| cause.fault == Fault::FollowingError);
+        if let Some(first) = failure.report.diagnostics.first_mut().filter(|_| is_behind) {
+            let torque = self.bounds.torque_n_m.get();
+            first.help = Some(format!(
+                "{torque:.1} N m do not move it as it is led: look for what blocks it, a closed brake or an encoder that stands still, or raise \
+                 --torque if its friction is greater"
+            ));
+        }
+        failure
+    }
+
     /// The measured angle of the joint, rad.
     fn angle(&self, record: &CycleRecord) -> f64 {
         record.signals.measured_angles.to_array().get(self.joint).copied().unwrap_or_default()
@@ -221,7 +235,9 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let read = |output: &Output| {
         arguments
             .keys
-            .then(|| Reader::start(Arc::clone(&keys), Arc::clone(&shown), &name, !output.is_quiet()))
+            .then(|| {
+                Reader::start(Arc::clone(&keys), Arc::clone(&shown), (&name, arguments.within), !output.is_quiet())
+            })
             .transpose()
     };
     #[cfg(target_os = "linux")]
@@ -256,7 +272,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         Ended::Whole => None,
         Ended::Stopped if jogged.cause.is_none() => Some(short_of(&jogged)),
         Ended::Interrupted => Some(interrupted(jogged.time_s)),
-        _ => Some(stopped_by(jogged.cause, jogged.time_s, rig)),
+        _ => Some(plan.told(stopped_by(jogged.cause, jogged.time_s, rig), &jogged)),
     };
     plan.end(arguments, rig, &jogged, failure.map_or(Ok(()), Err), output)
 }
@@ -323,7 +339,7 @@ fn on_bus(
     };
     let failure = match jogged.ended {
         Ended::Stopped if jogged.cause.is_none() => Some(short_of(&jogged)),
-        end => ended((end, jogged.cause), jogged.time_s, &outcome, rig),
+        end => ended((end, jogged.cause), jogged.time_s, &outcome, rig).map(|failure| plan.told(failure, &jogged)),
     };
     let end = both(failure.map_or(Ok(()), Err), given_back);
     plan.end(arguments, rig, &jogged, end, output)

@@ -133,6 +133,39 @@ pub fn kinematics(geometry: &Geometry, visited: &[Visited]) -> Result<Kinematics
     if is_apart { Ok(found) } else { Err(NotIdentified::Apart) }
 }
 
+/// What was mistaken of points that fit no arm as they are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mistaken {
+    /// This point: the others fit without it.
+    Point(usize),
+    /// These two were visited in the other order.
+    Exchanged(usize, usize),
+}
+
+/// What has to be different of points that [`kinematics`] fits nothing to, so that all are within `within_m` in the mean; `None` if one point
+/// that is left out, or two that are exchanged, do not do it. With two ways to do it the one that leaves less is taken, exchanged points first.
+pub fn mistaken(geometry: &Geometry, visited: &[Visited], within_m: f64) -> Option<Mistaken> {
+    let left_m = |visited: &[Visited]| {
+        let found = kinematics(geometry, visited).ok()?;
+        Some(found.residual_m[1]).filter(|left_m| *left_m <= within_m)
+    };
+    let count = visited.len();
+    let pairs = (0..count).flat_map(|one| (one + 1..count).map(move |other| (one, other)));
+    let exchanged = pairs.filter_map(|(one, other)| {
+        let mut tried = visited.to_vec();
+        let angles = tried.get(one)?.1;
+        tried.get_mut(one)?.1 = visited.get(other)?.1;
+        tried.get_mut(other)?.1 = angles;
+        Some((left_m(&tried)?, Mistaken::Exchanged(one, other)))
+    });
+    let without = (0..count).filter_map(|at| {
+        let others: Vec<Visited> =
+            (0..).zip(visited).filter(|(other, _)| *other != at).map(|(_, point)| *point).collect();
+        Some((left_m(&others)?, Mistaken::Point(at)))
+    });
+    exchanged.chain(without).min_by(|(one, _), (other, _)| one.total_cmp(other)).map(|(_, mistaken)| mistaken)
+}
+
 /// The normal equations at a candidate: `J^T J` and `J^T r`.
 fn equations(
     candidate: &Candidate,
@@ -165,6 +198,7 @@ fn worst(residuals: &[f64]) -> (usize, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::quantity::TipDisplacement;
     use proptest::prelude::*;
 
     /// An arm as a drawing has it, and the same as it was built.
@@ -239,6 +273,25 @@ mod tests {
         let mut bad = all;
         bad[3].0 = TipPoint::new(f64::NAN, 0.0);
         assert_eq!(kinematics(&drawn(), &bad), Err(NotIdentified::NotFinite));
+    }
+
+    #[test]
+    fn what_was_mistaken_grossly_is_found() {
+        let good = visited(&drawn(), [0.0; 2], |at| if at % 3 == 0 { 1e-5 } else { -1e-5 });
+        let off = |at: usize, by_m: f64| {
+            let mut bad = good.clone();
+            bad[at].0 += TipDisplacement::new(by_m, 0.0);
+            bad
+        };
+        for (at, by_m) in [(3, 0.015), (0, 0.02), (5, -0.05)] {
+            assert_eq!(mistaken(&drawn(), &off(at, by_m), 5e-4), Some(Mistaken::Point(at)));
+        }
+        let mut exchanged = good.clone();
+        (exchanged[2].1, exchanged[6].1) = (good[6].1, good[2].1);
+        assert_eq!(mistaken(&drawn(), &exchanged, 5e-4), Some(Mistaken::Exchanged(2, 6)));
+        let mut two = off(1, 0.03);
+        two[4].0 += TipDisplacement::new(0.0, -0.04);
+        assert_eq!(mistaken(&drawn(), &two, 5e-4), None);
     }
 
     #[test]

@@ -31,7 +31,7 @@ pub use excitation::{Excitation, Line};
 pub use forces::{ForceMap, Pull, force_map};
 pub use friction::{Friction, Steady, friction};
 pub use handle::{BEHIND, Handle, Shaken, handle, lead_in};
-pub use kinematics::{Kinematics, Visited, kinematics};
+pub use kinematics::{Kinematics, Mistaken, Visited, kinematics, mistaken};
 
 use thiserror::Error;
 

@@ -322,6 +322,22 @@ impl FromStr for Defect {
     }
 }
 
+impl Display for Defect {
+    /// As it is written: `NAME[=SIZE][:left|right]`.
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let row = self.kind.row();
+        f.write_str(row.name)?;
+        if row.size.is_some() {
+            write!(f, "={}", self.size)?;
+        }
+        match (row.is_of_drive, self.drive) {
+            (false, _) => Ok(()),
+            (true, 0) => f.write_str(":left"),
+            (true, _) => f.write_str(":right"),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -339,6 +355,11 @@ mod tests {
     fn a_defect_is_written_with_size_and_place() {
         let weak = Defect { kind: DefectKind::WeakMotor, drive: 1, size: 0.6 };
         assert_eq!("weak-motor=0.6:right".parse(), Ok(weak));
+        assert_eq!(weak.to_string(), "weak-motor=0.6:right");
+        for row in &DEFECTS {
+            let defect = Defect::new(row.kind);
+            assert_eq!(defect.to_string().parse(), Ok(defect));
+        }
         assert_eq!("weak-motor".parse(), Ok(Defect::new(DefectKind::WeakMotor)));
         for (text, said) in [
             ("weak-moto", "there is no defect `weak-moto`"),

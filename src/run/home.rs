@@ -1,5 +1,6 @@
 //! Homing: each drive finds its reference by itself, one after the other, while the other one holds.
 
+mod push_watch;
 mod repeat;
 mod trace;
 
@@ -8,7 +9,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::error::RunError;
 use super::permit::{Ask, Permit};
 use super::place::Place;
-use super::push_watch::PushWatch;
 use super::runner::Runner;
 use super::scene::Ended;
 use crate::assembly::HOMING_COMES_UP_S;
@@ -16,6 +16,7 @@ use crate::bus::HomingState;
 use crate::config;
 use crate::guard::{Cause, State};
 use crate::quantity::JointAngles;
+use push_watch::PushWatch;
 pub use repeat::{NoShift, Repeated};
 use trace::HomingTrace;
 

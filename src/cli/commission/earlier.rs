@@ -93,6 +93,11 @@ impl Earlier {
         Ok(Self { begin: Begin { from, drives }, steps: steps.map(|(step, which)| step.report(which)).collect() })
     }
 
+    /// How a step ended that is not taken again.
+    pub(super) fn verdict(&self, step: Step) -> Option<Verdict> {
+        self.steps.iter().find(|(report, _)| report.step == step).map(|(report, _)| report.verdict)
+    }
+
     /// How many steps had passed.
     pub(super) fn passed(&self) -> usize {
         self.steps.iter().filter(|(step, _)| step.verdict == Verdict::Pass).count()

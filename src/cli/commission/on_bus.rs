@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use serde_json::json;
 
-use super::{Arguments, Taken, begin, end, lines};
+use super::{Arguments, Machine, Taken, begin, end, told};
 use crate::cli::at_the_arm::Typed;
 use crate::cli::confirm::agreed;
 use crate::cli::desk::journal::Journal;
@@ -39,8 +39,8 @@ impl Person for AtTheTerminal {
     fn turned(&mut self, joint: usize) -> Option<f64> {
         let name = self.names.as_ref()?.get(joint)?.clone();
         let question = format!(
-            "By how many degrees has the proximal link of {name} turned, counter-clockwise as seen from above? \
-             Clockwise is negative; nothing if you have not looked:"
+            "By how many degrees has the proximal link of {name} turned since you noted its angle? Counter-clockwise as seen from above is \
+             positive, and it turns to and fro, so that one of the two ways is negative; nothing if you have not looked:"
         );
         loop {
             let text = self.typed.ask(&question).filter(|text| !text.is_empty())?;
@@ -110,6 +110,7 @@ pub(super) fn run(
     close_journals(&arguments.on_bus.interfaces(rig)?, output)?;
     let opened = arguments.on_bus.open("commission", file, loaded, output)?;
     let Opened { on_bus, terms, interfaces, is_interrupted, journal } = opened;
+    let machine = Machine::OnBus { buses: interfaces.named(rig), is_lockstep: !arguments.on_bus.is_by_the_clock() };
     let names = rig.drives.each_ref().map(|drive| drive.name.clone());
     let mut person =
         AtTheTerminal { names: (!arguments.yes).then_some(names), typed: Typed::new(Arc::clone(&is_interrupted)) };
@@ -120,7 +121,7 @@ pub(super) fn run(
             events.clear();
             ran.push((report.step, now_unix_s()));
             // What cannot be printed stands in the document all the same.
-            let _ = output.news(&lines(&report));
+            let _ = output.news(&told(earlier.as_ref(), &report));
         }
         // It is booted for every motion.
         News::Step(_) | News::Proved => {}
@@ -129,9 +130,9 @@ pub(super) fn run(
     let (outcome, given_back) = concluded(&events, journal, outcome, output)?;
     match &outcome.played {
         Ok(commissioned) => {
-            let told = |failure| with_told(failure, &outcome.emergencies, &outcome.errors, rig);
+            let with_emergencies = |failure| with_told(failure, &outcome.emergencies, &outcome.errors, rig);
             let taken = Taken::new(earlier, commissioned.clone(), ran);
-            end(arguments, rig, &taken, (told, given_back), output)
+            end(arguments, rig, &taken, &machine, (with_emergencies, given_back), output)
         }
         Err(error) => both(Err(not_run(error, &outcome, &interfaces, rig, file)), given_back),
     }

@@ -1,7 +1,12 @@
 //! The report of a commissioning as a page that needs nothing beside it.
 
+use chrono::DateTime;
+
+use super::earlier::rig_hash;
 use crate::cli::escaped::escaped;
+use crate::cli::latency::now_unix_s;
 use crate::config;
+use crate::run::DriveIdentity;
 use crate::run::commission::{Commissioned, Curve, Figure, StepReport, Verdict};
 use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series, svg};
 
@@ -12,25 +17,35 @@ pub(super) fn figure_text(figure: &Figure) -> String {
     format!("{} {}{unit}, at most {}{unit}", figure.what, number(figure.value), number(figure.limit))
 }
 
-/// The page.
-pub(super) fn html(rig: &config::Rig, commissioned: &Commissioned) -> String {
+/// The page: of a rig from this file, and of the machine that these words name.
+pub(super) fn html(rig: &config::Rig, file: &str, commissioned: &Commissioned, machine: &str) -> String {
     let name = escaped(&rig.rig.name);
     let verdict = commissioned.verdict().name();
-    let skipped = commissioned.steps.iter().filter(|step| step.verdict == Verdict::Skipped).count();
-    let but = if skipped == 0 { String::new() } else { format!(", {skipped} steps skipped") };
+    let (all, skipped) =
+        (commissioned.steps.len(), commissioned.steps.iter().filter(|step| step.verdict == Verdict::Skipped).count());
+    let but = if skipped == 0 { String::new() } else { format!(", {skipped} of {all} steps skipped") };
+    let drives: String = match &commissioned.drives {
+        Some(drives) => drives.iter().zip(&rig.drives).map(|(drive, of)| identity(drive, &of.name)).collect(),
+        None => "<li>Nobody looked who the drives are: the step identity was not taken.</li>\n".to_owned(),
+    };
     let rows: String = commissioned.steps.iter().map(row).collect();
     let details: String = commissioned.steps.iter().filter(|step| has_details(step)).map(section).collect();
     format!(
-        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>Commissioning of {name}: {verdict}</title>\n<style>\n\
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>Commissioning of {name}: {verdict}{but}</title>\n<style>\n\
          body {{ font: 15px/1.5 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; }}\n\
          table {{ border-collapse: collapse; }} td, th {{ border: 1px solid #999; padding: .3em .6em; text-align: left; vertical-align: top; }}\n\
          .pass {{ color: #00664d; }} .fail {{ color: #a03000; font-weight: bold; }} .skipped {{ color: #555; }}\n\
          svg {{ max-width: 100%; height: auto; }}\n</style></head><body>\n\
          <h1>Commissioning of {name}: <span class=\"{verdict}\">{verdict}</span>{but}</h1>\n\
-         <p>Made by yieldwall {version}, which is not a safety component. Command mode: {mode}. Cycle: {period} us. Drives: {left} with profile \
-         {left_profile}, {right} with profile {right_profile}.</p>\n\
+         <p>Made by yieldwall {version}, which is not a safety component, on {when}. Machine: {machine}.</p>\n\
+         <p>Rig file: {file}, hash {hash}. Command mode: {mode}. Cycle: {period} us. Drives: {left} with profile {left_profile}, {right} with \
+         profile {right_profile}.</p>\n<ul>\n{drives}</ul>\n\
          <table><tr><th>step</th><th>verdict</th><th>figure</th><th>what the step does</th></tr>\n{rows}</table>\n{details}</body></html>\n",
         version = env!("CARGO_PKG_VERSION"),
+        when = escaped(&utc(now_unix_s())),
+        machine = escaped(machine),
+        file = escaped(file),
+        hash = rig_hash(rig),
         mode = format!("{:?}", rig.rig.command_mode).to_lowercase(),
         period = rig.cycle.period_us,
         left = escaped(&rig.drives[0].name),
@@ -38,6 +53,24 @@ pub(super) fn html(rig: &config::Rig, commissioned: &Commissioned) -> String {
         right = escaped(&rig.drives[1].name),
         right_profile = escaped(rig.drives[1].profile.as_str()),
     )
+}
+
+/// What a drive says that it is.
+fn identity(drive: &DriveIdentity, name: &str) -> String {
+    let node = drive.node_id.map_or(String::new(), |node| format!("node {node}, "));
+    let DriveIdentity { vendor_id, product_code, revision, serial_number, .. } = drive;
+    format!(
+        "<li>{}: {node}vendor {vendor_id:X}h, product {product_code:X}h, revision {revision:X}h, serial number {serial_number}</li>\n",
+        escaped(name)
+    )
+}
+
+/// A moment of the calendar.
+fn utc(unix_s: u64) -> String {
+    let moment = i64::try_from(unix_s).ok().and_then(|seconds| DateTime::from_timestamp(seconds, 0));
+    moment.map_or("a day that the clock does not know".to_owned(), |moment| {
+        moment.format("%Y-%m-%d %H:%M UTC").to_string()
+    })
 }
 
 fn has_details(step: &StepReport) -> bool {

@@ -28,9 +28,18 @@ const REFRESH: Duration = Duration::from_millis(100);
 pub(super) const KEYS: &str =
     "right or + turns the joint counter-clockwise, left or - clockwise, while it is pressed; space rests, q ends";
 
-/// An angle in rad that one thread tells and another one shows.
-#[derive(Debug, Default)]
+/// So near to its bound a joint is at it, rad.
+const AT_BOUND_RAD: f64 = 1e-3;
+
+/// An angle in rad that one thread tells and another one shows; not a number until it is told.
+#[derive(Debug)]
 pub(super) struct Shown(AtomicU64);
+
+impl Default for Shown {
+    fn default() -> Self {
+        Self(AtomicU64::new(f64::NAN.to_bits()))
+    }
+}
 
 impl Shown {
     /// Real-time: yes.
@@ -38,8 +47,8 @@ impl Shown {
         self.0.store(angle_rad.to_bits(), Ordering::Relaxed);
     }
 
-    fn line(&self, name: &str) -> String {
-        format!("{name}: {:.2} deg", f64::from_bits(self.0.load(Ordering::Relaxed)).to_degrees())
+    fn angle_rad(&self) -> Option<f64> {
+        Some(f64::from_bits(self.0.load(Ordering::Relaxed))).filter(|angle| !angle.is_nan())
     }
 }
 
@@ -53,8 +62,13 @@ pub(super) struct Reader {
 }
 
 impl Reader {
-    /// Has the keys of standard input be told, and the angle of this joint be shown if `shows`.
-    pub(super) fn start(keys: Arc<Keys>, shown: Arc<Shown>, name: &str, shows: bool) -> Result<Self, Failure> {
+    /// Has the keys of standard input be told, and the angle of this joint, which goes so many rad to either side, be shown if `shows`.
+    pub(super) fn start(
+        keys: Arc<Keys>,
+        shown: Arc<Shown>,
+        (name, within_rad): (&str, f64),
+        shows: bool,
+    ) -> Result<Self, Failure> {
         let failed = |error: io::Error| Failure::new(Exit::Internal, format!("standard input: {error}"), "write --by");
         let before = if io::stdin().is_terminal() {
             Some(tcgetattr(stdin()).map_err(|error| failed(error.into()))?)
@@ -73,11 +87,13 @@ impl Reader {
             tcsetattr(stdin(), OptionalActions::Now, &at_once).map_err(|error| failed(error.into()))?;
         }
         let name = name.to_owned();
+        let mut from = None;
         let work = move || {
             attend(&keys, &is_over, || {
-                if shows {
+                if let Some(angle) = shown.angle_rad().filter(|_| shows) {
+                    let way = angle - *from.get_or_insert(angle);
                     // Nobody can be told that standard error is closed.
-                    let _ = write!(io::stderr(), "\r{}\u{1b}[K", shown.line(&name));
+                    let _ = write!(io::stderr(), "\r{}\u{1b}[K", line(&name, angle, way, within_rad));
                 }
             });
             // Whatever has ended it: nobody can stop the joint by a key any more.
@@ -103,6 +119,13 @@ impl Drop for Reader {
             let _ = tcsetattr(stdin(), OptionalActions::Flush, before);
         }
     }
+}
+
+/// What a person sees of a joint at this angle that has gone this way, rad.
+fn line(name: &str, angle_rad: f64, way_rad: f64, within_rad: f64) -> String {
+    let is_at_bound = way_rad.abs() >= within_rad.abs() - AT_BOUND_RAD;
+    let bound = if is_at_bound { ", as far as --within lets it go" } else { "" };
+    format!("{name}: {:.2} deg{bound}", angle_rad.to_degrees())
 }
 
 /// Tells keys until it is over, standard input ends or the terminal is gone.
@@ -170,6 +193,13 @@ fn keys_in(mut bytes: &[u8]) -> Vec<Key> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_joint_at_its_bound_is_told_to_be_there() {
+        assert_eq!(Shown::default().angle_rad(), None);
+        assert_eq!(line("left", 1.0, 0.1, 0.2), "left: 57.30 deg");
+        assert_eq!(line("left", 1.0, -0.2, 0.2), "left: 57.30 deg, as far as --within lets it go");
+    }
 
     #[test]
     fn arrows_signs_and_what_ends_are_keys_and_nothing_else_is() {

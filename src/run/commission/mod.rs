@@ -262,6 +262,12 @@ impl From<Step> for Begin {
 }
 
 impl Commissioned {
+    /// The step in which a person has asked for the end.
+    pub fn interrupted_in(&self) -> Option<Step> {
+        let is_it = |report: &&StepReport| report.reason.as_deref() == Some(INTERRUPTED);
+        self.steps.iter().find(is_it).map(|report| report.step).filter(|_| self.is_interrupted)
+    }
+
     /// [`Verdict::Fail`] if a step has failed or it was broken off; else [`Verdict::Pass`], whatever was skipped.
     pub fn verdict(&self) -> Verdict {
         let has_failed = self.steps.iter().any(|step| step.verdict == Verdict::Fail);

@@ -38,6 +38,16 @@ const RIPPLE_RAD: f64 = 0.6 * std::f64::consts::PI / 180.0;
 /// Samples of torque that a travel has at least.
 const LEAST_SAMPLES: usize = 20;
 
+/// A link that was turned with as little torque as it took.
+struct Gentle {
+    /// The travel that came to its end.
+    travel: Travel,
+    /// The torque limit of it, N m.
+    torque_n_m: f64,
+    /// How far the link went by its encoder, in the travels with less torque too, rad.
+    way_rad: f64,
+}
+
 impl<P: Place> Bench<'_, P> {
     /// Drills the watchdogs of the drives.
     pub(super) fn watchdogs(&mut self, found: &mut Found) -> Result<(), Halt> {
@@ -90,12 +100,10 @@ impl<P: Place> Bench<'_, P> {
         for joint in 0..2 {
             let name = self.name(joint);
             let by_rad = self.free_way(joint, ROTATION_RAD)?;
-            let from = self.angles();
             // A person is asked with nothing booted.
             self.runner.leave();
             self.attendant.look(&self.runner.place, joint);
-            let (travel, torque_n_m) = self.travel_gently(joint, by_rad)?;
-            let measured_rad = (travel.jogged.to - from).to_array()[joint];
+            let Gentle { torque_n_m, way_rad: measured_rad, .. } = self.travel_gently(joint, by_rad)?;
             self.runner.leave();
             found.note(
                 format!("{name}: turned"),
@@ -107,8 +115,7 @@ impl<P: Place> Bench<'_, P> {
             }
             // One that went on while its encoder stood still is not led back all the way.
             let most_rad = ROTATION_RAD + LED_BEYOND_RAD;
-            let (back, _) = self.travel_gently(joint, -measured_rad.clamp(-most_rad, most_rad))?;
-            let back_rad = (back.jogged.to - travel.jogged.to).to_array()[joint];
+            let back_rad = self.travel_gently(joint, -measured_rad.clamp(-most_rad, most_rad))?.way_rad;
             self.runner.leave();
             let Some((seen_rad, seen_back_rad)) = seen.zip(self.attendant.turned(&self.runner.place, joint)) else {
                 unseen = Some(name);
@@ -128,6 +135,14 @@ impl<P: Place> Bench<'_, P> {
     /// Judges how far a link has turned and back, each by its encoder and as it was seen, rad.
     fn judge_rotation(&self, joint: usize, ways: [[f64; 2]; 2], found: &mut Found) -> Result<(), Halt> {
         let name = self.name(joint);
+        let [[forth_rad, seen_rad], [back_rad, seen_back_rad]] = ways;
+        if forth_rad * back_rad < 0.0 && seen_rad * seen_back_rad > 0.0 {
+            // Nothing is told of the drive by what cannot be.
+            return Err(Halt::Failed(format!(
+                "the encoder of {name} went to and fro, and both ways of its link were told to be the same way round: one of the two signs is \
+                 mistaken, counter-clockwise as seen from above is positive"
+            )));
+        }
         for [measured_rad, seen_rad] in ways {
             found.measure(Figure {
                 what: "angle by the encoder against the link".into(),
@@ -164,15 +179,15 @@ impl<P: Place> Bench<'_, P> {
         )))
     }
 
-    /// Turns a link counter-clockwise, or the other way where that is not free, with as little torque as it takes; the torque limit in N m.
-    fn travel_freely(&mut self, joint: usize, by_rad: f64) -> Result<(Travel, f64), Halt> {
+    /// Turns a link counter-clockwise, or the other way where that is not free, with as little torque as it takes.
+    fn travel_freely(&mut self, joint: usize, by_rad: f64) -> Result<Gentle, Halt> {
         let by_rad = self.free_way(joint, by_rad)?;
         self.travel_gently(joint, by_rad)
     }
 
-    /// Turns a link by an angle with as little torque as it takes; the torque limit in N m.
-    fn travel_gently(&mut self, joint: usize, by_rad: f64) -> Result<(Travel, f64), Halt> {
-        let mut last = None;
+    /// Turns a link by an angle with as little torque as it takes.
+    fn travel_gently(&mut self, joint: usize, by_rad: f64) -> Result<Gentle, Halt> {
+        let (mut last, mut way_rad) = (None, 0.0);
         for share in TORQUE_SHARES {
             let torque_n_m = self.torque_n_m(share);
             if last == Some(torque_n_m) {
@@ -180,7 +195,9 @@ impl<P: Place> Bench<'_, P> {
             }
             last = Some(torque_n_m);
             let travel = self.travel(joint, by_rad, by_rad.abs() + LED_BEYOND_RAD, torque_n_m)?;
+            // An incremental encoder that was not homed begins anew with each boot.
             let gone = way(&travel.jogged, joint);
+            way_rad += gone;
             if gone * by_rad < 0.0 && gone.abs() > AWAY_RAD {
                 return Err(Halt::Failed(format!(
                     "the joint of {} ran the other way than it was led, {:.1} deg: its encoder counts against its motor, look at the polarity \
@@ -190,7 +207,7 @@ impl<P: Place> Bench<'_, P> {
                 )));
             }
             if travel.jogged.ended == Ended::Whole {
-                return Ok((travel, torque_n_m));
+                return Ok(Gentle { travel, torque_n_m, way_rad });
             }
             if !is_too_weak(&travel.jogged) {
                 return Err(Halt::Failed(self.stopped(joint, &travel.jogged)));
@@ -224,8 +241,8 @@ impl<P: Place> Bench<'_, P> {
 
     /// Turns a link to and fro, and takes the torques of both ways: counter-clockwise, then clockwise.
     fn both_ways(&mut self, joint: usize, by_rad: f64) -> Result<[Travel; 2], Halt> {
-        let (one, _) = self.travel_freely(joint, by_rad)?;
-        let (other, _) = self.travel_gently(joint, -way(&one.jogged, joint))?;
+        let one = self.travel_freely(joint, by_rad)?.travel;
+        let other = self.travel_gently(joint, -way(&one.jogged, joint))?.travel;
         for travel in [&one, &other] {
             self.check_torques(joint, travel)?;
         }
@@ -252,7 +269,10 @@ impl<P: Place> Bench<'_, P> {
             }
             (_, Some(Cause { fault, devices })) => {
                 let row = fault.row();
-                format!("the joint of {name} was stopped on its way by {} ({devices}): {}", row.name, row.meaning)
+                format!(
+                    "the joint of {name} was stopped on its way by {0} ({devices}): {1}; `yieldwall explain {0}` says what to look at",
+                    row.name, row.meaning
+                )
             }
             (_, None) if jogged.state == State::Running => {
                 format!("the joint of {name} did not come to its target in time")
