@@ -257,7 +257,7 @@ impl Study for Control {
         let [settings, load, computing] = tables else { return Report::default() };
         let lines = [
             ("no delay", Line { delay_cycles: 0, ..SHIPPED }),
-            ("as shipped: PSMC, joint, 1 cycle", SHIPPED),
+            ("shipped loop: PSMC, joint, 1 cycle", SHIPPED),
             ("2 cycles", Line { delay_cycles: 2, ..SHIPPED }),
             ("3 cycles", Line { delay_cycles: 3, ..SHIPPED }),
             ("Cartesian", Line { space: "cartesian", ..SHIPPED }),
@@ -287,7 +287,7 @@ impl Study for Control {
                 panel("tracing with its turn", "peak_torque_n_m", Axis::linear("greatest torque (N m)"), 1.0),
                 panel("impact without a hold, proxy", "proxy_depth_m", Axis::linear("depth (mm)").over(0.0, 16.0), 1e3),
                 panel("impact with automatic hold, tool", "held_tool_depth_m", Axis::logarithmic("depth (mm)"), 1e3),
-                panel("bandwidth", "crossover_hz", Axis::logarithmic("crossover (Hz)"), 1.0),
+                panel("crossover", "crossover_hz", Axis::logarithmic("crossover (Hz)"), 1.0),
             ],
             columns: 3,
         };

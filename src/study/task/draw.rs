@@ -114,7 +114,7 @@ fn price(errors: &Table) -> Chart {
     }
     Chart {
         title: format!(
-            "Error against its price, circle at {SPEED_M_PER_S} m/s, soft hand; medians with intervals of 95 %; a line runs over aims off by 1.25, 2.5, 5 and 10 mm RMS at rest"
+            "Error against its price, circle at {SPEED_M_PER_S} m/s, soft hand; medians, of errors, energy and jumps with intervals of 95 %; a line runs over aims off by 1.25, 2.5, 5 and 10 mm RMS at rest"
         ),
         panels,
         columns: 3,
@@ -236,7 +236,7 @@ fn on_device(device: &Table) -> Chart {
     let error = || Axis::logarithmic("RMS error (mm)").over(0.2, 12.0);
     let rest = || Axis::logarithmic("speed when nobody holds it, RMS (m/s)").over(1e-4, 10.0);
     Chart {
-        title: "The same on an impedance device of 50 g at 1 kHz: the spring and the coupling of the plastic fixture have one K; medians with intervals of 95 %".into(),
+        title: "An impedance device of 50 g at 1 kHz: spring and coupling of plastic have one K; medians, of errors and jumps with intervals of 95 %".into(),
         panels: vec![
             panel("soft hand", GRIPS[0].name, ERROR, 1e3, error()),
             panel("stiff hand", GRIPS[1].name, ERROR, 1e3, error()),
