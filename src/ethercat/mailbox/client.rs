@@ -279,6 +279,8 @@ impl MailboxClient {
                 self.look_at = now + wait;
             }
             Step::Repeat if is_processed => self.step = Step::Repeated { looks: 0 },
+            // It is wished again, for as long as somebody waits for an answer.
+            Step::Repeat if !self.client.is_busy() => self.rest(now),
             Step::Repeat => {}
             Step::Repeated { looks } => {
                 let answered = data.get(2).is_some_and(|held| held & 2 != 0) == self.repeat;
@@ -328,5 +330,41 @@ impl MailboxClient {
             Heard::Answer => {}
         }
         None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::objects::Address;
+
+    #[test]
+    fn a_device_that_takes_no_wish_to_repeat_is_not_asked_for_ever() {
+        let patience = Duration::from_millis(100);
+        let mut mailbox = MailboxClient::at_position(0, patience);
+        let area = |start| MailboxArea { start, len: 128 };
+        mailbox.start(area(0x1000), area(0x1080));
+        mailbox.ask(Time(0), ObjectRequest::Read(Address { index: 0x1018, sub: 1 })).unwrap();
+        let (mut buffer, mut now, mut wishes) = ([0; 2048], Time(0), 0);
+        while mailbox.is_busy() {
+            assert!(now < Time(0) + 2 * patience, "{wishes}");
+            if mailbox.next(now, &mut buffer).is_some() {
+                let emergency = match mailbox.step {
+                    // What the device says is lost on its way.
+                    Step::Read => {
+                        mailbox.on_loss();
+                        None
+                    }
+                    Step::Repeat => {
+                        wishes += 1;
+                        mailbox.on_reply(now, &[0], 0)
+                    }
+                    _ => mailbox.on_reply(now, &[SyncManager::FULL, 0, 0], 1),
+                };
+                assert_eq!(emergency, None);
+            }
+            now = now + Duration::from_millis(1);
+        }
+        assert!(wishes > 1 && matches!(mailbox.answer(), ObjectAnswer::Failed(_)), "{wishes}");
     }
 }
