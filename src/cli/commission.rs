@@ -189,7 +189,7 @@ impl Machine {
             Self::Simulated { defects } => json!({ "simulated": true, "defects": defects }),
             #[cfg(target_os = "linux")]
             Self::OnBus { buses, is_lockstep } => {
-                json!({ "simulated": is_lockstep, "buses": buses })
+                json!({ "buses": buses, "lockstep": is_lockstep })
             }
         }
     }

@@ -17,7 +17,7 @@ use super::output::Output;
 use super::run::check_buses;
 use crate::config::{self, Positive, Source};
 use crate::cycle::LeadLimits;
-use crate::guard::Fault;
+use crate::guard::{DeviceSet, Fault};
 use crate::quantity::JointAngles;
 use crate::record::CycleRecord;
 use crate::rig::EmbeddedRig;
@@ -141,10 +141,13 @@ impl<'a> Plan<'a> {
         off
     }
 
-    /// A failure with what it means for a joint that is led: one that does not follow its reference has too little torque, or is blocked.
+    /// A failure with what it means for a joint that is led: one that hardly moves has too little torque, or is blocked. One that has moved
+    /// may run away, which more torque makes worse, and so may one that was to hold.
     fn told(&self, mut failure: Failure, jogged: &Jogged) -> Failure {
-        let is_behind = jogged.cause.is_some_and(|cause| cause.fault == Fault::FollowingError);
-        if let Some(first) = failure.report.diagnostics.first_mut().filter(|_| is_behind) {
+        let led = DeviceSet::drive(self.joint);
+        let is_behind = jogged.cause.is_some_and(|cause| cause.fault == Fault::FollowingError && cause.devices == led);
+        let stands = (jogged.to - jogged.from).max_abs() <= OFF_RAD;
+        if let Some(first) = failure.report.diagnostics.first_mut().filter(|_| is_behind && stands) {
             let torque = self.bounds.torque_n_m.get();
             first.help = Some(format!(
                 "{torque:.1} N m do not move it as it is led: look for what blocks it, a closed brake or an encoder that stands still, or raise \

@@ -74,7 +74,7 @@ impl Reference {
 
 /// The reference that is followed, and beside it the one to come. A fault on the way to that one leaves the first as it is.
 ///
-/// Neither is ever moved: a reference is 200 bytes, and what changes from cycle to cycle is which of the two is which.
+/// A reference is 200 bytes. It stays where it was written: what changes from cycle to cycle is which of the two is which.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Track {
     slots: [Option<Reference>; 2],

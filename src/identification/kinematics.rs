@@ -18,6 +18,9 @@ const TRIES: usize = 12;
 /// Greatest half width of an interval, as a share of a link: beyond it the points do not tell the parameters apart.
 const WIDEST: f64 = 0.05;
 
+/// Points of which pairs that were exchanged are looked for, at most.
+const MOST_EXCHANGED: usize = 24;
+
 /// A point of the tool in the base frame, and the joint angles there, rad.
 pub type Visited = (TipPoint, JointAngles);
 
@@ -144,13 +147,15 @@ pub enum Mistaken {
 
 /// What has to be different of points that [`kinematics`] fits nothing to, so that all are within `within_m` in the mean; `None` if one point
 /// that is left out, or two that are exchanged, do not do it. With two ways to do it the one that leaves less is taken, exchanged points first.
+/// Of more than 24 points exchanged ones are not looked for: there are too many pairs.
 pub fn mistaken(geometry: &Geometry, visited: &[Visited], within_m: f64) -> Option<Mistaken> {
     let left_m = |visited: &[Visited]| {
         let found = kinematics(geometry, visited).ok()?;
         Some(found.residual_m[1]).filter(|left_m| *left_m <= within_m)
     };
     let count = visited.len();
-    let pairs = (0..count).flat_map(|one| (one + 1..count).map(move |other| (one, other)));
+    let some = if count <= MOST_EXCHANGED { count } else { 0 };
+    let pairs = (0..some).flat_map(|one| (one + 1..some).map(move |other| (one, other)));
     let exchanged = pairs.filter_map(|(one, other)| {
         let mut tried = visited.to_vec();
         let angles = tried.get(one)?.1;

@@ -26,7 +26,8 @@ pub(super) fn html(rig: &config::Rig, file: &str, commissioned: &Commissioned, m
     let but = if skipped == 0 { String::new() } else { format!(", {skipped} of {all} steps skipped") };
     let drives: String = match &commissioned.drives {
         Some(drives) => drives.iter().zip(&rig.drives).map(|(drive, of)| identity(drive, &of.name)).collect(),
-        None => "<li>Nobody looked who the drives are: the step identity was not taken.</li>\n".to_owned(),
+        None => "<li>It is not known who the drives are: the step identity did not come to its end in this run.</li>\n"
+            .to_owned(),
     };
     let rows: String = commissioned.steps.iter().map(row).collect();
     let details: String = commissioned.steps.iter().filter(|step| has_details(step)).map(section).collect();
