@@ -247,14 +247,14 @@ fn lines(report: &StepReport) -> String {
     text
 }
 
-/// Writes the report, and judges; `told` adds what the drives have said to a failure, and `given_back` is whether they hold what they held
+/// Writes the report, and judges; `with_emergencies` adds what the drives have said to a failure, and `given_back` is whether they hold what they held
 /// before.
 fn end(
     arguments: &Arguments,
     rig: &config::Rig,
     taken: &Taken,
     machine: &Machine,
-    (told, given_back): (impl FnOnce(Failure) -> Failure, Result<(), Failure>),
+    (with_emergencies, given_back): (impl FnOnce(Failure) -> Failure, Result<(), Failure>),
     output: &mut Output,
 ) -> Result<(), Failure> {
     let commissioned = &taken.commissioned;
@@ -271,7 +271,7 @@ fn end(
     let is_on_bus = arguments.on_bus.is_asked();
     #[cfg(not(target_os = "linux"))]
     let is_on_bus = false;
-    let judged = both(judge(commissioned, is_on_bus).map_err(told), both(given_back, page));
+    let judged = both(judge(commissioned, is_on_bus, output).map_err(with_emergencies), both(given_back, page));
     if output.is_json() {
         return output.end(document(rig, taken, machine), judged);
     }
@@ -284,14 +284,17 @@ fn end(
     judged
 }
 
-fn judge(commissioned: &Commissioned, is_on_bus: bool) -> Result<(), Failure> {
+fn judge(commissioned: &Commissioned, is_on_bus: bool, output: &Output) -> Result<(), Failure> {
     let Some(failed) = commissioned.steps.iter().find(|step| step.verdict == Verdict::Fail) else {
         let message = "interrupted: the rig is stopped, and no drive makes torque";
         let interrupted = |step: Step| {
-            let help = format!("begin again with --from {}, or with --resume and what --json has printed", step.name());
+            // Only a report that is printed and knows its drives can be gone on from.
+            let can_resume = output.is_json() && commissioned.drives.is_some();
+            let or = if can_resume { ", or with --resume and this report" } else { "" };
+            let help = format!("begin again with --from {}{or}", step.name());
             Failure::new(Exit::Interrupted, message, help)
         };
-        return commissioned.interrupted_in().map_or(Ok(()), |step| Err(interrupted(step)));
+        return commissioned.interrupted_in.map_or(Ok(()), |step| Err(interrupted(step)));
     };
     let name = failed.step.name();
     let why = failed.reason.clone().or_else(|| failed.figure.as_ref().map(page::figure_text)).unwrap_or_default();

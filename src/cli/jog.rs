@@ -351,6 +351,7 @@ fn on_bus(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::guard::{Cause, State};
 
     #[test]
     fn an_angle_has_a_unit_and_is_a_number() {
@@ -358,6 +359,42 @@ mod tests {
         assert_eq!(angle("-0.1rad"), Ok(-0.1));
         for text in ["5", "deg", "5 grad", "NaNdeg", "infrad", "", "1e400rad"] {
             assert!(angle(text).unwrap_err().contains("5deg or -0.1rad"), "{text}");
+        }
+    }
+
+    #[test]
+    fn more_torque_is_advised_for_the_joint_that_is_led_and_stands_and_for_no_other() {
+        let limits = LeadLimits { rate_rad_per_s: 0.1, acceleration_rad_per_s2: 0.5 };
+        let bound = Positive::new(0.1).unwrap();
+        let plan = Plan {
+            joint: 0,
+            jog: Jog { by: JointAngles::new(0.08, 0.0), keys: None, limits, settling: 1, is_metered: false },
+            bounds: Bounds { motion_rad: bound, torque_n_m: Positive::new(5.0).unwrap() },
+        };
+        let advice = |fault, devices, gone_rad| {
+            let from = JointAngles::new(1.0, 0.5);
+            let jogged = Jogged {
+                ended: Ended::Stopped,
+                state: State::Disabled,
+                cause: Some(Cause { fault, devices }),
+                time_s: 0.1,
+                from,
+                to: from + JointAngles::new(gone_rad, 0.0),
+                deviation: JointAngles::default(),
+            };
+            let failure = plan.told(Failure::new(Exit::SafetyStop, "stopped", "as the fault says"), &jogged);
+            failure.report.diagnostics[0].help.clone().unwrap()
+        };
+        let [left, right] = [0, 1].map(DeviceSet::drive);
+        assert!(advice(Fault::FollowingError, left, 1e-4).contains("raise --torque"));
+        // One that ran away, the one that was to hold, and another fault.
+        for (fault, devices, gone_rad) in [
+            (Fault::FollowingError, left, -5e-3),
+            (Fault::FollowingError, right, 0.0),
+            (Fault::FollowingError, left | right, 0.0),
+            (Fault::EncoderJump, left, 0.0),
+        ] {
+            assert_eq!(advice(fault, devices, gone_rad), "as the fault says", "{fault:?}");
         }
     }
 }

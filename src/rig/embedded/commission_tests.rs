@@ -217,11 +217,11 @@ proptest! {
     #[test]
     fn it_ends_when_it_is_asked_to(rig in 0usize..5, cycles in 0..60_000u64) {
         let done = until(RIGS[rig], &[], &[], cycles);
-        let Commissioned { steps, is_interrupted, .. } = done.commissioned;
+        let Commissioned { steps, interrupted_in, .. } = done.commissioned;
         prop_assert!(steps.iter().map(|step| step.step).eq(STEPS) && steps.iter().all(|step| step.verdict != Verdict::Fail), "{steps:?}");
         let passed = steps.iter().take_while(|step| step.verdict == Verdict::Pass).count();
         prop_assert!(steps[passed..].iter().all(|step| step.verdict == Verdict::Skipped && step.reason.is_some()), "{steps:?}");
-        prop_assert_eq!(is_interrupted, passed < STEPS.len());
+        prop_assert_eq!(interrupted_in, STEPS.get(passed).copied());
         prop_assert!(!done.states.contains(&cia402::State::OperationEnabled), "{:?}", done.states);
         prop_assert!(done.limits.iter().all(|limit| *limit == 1000), "{:?}", done.limits);
         prop_assert!(done.farthest_rad < bound_rad(), "{}", done.farthest_rad);

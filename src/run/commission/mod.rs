@@ -240,8 +240,8 @@ pub trait Attendant<P: Place> {
 pub struct Commissioned {
     /// All steps, in their order.
     pub steps: Vec<StepReport>,
-    /// Whether a person has asked for the end; the step of that moment and those behind it are skipped.
-    pub is_interrupted: bool,
+    /// The step in which a person has asked for the end, if one has; it and those behind it are skipped.
+    pub interrupted_in: Option<Step>,
     /// What the drives say that they are, if they were asked in a step.
     pub drives: Option<[DriveIdentity; 2]>,
 }
@@ -262,16 +262,10 @@ impl From<Step> for Begin {
 }
 
 impl Commissioned {
-    /// The step in which a person has asked for the end.
-    pub fn interrupted_in(&self) -> Option<Step> {
-        let is_it = |report: &&StepReport| report.reason.as_deref() == Some(INTERRUPTED);
-        self.steps.iter().find(is_it).map(|report| report.step).filter(|_| self.is_interrupted)
-    }
-
     /// [`Verdict::Fail`] if a step has failed or it was broken off; else [`Verdict::Pass`], whatever was skipped.
     pub fn verdict(&self) -> Verdict {
         let has_failed = self.steps.iter().any(|step| step.verdict == Verdict::Fail);
-        if has_failed || self.is_interrupted { Verdict::Fail } else { Verdict::Pass }
+        if has_failed || self.interrupted_in.is_some() { Verdict::Fail } else { Verdict::Pass }
     }
 }
 
@@ -287,7 +281,7 @@ impl<P: Place> Runner<P> {
         is_interrupted: &AtomicBool,
         mut told: impl FnMut(&StepReport),
     ) -> Commissioned {
-        let mut has_ended = false;
+        let mut interrupted_in = None;
         let mut steps: Vec<StepReport> = Vec::with_capacity(STEPS.len());
         let mut bench = Bench::new(self, rig, attendant, is_interrupted);
         bench.wanted = begin.drives;
@@ -296,19 +290,19 @@ impl<P: Place> Runner<P> {
             let failed = steps.iter().find(|report| report.verdict == Verdict::Fail).map(|report| report.step);
             let report = match failed {
                 Some(failed) => skipped(step, format!("{} has failed", failed.name())),
-                None if has_ended => skipped(step, INTERRUPTED.to_owned()),
+                None if interrupted_in.is_some() => skipped(step, INTERRUPTED.to_owned()),
                 None if at < first && !(step == Step::Identity && begin.drives.is_some()) => {
                     skipped(step, format!("it was asked to begin with {}", begin.from.name()))
                 }
                 None => bench.report(step).unwrap_or_else(|| {
-                    has_ended = true;
+                    interrupted_in = Some(step);
                     skipped(step, INTERRUPTED.to_owned())
                 }),
             };
             told(&report);
             steps.push(report);
         }
-        Commissioned { steps, is_interrupted: has_ended, drives: bench.drives }
+        Commissioned { steps, interrupted_in, drives: bench.drives }
     }
 }
 

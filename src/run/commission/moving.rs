@@ -44,7 +44,7 @@ struct Gentle {
     travel: Travel,
     /// The torque limit of it, N m.
     torque_n_m: f64,
-    /// How far the link went by its encoder, in the travels with less torque too, rad.
+    /// How far the link has gone by its encoder since the first travel, which had less torque, began, rad.
     way_rad: f64,
 }
 
@@ -187,7 +187,9 @@ impl<P: Place> Bench<'_, P> {
 
     /// Turns a link by an angle with as little torque as it takes.
     fn travel_gently(&mut self, joint: usize, by_rad: f64) -> Result<Gentle, Halt> {
-        let (mut last, mut way_rad) = (None, 0.0);
+        let (mut last, mut first_rad, mut way_rad) = (None, None, 0.0);
+        // One that is homed may not be homed yet, and begins anew with each boot then.
+        let begins_anew = self.rig.drives[joint].homing.is_some();
         for share in TORQUE_SHARES {
             let torque_n_m = self.torque_n_m(share);
             if last == Some(torque_n_m) {
@@ -195,9 +197,9 @@ impl<P: Place> Bench<'_, P> {
             }
             last = Some(torque_n_m);
             let travel = self.travel(joint, by_rad, by_rad.abs() + LED_BEYOND_RAD, torque_n_m)?;
-            // An incremental encoder that was not homed begins anew with each boot.
             let gone = way(&travel.jogged, joint);
-            way_rad += gone;
+            let [from_rad, to_rad] = [travel.jogged.from, travel.jogged.to].map(|angles| angles.to_array()[joint]);
+            way_rad = if begins_anew { way_rad + gone } else { to_rad - *first_rad.get_or_insert(from_rad) };
             if gone * by_rad < 0.0 && gone.abs() > AWAY_RAD {
                 return Err(Halt::Failed(format!(
                     "the joint of {} ran the other way than it was led, {:.1} deg: its encoder counts against its motor, look at the polarity \
