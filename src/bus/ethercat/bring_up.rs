@@ -140,6 +140,8 @@ pub(super) struct BringUp {
     nodes: Vec<Node>,
     /// The SII that is being read.
     image: Vec<u8>,
+    /// How often in a row the memory chip has told another word than the one that was asked for.
+    other_words: u8,
     writes: Vec<Write>,
     is_reading_back: bool,
     /// Moment of system time at which SYNC0 comes first.
@@ -165,6 +167,7 @@ impl BringUp {
             wait_until: Time(0),
             nodes: Vec::new(),
             image: Vec::new(),
+            other_words: 0,
             writes: Vec::new(),
             is_reading_back: false,
             sync0_from_ns: 0,
@@ -184,6 +187,7 @@ impl BringUp {
         (self.is_reading_back, self.has_asked) = (false, false);
         self.writes.clear();
         self.image.clear();
+        self.other_words = 0;
     }
 
     /// All that follows the count of devices.
@@ -668,8 +672,13 @@ impl EthercatNetwork {
         if u32_at(data, 2) != word as u32 {
             // Of a read before, whose command was lost.
             self.bring_up.progress = 0;
+            self.bring_up.other_words += 1;
+            if self.bring_up.other_words > TRIES {
+                return Err(SegmentFailure::SiiAccess { word: word as u16, status }.into());
+            }
             return Ok(());
         }
+        self.bring_up.other_words = 0;
         let len = if status & sii_control::EIGHT_BYTES != 0 { 8 } else { 4 };
         self.bring_up.image.extend_from_slice(data.get(6..6 + len).unwrap_or_default());
         self.bring_up.progress = 0;

@@ -327,6 +327,10 @@ impl CoeClient {
                     let value = std::mem::take(&mut self.value);
                     return self.end(CoeAnswer::Value(value));
                 }
+                // Segments without data would go on for ever.
+                if data.is_empty() {
+                    return self.fail(AbortCode::GENERAL);
+                }
                 self.phase = Phase::Upload { toggle: !toggle, declared, is_sent: false };
                 true
             }
@@ -380,7 +384,8 @@ impl CoeClient {
         self.value.extend_from_slice(part.data);
         self.phase = Phase::Fragments;
         if part.fragments_left > 0 {
-            return true;
+            // As would these.
+            return !part.data.is_empty() || self.fail(AbortCode::GENERAL);
         }
         let value = std::mem::take(&mut self.value);
         let answer = match asked {

@@ -211,6 +211,31 @@ fn what_stays_away_or_is_foreign_does_not_hang() {
     assert_eq!(*client.answer(), CoeAnswer::Failed(ObjectError::NoAnswer));
 }
 
+#[test]
+fn parts_without_data_that_are_not_the_last_end_the_request() {
+    let general = CoeAnswer::Failed(ObjectError::Aborted(AbortCode::GENERAL));
+    let mut client = CoeClient::new(Duration::from_millis(10));
+    let mut hear = |request: CoeRequest<'_>, parts: [&[u8]; 2]| {
+        client.start(Time(0), request).unwrap();
+        for part in parts {
+            assert!(client.is_busy());
+            client.message(&mut [0; 64]);
+            assert_eq!(client.on_message(Time(1), part), Heard::Answer);
+        }
+        client.answer().clone()
+    };
+    // Eleven bytes are announced, and none comes.
+    let announced = [0, 0x30, 0x41, 0x08, 0x10, 0, 11, 0, 0, 0];
+    // Seven bytes of seven are unused, and it is not the last one.
+    let empty = [0, 0x30, 0x0e, 0, 0, 0, 0, 0, 0, 0];
+    let read = CoeRequest::Read { at: Address::new(0x1008, 0), complete: false };
+    assert_eq!(hear(read, [&announced, &empty]), general);
+    // A list of which two parts are left, and again two.
+    let first = [0, 0x80, 0x82, 0, 2, 0, 2, 0, 0, 0x10];
+    let more = [0, 0x80, 0x82, 0, 2, 0];
+    assert_eq!(hear(CoeRequest::List(ListKind::Outputs), [&first, &more]), general);
+}
+
 proptest! {
     #[test]
     fn a_value_of_any_length_goes_both_ways(value in proptest::collection::vec(any::<u8>(), 0..600), room in 16usize..200) {

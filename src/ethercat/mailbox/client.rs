@@ -101,9 +101,15 @@ impl MailboxClient {
 
     /// Begins anew with a device that has just come to PRE-OP, with mailboxes where its SII says.
     pub fn start(&mut self, to_device: MailboxArea, from_device: MailboxArea) {
+        self.start_with(to_device, from_device, Counter::FIRST);
+    }
+
+    /// The same with a device that may have been asked before, by messages that begin with this counter: a device drops one whose counter is that of
+    /// the last one that it has heard.
+    pub fn start_with(&mut self, to_device: MailboxArea, from_device: MailboxArea, counter: Counter) {
         (self.to_device, self.from_device) = (to_device, from_device);
         self.client.give_up(ObjectError::NoAnswer);
-        (self.counter, self.heard, self.step) = (Counter::FIRST, 0, Step::Rest);
+        (self.counter, self.heard, self.step) = (counter, 0, Step::Rest);
         (self.is_retry, self.repeat, self.look_at, self.refused) = (false, false, Time(0), None);
         self.write_at = None;
         self.outgoing.clear();

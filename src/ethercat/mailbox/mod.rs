@@ -8,6 +8,7 @@ mod client;
 pub use client::MailboxClient;
 
 use super::{EthercatError, array, u16_at};
+use crate::time::Time;
 
 /// Bytes of the header.
 pub const HEADER: usize = 6;
@@ -120,6 +121,11 @@ impl Counter {
     /// The first one.
     pub const FIRST: Counter = Counter(1);
 
+    /// One by chance, which is the nanosecond, for a sender who does not know which one the device has heard last: of a process before this one.
+    pub const fn of(now: Time) -> Counter {
+        Counter((now.0 % 7) as u8 + 1)
+    }
+
     /// As on the wire.
     pub const fn number(self) -> u8 {
         self.0
@@ -210,6 +216,8 @@ mod tests {
         let mut counter = Counter::FIRST;
         let taken: Vec<u8> = (0..9).map(|_| counter.take().number()).collect();
         assert_eq!(taken, [1, 2, 3, 4, 5, 6, 7, 1, 2]);
+        let of_time: Vec<u8> = (5..13).map(|now| Counter::of(Time(now)).number()).collect();
+        assert_eq!(of_time, [6, 7, 1, 2, 3, 4, 5, 6]);
     }
 
     #[test]

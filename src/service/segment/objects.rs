@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::{SegmentError, SegmentService, TRIES};
 use crate::bus::ethercat::SegmentFailure;
 use crate::ethercat::coe::CoeEmergency;
-use crate::ethercat::mailbox::MailboxClient;
+use crate::ethercat::mailbox::{Counter, MailboxClient};
 use crate::ethercat::sii::MailboxArea;
 use crate::ethercat::{AlState, BufferMode, Direction, SyncManager, frame, registers as register};
 use crate::link::EthernetLink;
@@ -48,7 +48,7 @@ impl<L: EthernetLink> SegmentService<L> {
             let areas = area(0, Direction::Write).zip(area(1, Direction::Read));
             let (to_device, from_device) = areas.ok_or(SegmentFailure::NoCoe)?;
             let mut mailbox = MailboxClient::at_position(position, PATIENCE);
-            mailbox.start(to_device, from_device);
+            mailbox.start_with(to_device, from_device, Counter::of(self.now()));
             self.mailboxes.insert(position, mailbox);
         }
         Ok(DeviceObjects { service: self, position })

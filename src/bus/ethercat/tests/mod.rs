@@ -14,6 +14,7 @@ use crate::bus::axis::{Arrived, DriveOrders};
 use crate::bus::setup::Waits;
 use crate::canopen::BusId;
 use crate::config::shipped_profile;
+use crate::ethercat::{registers as register, u16_at};
 use crate::objects::{Address, ServedDevice};
 use crate::sim::ethercat::{Controller, ControllerSettings, Segment, SimulatedDevice, sii};
 use crate::sim::{AxisSettings, Encoder, EthercatDrive, ForceTorqueSensor, ForceTorqueSettings, PositionLoop};
@@ -117,6 +118,8 @@ enum Fate {
     IsFollowed,
     /// Bits of it are flipped, by this number.
     IsChanged(u64),
+    /// If it reads the memory chip: the chip tells another word than the one that was asked for.
+    IsOfAnotherWord,
 }
 
 /// A network, a segment, and the wire between them.
@@ -178,6 +181,13 @@ impl Bench {
                 Fate::IsLate(by) => at + by,
                 _ => at,
             };
+            // Behind the headers of Ethernet, EtherCAT and the datagram: control, then the word's address.
+            if fate == Fate::IsOfAnotherWord
+                && back[16] == Command::Fprd as u8
+                && u16_at(&back, 20) == register::SII_CONTROL
+            {
+                back[28] ^= 1;
+            }
             self.insert(at, back.clone());
             match fate {
                 Fate::IsDoubled => self.insert(at + Duration::from_micros(5), back),

@@ -135,6 +135,18 @@ fn damaged_sii_is_told_with_device_and_word() {
 }
 
 #[test]
+fn a_memory_chip_that_tells_another_word_for_ever_is_given_up() {
+    let mut bench = Bench::usual();
+    bench.fate = Box::new(|_| Fate::IsOfAnotherWord);
+    let message = bench.start().unwrap_err();
+    assert!(message.starts_with("left (position 0): read its SII:"), "{message}");
+    // One that does so for a while is read.
+    let mut bench = Bench::usual();
+    bench.fate = Box::new(|count| if count % 4 == 0 { Fate::IsOfAnotherWord } else { Fate::Passes });
+    bench.start().unwrap();
+}
+
+#[test]
 fn any_damage_of_sii_ends_with_a_message_or_in_op() {
     let mut random = numbers(7);
     let mut refused = 0;
