@@ -4,9 +4,13 @@
 //! `cargo run -p hil-tests --bin planted`. A defect that no seed finds, or a line that is not there any more, is a failure.
 //! Without a defect the copy has to be clean: what finds defects where there are none proves nothing.
 
+use std::collections::BTreeMap;
 use std::fs;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
+
+use yieldwall::batch;
 
 /// A defect: in `file` the text `from`, an expression or statements, becomes `to`.
 struct Defect {
@@ -132,11 +136,34 @@ const DEFECTS: [Defect; 18] = [
     ),
 ];
 
-/// Seeds that a defect may take, in portions: most are found by the first.
-const PORTIONS: [(u32, u32); 4] = [(0, 6), (6, 24), (24, 72), (72, 200)];
+/// Seeds that a defect may take.
+const SEEDS: u64 = 200;
+/// Seeds in which the copy has to be clean without a defect.
+const CLEAN_SEEDS: u64 = 6;
 const CYCLES: u32 = 10_000;
 const WHICH: &str = "YIELDWALL_PLANTED";
 const PROGRAM: &str = "yieldwall-planted";
+
+/// The program of the copy: seeds from 0 on to before the one that is named, up to the first that finds a violation. It prints that seed and the
+/// invariants that did not hold. The command line is not built for it.
+const MAIN: &str = r#"//! The soak alone.
+
+use yieldwall::soak::{Shipped, run_seed};
+
+fn main() {
+    let number = |at: usize| std::env::args().nth(at).and_then(|text| text.parse::<u64>().ok()).expect("a number");
+    let shipped = Shipped::load().unwrap_or_else(|_| panic!("the rigs do not load"));
+    for seed in 0..number(1) {
+        let violations = run_seed(&shipped, seed, number(2) as u32, None).violations;
+        let mut names: Vec<_> = violations.iter().map(|found| found.invariant.name()).collect();
+        names.sort_unstable();
+        names.dedup();
+        if !names.is_empty() {
+            return println!("{seed} {}", names.join(" "));
+        }
+    }
+}
+"#;
 
 /// What the copy asks; an expression of type `bool`.
 fn question(number: usize) -> String {
@@ -179,10 +206,19 @@ fn plant(root: &Path, folder: &Path) -> Result<PathBuf, String> {
          *WHICH.get_or_init(|| std::env::var(\"{WHICH}\").ok().and_then(|which| which.parse().ok()).unwrap_or(0))\n}}\n"
     );
     fs::write(&library, text).map_err(|error| at(&library, &error))?;
+    let main = tree.join("src/main.rs");
+    fs::write(&main, MAIN).map_err(|error| at(&main, &error))?;
     // A program of another name, so that it can share the built dependencies.
     let manifest = tree.join("Cargo.toml");
     let text = fs::read_to_string(&manifest).map_err(|error| at(&manifest, &error))?;
-    let named = text.replace("[[bin]]\nname = \"yieldwall\"", &format!("[[bin]]\nname = \"{PROGRAM}\""));
+    let program = "[[bin]]\nname = \"yieldwall\"\npath = \"src/main.rs\"\nrequired-features = [\"cli\"]\n";
+    if !text.contains(program) {
+        return Err(format!("{}: the program is described otherwise now", manifest.display()));
+    }
+    let named = text.replace(
+        program,
+        &format!("[[bin]]\nname = \"{PROGRAM}\"\npath = \"src/main.rs\"\nrequired-features = [\"sim\"]\n"),
+    );
     let named = named.replace("default-run = \"yieldwall\"\n", "");
     // And of another version: cargo takes packages of one name and version in one folder of built files for the same, wherever
     // their sources lie, and would not build the program itself anew afterwards.
@@ -201,7 +237,7 @@ fn plant(root: &Path, folder: &Path) -> Result<PathBuf, String> {
     fs::write(&lock, locked).map_err(|error| at(&lock, &error))?;
     let target = root.join("target");
     let status = Command::new(std::env::var("CARGO").unwrap_or_else(|_| "cargo".into()))
-        .args(["build", "--locked", "--quiet", "--bin", PROGRAM])
+        .args(["build", "--locked", "--quiet", "--no-default-features", "--features", "sim", "--bin", PROGRAM])
         .current_dir(&tree)
         .env("CARGO_TARGET_DIR", &target)
         .status()
@@ -257,22 +293,27 @@ fn at(path: &Path, error: &std::io::Error) -> String {
     format!("{}: {error}", path.display())
 }
 
-/// Has every defect looked for.
+/// Has every defect looked for, several at a time.
 fn search(program: &Path) -> Result<(), String> {
-    if let Some((seed, invariants)) = soak(program, 0, PORTIONS[0])? {
-        return Err(format!("seed {seed} finds {invariants} where nothing is planted"));
+    if let Some(found) = soak(program, 0, CLEAN_SEEDS)? {
+        return Err(format!("seed {found} where nothing is planted"));
     }
+    let numbers: Vec<u64> = (1..=DEFECTS.len() as u64).collect();
+    let jobs = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
+    let mut outcomes = BTreeMap::new();
+    batch::run(
+        &numbers,
+        jobs,
+        |number| soak(program, number, SEEDS),
+        |number, outcome| {
+            outcomes.insert(number, outcome?);
+            Ok::<_, String>(())
+        },
+    )?;
     let mut missed = Vec::new();
-    for (index, defect) in DEFECTS.iter().enumerate() {
-        let mut found = None;
-        for portion in PORTIONS {
-            found = soak(program, index + 1, portion)?;
-            if found.is_some() {
-                break;
-            }
-        }
+    for (defect, found) in DEFECTS.iter().zip(outcomes.into_values()) {
         match found {
-            Some((seed, invariants)) => println!("seed {seed:3} {invariants:14} {}", defect.name),
+            Some(found) => println!("seed {found}: {}", defect.name),
             None => missed.push(defect.name),
         }
     }
@@ -281,27 +322,20 @@ fn search(program: &Path) -> Result<(), String> {
             println!("planted: {} defects, all found", DEFECTS.len());
             Ok(())
         }
-        missed => Err(format!("no seed of {} finds: {}", PORTIONS[3].1, missed.join("; "))),
+        missed => Err(format!("no seed of {SEEDS} finds: {}", missed.join("; "))),
     }
 }
 
-/// The first seed of `seeds` that finds a violation, and which invariants it names.
-fn soak(program: &Path, number: usize, seeds: (u32, u32)) -> Result<Option<(u64, String)>, String> {
+/// The first of so many seeds that finds a violation, and which invariants it names.
+fn soak(program: &Path, number: u64, seeds: u64) -> Result<Option<String>, String> {
     let output = Command::new(program)
-        .args(["soak", "--json", "--seeds", &format!("{}..{}", seeds.0, seeds.1), "--cycles", &CYCLES.to_string()])
+        .args([seeds.to_string(), CYCLES.to_string()])
         .env(WHICH, number.to_string())
         .output()
         .map_err(|error| at(program, &error))?;
-    let told = || String::from_utf8_lossy(&output.stderr).into_owned();
-    let document: serde_json::Value = serde_json::from_slice(&output.stdout)
-        .map_err(|error| format!("soak printed no document: {error}\n{}", told()))?;
-    let runs = document["violations"].as_array().ok_or("soak told no violations")?;
-    let first = runs.iter().filter_map(|run| Some((run["seed"].as_u64()?, run))).min_by_key(|(seed, _)| *seed);
-    Ok(first.map(|(seed, run)| {
-        let found = run["violations"].as_array().into_iter().flatten();
-        let mut names: Vec<_> = found.filter_map(|violation| violation["invariant"].as_str()).collect();
-        names.sort_unstable();
-        names.dedup();
-        (seed, names.join(" "))
-    }))
+    if !output.status.success() {
+        return Err(format!("the soak failed: {}", String::from_utf8_lossy(&output.stderr)));
+    }
+    let told = String::from_utf8_lossy(&output.stdout).trim().to_owned();
+    Ok(Some(told).filter(|told| !told.is_empty()))
 }

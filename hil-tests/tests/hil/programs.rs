@@ -55,7 +55,10 @@ impl Running {
 
     /// With records of its own.
     pub(super) fn start_with(state: &Path, arguments: &[&str]) -> Self {
-        let child = Command::new(program())
+        // Whoever started these tests may have had HUP ignored for all that they start.
+        let child = Command::new("env")
+            .arg("--default-signal=HUP")
+            .arg(program())
             .args(arguments)
             .env("XDG_STATE_HOME", state)
             .stdout(Stdio::piped())
@@ -124,12 +127,12 @@ impl Running {
 
     /// Waits for the end; exit code, standard output, standard error.
     pub(super) fn end(mut self) -> (i32, String, String) {
-        let mut child = self.0.take().expect("it runs");
         let started = Instant::now();
-        while child.try_wait().expect("it is a child").is_none() {
-            assert!(started.elapsed() < LIMIT, "it hangs");
+        while !self.has_ended() {
+            assert!(started.elapsed() < LIMIT, "it hangs: {}", where_it_stands(self.pid()));
             std::thread::sleep(Duration::from_millis(10));
         }
+        let mut child = self.0.take().expect("it runs");
         let (mut out, mut error) = (String::new(), String::new());
         child.stdout.take().expect("piped").read_to_string(&mut out).expect("text");
         child.stderr.take().expect("piped").read_to_string(&mut error).expect("text");
@@ -164,6 +167,29 @@ impl Drop for Running {
             eprintln!("process {}, at the failure {ended:?}, has said:\n{out}\n{error}", child.id());
         }
     }
+}
+
+/// What a process was told, and where each of its threads waits: what is left to see of one that hangs.
+fn where_it_stands(pid: u32) -> String {
+    let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default().replace('\0', " ");
+    let mut text = read(&format!("/proc/{pid}/cmdline"));
+    for thread in std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten() {
+        let of = |what: &str| read(&format!("{}/{what}", thread.path().display()));
+        let state = of("status")
+            .lines()
+            .filter(|line| {
+                ["State", "ShdPnd", "SigBlk", "SigIgn", "SigIgn", "SigCgt"].iter().any(|key| line.starts_with(key))
+            })
+            .collect::<Vec<_>>()
+            .join(", ");
+        text += &format!(
+            "\nthread {}: {state}, in {}, call {}",
+            of("comm").trim_end(),
+            of("wchan"),
+            of("syscall").trim_end()
+        );
+    }
+    text
 }
 
 /// The simulated devices of a rig once more, on the bus beside those of a program: in this process, which is none of those
