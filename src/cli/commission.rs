@@ -139,7 +139,6 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let machine = EmbeddedRig::new(rig, &scene, &rig.fixture, scene.seed);
     let mut machine = machine.map_err(|error| rig_failure(&error))?;
     output.aside(&format!("the simulated machine of {}; a real one with --bus INTERFACE", rig.rig.name));
-    let (begin, earlier) = begin(arguments, rig, output)?;
     let simulated = Machine::Simulated {
         defects: scene
             .defects
@@ -148,6 +147,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             .map(|defect| defect.to_string())
             .collect(),
     };
+    let (begin, earlier) = begin(arguments, rig, &simulated, output)?;
     let (mut printed, mut ran) = (Ok(()), Vec::new());
     let commissioned = machine.commission(rig, begin, &is_interrupted, |report| {
         ran.push((report.step, now_unix_s()));
@@ -196,11 +196,16 @@ impl Machine {
 }
 
 /// Where a run begins, and the earlier one that it goes on from.
-fn begin(arguments: &Arguments, rig: &config::Rig, output: &Output) -> Result<(Begin, Option<Earlier>), Failure> {
+fn begin(
+    arguments: &Arguments,
+    rig: &config::Rig,
+    machine: &Machine,
+    output: &Output,
+) -> Result<(Begin, Option<Earlier>), Failure> {
     let Some(file) = &arguments.resume else {
         return Ok((arguments.from.unwrap_or(Step::Communication).into(), None));
     };
-    let earlier = Earlier::read(file, rig)?;
+    let earlier = Earlier::read(file, rig, machine)?;
     let (passed, from) = (earlier.passed(), earlier.begin.from.name());
     output.aside(&format!("{passed} steps have passed in {}; it goes on with {from}", file.display()));
     Ok((earlier.begin, Some(earlier)))

@@ -5,7 +5,9 @@ use std::fs;
 use std::path::Path;
 
 use serde::Deserialize;
+use serde_json::Value;
 
+use super::Machine;
 use crate::cli::failure::{Exit, Failure};
 use crate::config;
 use crate::run::commission::{Begin, Commissioned, Figure, STEPS, Step, StepReport, Verdict};
@@ -16,6 +18,7 @@ use crate::run::{DriveIdentity, fnv1a};
 struct Report {
     version: String,
     rig_hash: String,
+    machine: Value,
     drives: Option<[DriveIdentity; 2]>,
     steps: Vec<Reported>,
 }
@@ -51,19 +54,28 @@ pub(super) fn rig_hash(rig: &config::Rig) -> String {
     format!("{:016x}", fnv1a(text.as_bytes()))
 }
 
+/// The kind of machine that the `machine` of a report is: what has passed on one says nothing of another.
+fn kind(machine: &Value) -> &'static str {
+    match (machine["simulated"] == true, machine["lockstep"] == true) {
+        (true, _) => "the simulated machine",
+        (_, true) => "simulated devices in lockstep",
+        _ => "devices by the wall clock",
+    }
+}
+
 impl Earlier {
     /// Reads a report, and looks whether this run may go on after it.
-    pub(super) fn read(file: &Path, rig: &config::Rig) -> Result<Self, Failure> {
+    pub(super) fn read(file: &Path, rig: &config::Rig, machine: &Machine) -> Result<Self, Failure> {
         let name = file.display();
         let invalid = |message: String, help: &str| Failure::new(Exit::ConfigInvalid, message, help);
         let wanted = "write what `yieldwall commission RIG.yaml --json` has printed, whole";
         let text = fs::read_to_string(file).map_err(|error| invalid(format!("{name}: {error}"), wanted))?;
         let report: Report = serde_json::from_str(&text)
             .map_err(|error| invalid(format!("{name}: no report of a commissioning: {error}"), wanted))?;
-        Self::of(report, rig).map_err(|(message, help)| invalid(format!("{name}: {message}"), help))
+        Self::of(report, rig, machine).map_err(|(message, help)| invalid(format!("{name}: {message}"), help))
     }
 
-    fn of(report: Report, rig: &config::Rig) -> Result<Self, (String, &'static str)> {
+    fn of(report: Report, rig: &config::Rig, machine: &Machine) -> Result<Self, (String, &'static str)> {
         let anew = "begin anew, without --resume";
         let known = STEPS.map(|step| (step.name(), step.does()));
         let told = report.steps.iter().map(|step| (step.step.as_str(), step.does.as_str()));
@@ -79,6 +91,10 @@ impl Earlier {
                 message.to_owned(),
                 "begin anew, without --resume; --from STEP begins behind what a change does not concern",
             ));
+        }
+        let (of, at) = (kind(&report.machine), kind(&machine.document()));
+        if of != at {
+            return Err((format!("it is of {of}, and this run is of {at}"), anew));
         }
         let passed = |step: &Reported| step.verdict == Verdict::Pass.name();
         let first = report.steps.iter().rposition(passed).map_or(0, |last| last + 1);
@@ -148,9 +164,46 @@ mod tests {
     use std::path::PathBuf;
     use std::sync::Arc;
 
-    use super::rig_hash;
+    use serde_json::json;
+
+    use super::{Earlier, Machine, Report, rig_hash};
     use crate::config::{Source, load_rig};
     use yieldwall_drives::profiles::SHIPPED;
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn what_passed_on_another_kind_of_machine_is_not_gone_on_from() {
+        let rig = load_rig(Source::named("builtin:paper-admittance.yaml")).unwrap().value;
+        let simulated =
+            |defects: &[&str]| Machine::Simulated { defects: defects.iter().map(|it| (*it).to_owned()).collect() };
+        let on_bus = |is_lockstep| Machine::OnBus { buses: vec!["main=can0".to_owned()], is_lockstep };
+        let refused = |of: &Machine, at: &Machine| {
+            let steps = crate::run::commission::STEPS
+                .map(|step| json!({ "step": step.name(), "verdict": "fail", "does": step.does(), "evidence": {} }));
+            let report = json!({
+                "version": env!("CARGO_PKG_VERSION"), "rig_hash": rig_hash(&rig), "machine": of.document(), "drives": null, "steps": steps,
+            });
+            let report: Report = serde_json::from_value(report).unwrap();
+            Earlier::of(report, &rig, at).err().map(|(message, _)| message)
+        };
+        // A defect that is mended is no other machine, nor is an interface of another name.
+        assert_eq!(refused(&simulated(&["weak-motor"]), &simulated(&[])), None);
+        assert_eq!(refused(&on_bus(false), &on_bus(false)), None);
+        for (of, at, expected) in [
+            (
+                simulated(&[]),
+                on_bus(false),
+                "it is of the simulated machine, and this run is of devices by the wall clock",
+            ),
+            (
+                on_bus(true),
+                on_bus(false),
+                "it is of simulated devices in lockstep, and this run is of devices by the wall clock",
+            ),
+        ] {
+            assert_eq!(refused(&of, &at).as_deref(), Some(expected));
+        }
+    }
 
     #[test]
     fn a_rig_whose_profile_file_was_changed_is_another_one() {

@@ -94,7 +94,9 @@ pub(super) fn run(
             }
         };
     }
-    let (begin, earlier) = begin(arguments, rig, output)?;
+    let interfaces = arguments.on_bus.interfaces(rig)?;
+    let machine = Machine::OnBus { buses: interfaces.named(rig), is_lockstep: !arguments.on_bus.is_by_the_clock() };
+    let (begin, earlier) = begin(arguments, rig, &machine, output)?;
     if !arguments.yes {
         for step in STEPS {
             let bound = step
@@ -107,10 +109,9 @@ pub(super) fn run(
             return Err(Failure::new(Exit::Usage, "nothing was done", "answer yes, or write --yes"));
         }
     }
-    close_journals(&arguments.on_bus.interfaces(rig)?, output)?;
+    close_journals(&interfaces, output)?;
     let opened = arguments.on_bus.open("commission", file, loaded, output)?;
     let Opened { on_bus, terms, interfaces, is_interrupted, journal } = opened;
-    let machine = Machine::OnBus { buses: interfaces.named(rig), is_lockstep: !arguments.on_bus.is_by_the_clock() };
     let names = rig.drives.each_ref().map(|drive| drive.name.clone());
     let mut person =
         AtTheTerminal { names: (!arguments.yes).then_some(names), typed: Typed::new(Arc::clone(&is_interrupted)) };
