@@ -61,7 +61,7 @@ pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     output.configuration(&rig.warnings)?;
     check_buses(&rig, None, output)?;
     if let Some(out) = &arguments.out {
-        arguments.replace.check_new(out)?;
+        arguments.replace.check_can_write(out)?;
     }
     let rows = arguments.points.as_deref().map(table).transpose()?;
     if let (Some(rows), Some(path)) = (&rows, &arguments.points) {

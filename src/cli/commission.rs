@@ -126,7 +126,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     output.configuration(&rig.warnings)?;
     check_buses(&rig, None, output)?;
     if let Some(html) = &arguments.html {
-        arguments.replace.check_new(html)?;
+        arguments.replace.check_can_write(html)?;
     }
     #[cfg(target_os = "linux")]
     if arguments.on_bus.is_asked() {
@@ -240,7 +240,7 @@ fn told(earlier: Option<&Earlier>, report: &StepReport) -> String {
 /// What a person reads of a step that was taken.
 fn lines(report: &StepReport) -> String {
     let mut text = format!("{:9} {}", report.verdict.name(), report.step.name());
-    if let Some(figure) = &report.figure {
+    if let Some(figure) = report.headline() {
         text.push_str(&format!(": {}", page::figure_text(figure)));
     }
     for (name, value) in &report.evidence {
@@ -302,7 +302,7 @@ fn judge(commissioned: &Commissioned, is_on_bus: bool, output: &Output) -> Resul
         return commissioned.interrupted_in.map_or(Ok(()), |step| Err(interrupted(step)));
     };
     let name = failed.step.name();
-    let why = failed.reason.clone().or_else(|| failed.figure.as_ref().map(page::figure_text)).unwrap_or_default();
+    let why = failed.reason.clone().or_else(|| failed.headline().map(page::figure_text)).unwrap_or_default();
     // What is mended in the rig file is another configuration, which needs a drill of its own.
     let again = match failed.step {
         Step::Rotation | Step::Motor | Step::Friction | Step::Admittance if is_on_bus => {

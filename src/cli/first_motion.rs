@@ -20,7 +20,7 @@ use crate::host::{News, Outcome, RigOnBus, Terms, ThreadError};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct OnBus {
-    /// Move a real rig on this interface instead of a simulated one; for a rig with several buses once for each, as NAME=INTERFACE
+    /// Take the real rig on this interface instead of a simulated one; for a rig with several buses once for each, as NAME=INTERFACE
     #[arg(long, value_name = "INTERFACE")]
     bus: Vec<String>,
     /// What a cycle waits for: the wall clock, or (simulated devices in lockstep alone) the process data

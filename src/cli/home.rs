@@ -298,8 +298,8 @@ fn not_home(rig: &config::Rig, joint: usize, why: NotHome) -> Failure {
                 gone_rad.to_degrees(),
                 HOMING_BEYOND_RAD.to_degrees()
             ),
-            "lead the arm by hand to where home lies ahead on its way, switch the drives off and on, and try again; look at \
-             `homing.method` and at the wires of the switch"
+            "lead the arm to where home lies ahead on its way, by hand or with `yieldwall jog`, and try again: right after a homing the joint stands \
+             behind its home; look at `homing.method` and at the wires of the switch"
                 .to_owned(),
         ),
     };

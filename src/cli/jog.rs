@@ -142,17 +142,32 @@ impl<'a> Plan<'a> {
     }
 
     /// A failure with what it means for a joint that is led: one that hardly moves has too little torque, or is blocked. One that has moved
-    /// may run away, which more torque makes worse, and so may one that was to hold.
+    /// may run away, which more torque makes worse, and so may one that was to hold. The limit of a following error that `run` has is not that of
+    /// a joint that is led.
     fn told(&self, mut failure: Failure, jogged: &Jogged) -> Failure {
         let led = DeviceSet::drive(self.joint);
         let is_behind = jogged.cause.is_some_and(|cause| cause.fault == Fault::FollowingError && cause.devices == led);
+        let gone = (jogged.to - jogged.from).to_array().get(self.joint).copied().unwrap_or_default();
+        let led_rad =
+            self.jog.by.to_array().get(self.joint).copied().filter(|_| self.jog.keys.is_none()).unwrap_or_default();
         let stands = (jogged.to - jogged.from).max_abs() <= OFF_RAD;
-        if let Some(first) = failure.report.diagnostics.first_mut().filter(|_| is_behind && stands) {
+        if let Some(first) = failure.report.diagnostics.first_mut().filter(|_| is_behind) {
             let torque = self.bounds.torque_n_m.get();
-            first.help = Some(format!(
-                "{torque:.1} N m do not move it as it is led: look for what blocks it, a closed brake or an encoder that stands still, or raise \
-                 --torque if its friction is greater"
-            ));
+            first.help = Some(if stands {
+                format!(
+                    "{torque:.1} N m do not move it as it is led: look for what blocks it, a closed brake or an encoder that stands still, or raise \
+                     --torque if its friction is greater"
+                )
+            } else if gone * led_rad < 0.0 {
+                format!(
+                    "by its encoder it went {:.2} deg the other way than it was led: compare `direction` and the encoder's polarity with the machine \
+                     (step `rotation` of `yieldwall commission`), and give it no more torque",
+                    gone.abs().to_degrees()
+                )
+            } else {
+                "look for an encoder that stands still, for what blocks the joint, and for a joint that runs away; more torque makes that worse"
+                    .to_owned()
+            });
         }
         failure
     }
@@ -387,9 +402,11 @@ mod tests {
         };
         let [left, right] = [0, 1].map(DeviceSet::drive);
         assert!(advice(Fault::FollowingError, left, 1e-4).contains("raise --torque"));
-        // One that ran away, the one that was to hold, and another fault.
+        // One that ran away, or did not go on.
+        assert!(advice(Fault::FollowingError, left, -5e-3).contains("went 0.29 deg the other way than it was led"));
+        assert!(advice(Fault::FollowingError, left, 5e-3).contains("an encoder that stands still"));
+        // The one that was to hold, and another fault.
         for (fault, devices, gone_rad) in [
-            (Fault::FollowingError, left, -5e-3),
             (Fault::FollowingError, right, 0.0),
             (Fault::FollowingError, left | right, 0.0),
             (Fault::EncoderJump, left, 0.0),

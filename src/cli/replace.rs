@@ -100,6 +100,18 @@ impl Replace {
         Ok(())
     }
 
+    /// The same, and whether it can be written at all, for what is written once much was done: its folder is made.
+    pub(super) fn check_can_write(self, path: &Path) -> Result<(), Failure> {
+        let is_there = fs::symlink_metadata(path).is_ok();
+        self.check_new(path)?;
+        make_folder_of(path)?;
+        let tried = fs::OpenOptions::new().append(true).create(true).open(path);
+        if tried.is_ok() && !is_there {
+            discard(path);
+        }
+        tried.map(drop).map_err(|error| unwritten(path, &error))
+    }
+
     /// Makes a file that is not there yet, and the folders on the way; if it is there, only when forced.
     pub(super) fn create(self, path: &Path) -> Result<File, Failure> {
         self.check_new(path)?;
@@ -199,6 +211,22 @@ pub(super) fn make_folder(folder: &Path) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_cannot_be_written_is_told_before_and_nothing_is_left_of_the_try() {
+        let folder = std::env::temp_dir().join(format!("yieldwall-can-write-{}", std::process::id()));
+        let (path, replace) = (folder.join("new/page.html"), Replace::default());
+        assert!(replace.check_can_write(&path).is_ok());
+        assert!(folder.join("new").is_dir() && !path.exists());
+        fs::write(&path, b"page").unwrap();
+        assert!(replace.check_can_write(&path).is_err());
+        assert!(Replace { force: true }.check_can_write(&path).is_ok());
+        assert_eq!(fs::read(&path).unwrap(), b"page");
+        // A file where a folder would have to be, and a folder in which nobody makes files.
+        assert!(replace.check_can_write(&path.join("page.html")).is_err());
+        assert!(replace.check_can_write(Path::new("/proc/page.html")).is_err());
+        fs::remove_dir_all(folder).unwrap();
+    }
 
     #[test]
     fn a_figure_replaces_a_figure_and_a_log_a_log_and_nothing_else() {

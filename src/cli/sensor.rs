@@ -191,7 +191,10 @@ fn watch(arguments: &Monitor, rig: &Loaded<config::Rig>, output: &mut Output) ->
 }
 
 fn zero(arguments: &Tare, rig: &Loaded<config::Rig>, output: &mut Output) -> Result<(), Failure> {
-    let by_yield = || Positive::new(ZERO_SHARE * rig.value.fixture.yield_n.get());
+    // A zero above the friction that nobody sees moves the arm.
+    let friction_n =
+        Some(rig.value.fixture.friction_n.get()).filter(|friction_n| *friction_n > 0.0).unwrap_or(f64::INFINITY);
+    let by_yield = || Positive::new((ZERO_SHARE * rig.value.fixture.yield_n.get()).min(friction_n));
     let most_n = arguments.up_to.or(rig.value.sensor.tare_up_to_n).or_else(by_yield);
     let most_n = most_n.ok_or_else(|| Failure::new(Exit::Usage, "no force is left for a zero", "write --up-to 3"))?;
     #[cfg(target_os = "linux")]
@@ -224,8 +227,15 @@ fn zero(arguments: &Tare, rig: &Loaded<config::Rig>, output: &mut Output) -> Res
         Some(most_n) => format!("The rig is not enabled with that: its `tare_up_to_n` is {} N.", most_n.get()),
         None => {
             let most_n = most_n.get();
+            let but = if most_n > friction_n {
+                format!(
+                    " That is more than the {friction_n} N of `friction_n`: the force of a hand that rests while the rig is tared moves the arm once it is gone."
+                )
+            } else {
+                String::new()
+            };
             format!(
-                "Nothing was kept. `tare_up_to_n: {most_n}` of the sensor has the rig tared so each time it is enabled."
+                "Nothing was kept. `tare_up_to_n: {most_n}` of the sensor has the rig tared so each time it is enabled.{but}"
             )
         }
     };

@@ -87,7 +87,7 @@ fn row(step: &StepReport) -> String {
     format!(
         "<tr><td>{}</td><td class=\"{verdict}\">{verdict}</td><td>{}</td><td>{}{bound}</td></tr>\n",
         step.step.name(),
-        escaped(&step.figure.as_ref().map(figure_text).unwrap_or_default()),
+        escaped(&step.headline().map(figure_text).or(step.reason.clone()).unwrap_or_default()),
         escaped(step.step.does()),
     )
 }

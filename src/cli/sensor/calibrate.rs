@@ -19,6 +19,8 @@ const CROSS_TALK: f64 = 0.1;
 /// How many times the noise a pull has to be, and how much of it a map may leave.
 const NOISES: f64 = 20.0;
 const RESIDUAL: f64 = 0.05;
+/// Share of a pull that has to be felt at least along each axis; what is felt of less is no calibration.
+const FELT: f64 = 0.05;
 
 pub(super) fn run(arguments: &Calibrate, rig: &Loaded<config::Rig>, output: &mut Output) -> Result<(), Failure> {
     let force_n = arguments.force.get();
@@ -61,11 +63,17 @@ pub(super) fn run(arguments: &Calibrate, rig: &Loaded<config::Rig>, output: &mut
     let noise_n =
         pulled.iter().flat_map(|pulled| pulled.shown.deviation().0.iter().take(2).copied().collect::<Vec<_>>());
     let noise_n = noise_n.fold(0.0, f64::max);
-    let is_clear = force_n >= NOISES * noise_n
+    let is_felt = map.gains().into_iter().all(|gain| gain >= FELT);
+    let is_clear = is_felt
+        && force_n >= NOISES * noise_n
         && map.residual_n <= RESIDUAL * force_n
         && pulled.iter().all(|pulled| pulled.shown.saturated == 0);
     let rows = corrected(&sensor.calibration, &map).filter(|_| is_clear);
-    let judged = if is_clear { judge(&map, rows.is_some()) } else { Err(unclear(force_n, noise_n, &map)) };
+    let judged = match (is_felt, is_clear) {
+        (false, _) => Err(unfelt(force_n, &map)),
+        (_, true) => judge(&map, rows.is_some()),
+        _ => Err(unclear(force_n, noise_n, &map)),
+    };
     if output.is_json() {
         let one = |pulled: &Pulled| {
             json!({
@@ -81,7 +89,7 @@ pub(super) fn run(arguments: &Calibrate, rig: &Loaded<config::Rig>, output: &mut
         });
         return output.end(document, judged);
     }
-    output.result(&text(&rig.value, &pulled, &map, rows.as_ref()))?;
+    output.result(&text(&rig.value, &pulled, is_felt.then_some(&map), rows.as_ref()))?;
     judged
 }
 
@@ -93,13 +101,15 @@ fn corrected(calibration: &[[config::Finite; 6]; 6], map: &ForceMap) -> Option<[
     Some(inverse.map(row))
 }
 
-fn text(rig: &config::Rig, pulled: &[Pulled], map: &ForceMap, rows: Option<&[[f64; 6]; 2]>) -> String {
+/// What a person reads; without `map` of pulls that were not felt.
+fn text(rig: &config::Rig, pulled: &[Pulled], map: Option<&ForceMap>, rows: Option<&[[f64; 6]; 2]>) -> String {
     let heading = super::AXES.map(|(axis, unit)| format!("{:>11}", format!("{axis} {unit}"))).concat();
     let mut text = format!("{:>16}{heading}\n", "pull x, y N");
     for pulled in pulled {
         let [x, y] = pulled.force.to_array();
         text += &format!("{:>16}{}\n", format!("{x}, {y}"), columns(pulled.shown.mean()));
     }
+    let Some(map) = map else { return text };
     let [gain_x, gain_y] = map.gains();
     let [zero_x, zero_y] = map.zero_n.map(unsigned_zero);
     let range = rig.sensor.range_counts as f64;
@@ -135,6 +145,15 @@ fn unsigned_zero(force_n: f64) -> f64 {
 /// A number of a calibration, as YAML reads it.
 fn number(value: f64) -> String {
     if value == 0.0 { "0.0".to_owned() } else { format!("{value:.6e}") }
+}
+
+/// The failure of pulls of which next to nothing is felt.
+fn unfelt(force_n: f64, map: &ForceMap) -> Failure {
+    let [x, y] = map.gains().map(|gain| force_n * gain);
+    let message = format!("of pulls of {force_n} N it feels {x:.2} N along x and {y:.2} N along y: next to nothing");
+    let help = "see that the force pulls at the handle beyond the sensor, along each axis, and look at `yieldwall sensor monitor` meanwhile; if it \
+                shows a force of another size, `sensor.calibration` is of another sensor";
+    Failure::new(Exit::OutOfTolerance, message, help)
 }
 
 /// The failure of pulls that say nothing.

@@ -73,7 +73,7 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
     output.configuration(&rig.warnings)?;
     check_buses(&rig, None, output)?;
     if let Some(html) = &arguments.html {
-        arguments.replace.check_new(html)?;
+        arguments.replace.check_can_write(html)?;
     }
     if arguments.write && rig.source.is_shipped() {
         let message = format!("{} comes with the program, and stays as it is", rig.source);

@@ -110,8 +110,9 @@ pub(super) fn check_heartbeats(findings: &mut Findings, rig: &Rig) {
     for (key, beat_ms) in own.chain(drives).chain(sensor) {
         if 1000 * u64::from(beat_ms) < HEARTBEAT_CYCLES * u64::from(period) {
             let message = format!("`{key}` is {beat_ms} ms, below {HEARTBEAT_CYCLES} control periods of {period} us");
+            let least_ms = (HEARTBEAT_CYCLES * u64::from(period)).div_ceil(1000).max(20);
             let help =
-                "raise it, such as to 20 ms at 1 kHz: heartbeats of every cycle fill the bus and say nothing more";
+                format!("raise it, such as to {least_ms}: heartbeats of every cycle fill the bus and say nothing more");
             findings.error(&key, message, help).see("cycle.period_us", "period_us");
         }
     }

@@ -7,12 +7,29 @@ use super::Findings;
 use super::models::refuse_profile;
 use super::sensor_bus::check_plain_can;
 use super::words::{round, shorten_numbers};
-use crate::config::number::Finite;
+use crate::config::number::{Finite, Positive};
 use crate::config::tree::{ProfileName, Rig, SensorProtocol};
 use crate::sensing::{Calibration, SensingError};
 
 /// Least squared sine of the angle between the rows Fx and Fy of a calibration; below it they say the same.
 const LEAST_ROW_ANGLE: f64 = 1e-12;
+
+/// Whether what may be taken for the zero of the sensor is small enough.
+fn check_tare(findings: &mut Findings, rig: &Rig) {
+    let Some(most_n) = rig.sensor.tare_up_to_n.map(Positive::get) else { return };
+    let (friction_n, limit_n) = (rig.fixture.friction_n.get(), rig.guard.force_limit_n.get());
+    let key = "sensor.tare_up_to_n";
+    if most_n >= limit_n {
+        let message = format!("`{key}` is {most_n} N, not below the {limit_n} N of `guard.force_limit_n`");
+        findings
+            .error(key, message, "write a zero that the sensor can have, such as 1")
+            .see("guard.force_limit_n", "force_limit_n");
+    } else if friction_n > 0.0 && most_n > friction_n {
+        let message = format!("`{key}` is {most_n} N, above the {friction_n} N of `fixture.friction_n`");
+        let help = "write less: a hand that rests while the rig is tared is taken for the zero, and its force moves the arm once it is gone";
+        findings.warning(key, message, help).see("fixture.friction_n", "friction_n");
+    }
+}
 
 /// Whether the force sensor suits its bus, the cycle and the forces that matter.
 pub(super) fn check_sensor(findings: &mut Findings, rig: &Rig) {
@@ -33,6 +50,7 @@ pub(super) fn check_sensor(findings: &mut Findings, rig: &Rig) {
             )
             .see("cycle.period_us", "period_us");
     }
+    check_tare(findings, rig);
     match &sensor.protocol {
         SensorProtocol::Canopen { profile, .. } => check_profile(findings, rig, profile, cycle_hz),
         _ => check_plain_can(findings, rig, cycle_hz),
@@ -141,5 +159,25 @@ fn check_force_range(findings: &mut Findings, rig: &Rig) {
                 "lower the limit below what the sensor can measure",
             )
             .see("sensor.range_counts", "range_counts");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+    use std::sync::Arc;
+
+    use crate::config::{Source, load_rig};
+
+    #[test]
+    fn a_zero_above_the_friction_is_warned_of() {
+        let rig = Source::named("builtin:paper-admittance.yaml").read().unwrap();
+        let warned = |most_n: f64| {
+            let text = rig.replace("range_counts: 32000", &format!("range_counts: 32000\n  tare_up_to_n: {most_n}"));
+            let files = [(PathBuf::from("rig.yaml"), Arc::from(text))];
+            let warnings = load_rig(Source::among("rig.yaml", files)).unwrap().warnings;
+            warnings.iter().filter(|warning| warning.message.contains("tare_up_to_n")).count()
+        };
+        assert_eq!([1.0, 3.0, 3.1, 100.0].map(warned), [0, 0, 1, 1]);
     }
 }

@@ -201,6 +201,7 @@ pub(crate) const CASES: &[Case] = &[
     case("limits", "friction takes all torque", RIG, "torque_limit_n_m: 60.0", "torque_limit_n_m: 8.0"),
     case("limits", "residual below friction", RIG, "residual_limit_n_m: 30.0", "residual_limit_n_m: 6.0"),
     case("limits", "sensor too weak", RIG, "range_counts: 32000", "range_counts: 3000"),
+    case("limits", "zero beyond the limit", RIG, "range_counts: 32000", "range_counts: 32000\n  tare_up_to_n: 500"),
     case("limits", "calibration without rows", RIG, "[0.0, 0.00625, 0.0, 0.0, 0.0, 0.0]", "[0.00625, 0.0, 0.0, 0.0, 0.0, 0.0]"),
     case("limits", "torque beyond the set-point", RIG, "rated_torque_n_m: 60.0", "rated_torque_n_m: 1.5"),
     case("limits", "torque below the set-point", RIG, "rated_torque_n_m: 60.0", "rated_torque_n_m: 90000.0"),

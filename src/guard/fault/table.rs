@@ -371,8 +371,8 @@ pub const TABLE: [Row; Fault::COUNT] = [
         [once(StopRamp)],
         Stopped,
         "the reference is faster than its limit",
-        "a push stronger than the fixture was set for",
-        "start the run again"
+        "a push stronger than the fixture was set for, or with nobody at the handle a zero of the force sensor that is off",
+        "look at the zero with `yieldwall sensor monitor` if nobody pushed, then start the run again"
     ),
     row!(
         NotFinite,

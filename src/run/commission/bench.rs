@@ -80,7 +80,7 @@ impl Found {
 
     /// Whether the figure is beyond its limit. One that is no number is.
     pub(super) fn is_bad(&self) -> bool {
-        self.figure.as_ref().is_some_and(|figure| figure.value.is_nan() || figure.value > figure.limit)
+        self.figure.as_ref().is_some_and(Figure::is_bad)
     }
 }
 

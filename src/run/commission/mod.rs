@@ -89,7 +89,7 @@ impl Step {
     /// What is done, for a person who decides whether it may be done.
     pub fn does(self) -> &'static str {
         match self {
-            Step::Communication => "reads 1000h of each drive a thousand times; nothing is enabled",
+            Step::Communication => "reads 1000h of each drive a thousand times, for 10 s at most; nothing is enabled",
             Step::Identity => "reads 1018h of each drive; nothing is enabled",
             Step::Limits => {
                 "writes the torque limit (6072h) of each drive, reads it back, and restores it; nothing is enabled"
@@ -151,6 +151,13 @@ pub struct Figure {
     pub unit: Cow<'static, str>,
 }
 
+impl Figure {
+    /// Whether it is more than is good, or no number.
+    pub fn is_bad(&self) -> bool {
+        self.value.is_nan() || self.value > self.limit
+    }
+}
+
 /// How a step ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
@@ -201,6 +208,13 @@ pub struct StepReport {
     pub evidence: Vec<(String, String)>,
     /// Curves.
     pub curves: Vec<Curve>,
+}
+
+impl StepReport {
+    /// The figure that decided; none of a step that failed for another reason.
+    pub fn headline(&self) -> Option<&Figure> {
+        self.figure.as_ref().filter(|figure| self.verdict != Verdict::Fail || figure.is_bad())
+    }
 }
 
 /// Who is at the arm while it is commissioned, and does there what no drive can do.

@@ -127,8 +127,11 @@ impl<P: Place> Bench<'_, P> {
             );
             self.judge_rotation(joint, [[measured_rad, seen_rad], [back_rad, seen_back_rad]], found)?;
         }
-        let told =
-            |name| Halt::Skipped(format!("no link ran away, and nobody said by how much that of {name} has turned"));
+        let told = |name| {
+            Halt::Skipped(format!(
+                "moved and not judged: no link ran away, and nobody said by how much that of {name} has turned"
+            ))
+        };
         unseen.map_or(Ok(()), |name| Err(told(name)))
     }
 
@@ -296,7 +299,7 @@ impl<P: Place> Bench<'_, P> {
             let (force, expected_n_m) = self.best_pull(joint)?;
             self.runner.leave();
             if !self.attendant.pull(&mut self.runner.place, force) {
-                return Err(Halt::Skipped(NOBODY_PULLS.to_owned()));
+                return Err(Halt::Skipped(format!("moved and not judged: {NOBODY_PULLS}")));
             }
             let loaded = self.both_ways(joint, TRAVEL_RAD);
             self.runner.leave();

@@ -11,8 +11,9 @@ use crate::run::place::Place;
 use crate::run::proof::DriveIdentity;
 use yieldwall_drives::objects::{self, DEVICE_TYPE, Object};
 
-/// How often each drive is read.
+/// How often each drive is read, and for how long at most, s.
 const READS: usize = 1000;
+const READING_S: f64 = 10.0;
 /// Reads that may go unanswered before it is given up.
 const MOST_UNANSWERED: u32 = 5;
 /// How long the force sensor is listened to, s, after it has settled.
@@ -31,6 +32,8 @@ pub(super) const PULL_N: f64 = 8.0;
 /// By how much what is felt of it may differ: in direction, degrees, and in size.
 const DIRECTION_DEG: f64 = 10.0;
 const SIZE_SHARE: f64 = 0.1;
+/// Share of it below which nothing is felt, and a direction says nothing.
+const FELT_SHARE: f64 = 0.1;
 
 /// Objects that no boot writes, whether each is a limit of torque, and what it does. The others add to set-points and have to be 0.
 const NEUTRAL: [(Object, bool, &str); 5] = [
@@ -58,8 +61,12 @@ impl<P: Place> Bench<'_, P> {
         let mut unanswered = 0_u32;
         for (joint, device) in Device::DRIVES.into_iter().enumerate() {
             let mut times_ms = Vec::with_capacity(READS);
+            let begun = self.runner.now();
             for _ in 0..READS {
                 self.check_interrupt()?;
+                if self.runner.now().since(begun).as_secs_f64() > READING_S {
+                    break;
+                }
                 if unanswered >= MOST_UNANSWERED {
                     return Err(Halt::Failed(format!(
                         "{} does not answer {unanswered} of some reads: look at its cable and termination, and at `yieldwall doctor`",
@@ -75,7 +82,7 @@ impl<P: Place> Bench<'_, P> {
             times_ms.sort_by(f64::total_cmp);
             let at = |share: f64| times_ms.get((share * (times_ms.len().max(1) - 1) as f64) as usize).copied();
             if let (Some(median), Some(late), Some(most)) = (at(0.5), at(0.99), at(1.0)) {
-                let name = format!("{}: answers of {READS} reads", self.name(joint));
+                let name = format!("{}: answers of {} reads", self.name(joint), times_ms.len());
                 found.note(name, format!("{median:.2} ms in the median, {late:.2} ms at 99 %, {most:.2} ms at most"));
             }
         }
@@ -286,6 +293,13 @@ impl<P: Place> Bench<'_, P> {
             let felt = self.pulled(pulled)? - none;
             let off_deg = angle_between_deg(felt, pulled);
             let size = felt.norm() / PULL_N;
+            if size < FELT_SHARE {
+                return Err(Halt::Failed(format!(
+                    "of a force of {PULL_N} N along {name} {:.2} N is felt: nothing pulled at the handle beyond the sensor, the sensor does not \
+                     measure, or `calibration` is too small by far",
+                    felt.norm()
+                )));
+            }
             found.note(
                 format!("{PULL_N} N along {name}"),
                 format!(

@@ -81,7 +81,7 @@ pub(super) fn chart(rigs: &Table, computing: &Table) -> Chart {
                 lines(rigs, |row| 1e3 * row.number("proxy_depth_m")),
             ),
             panel("bus", Axis::logarithmic("load, at most (%)"), loads),
-            panel("computer (measured)", Axis::logarithmic("control step (% of a cycle)"), shares),
+            panel("computer (measured at 1 ms)", Axis::logarithmic("control step (% of a cycle)"), shares),
         ],
         columns: 3,
     }

@@ -204,7 +204,7 @@ fn panel(case: &Case, points: &[Row<'_>], bound: Vec<(f64, f64)>) -> Panel {
             cells(Outcome::Dies, Color::Pale),
             cells(Outcome::Lasts, Color::Orange),
             cells(Outcome::Lost, Color::Vermilion),
-            cells(Outcome::Refused, Color::Sky),
+            cells(Outcome::Refused, Color::Blue),
             Series { name: "theory, no dry friction".to_owned(), points: line, mark: Mark::Line, color: Color::Black },
         ],
     }

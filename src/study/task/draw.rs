@@ -171,7 +171,7 @@ fn map(errors: &Table) -> Chart {
                 }
             }
             let names = ["plastic", "a saturated spring (cross)", "viscous", "no single law"];
-            let colors = [Color::Blue, Color::Orange, Color::Green, Color::Pale];
+            let colors = [Color::Blue, Color::Orange, Color::Sky, Color::Pale];
             let mut series: Vec<Series> = (names.into_iter().zip(colors).zip(&cells))
                 .map(|((name, color), points)| Series {
                     name: name.to_owned(),
