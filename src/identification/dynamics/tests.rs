@@ -103,8 +103,28 @@ proptest! {
         let planted = Planted { inertia, viscous, coulomb, delay_s: cycles.min(1.5) * 1e-3, ..USUAL };
         let found = dynamics(&passages(planted, &excitation, 1e-3, record, seed), &excitation, 1e-3).unwrap();
         prop_assert!((found.inertia_kg_m2.value / inertia - 1.0).abs() < 0.05, "{planted:?} {found:?}");
-        prop_assert!((found.delay_s.value - planted.delay_s).abs() < 50e-6, "{planted:?} {found:?}");
+        // With little noise the encoder rounds alike in all passages, which for some joints passes for a delay: of 3000 drawn ones 5 were
+        // more than 50 us off, and none more than 89 us.
+        prop_assert!((found.delay_s.value - planted.delay_s).abs() < 100e-6, "{planted:?} {found:?}");
     }
+}
+
+#[test]
+fn the_delay_of_nearly_every_joint_is_found_within_50_us() {
+    let (excitation, record) = excited(1e-3);
+    let mut drawn = Noise(12_345);
+    let mut between = |low: f64, high: f64| low + 0.5 * (high - low) * (1.0 + drawn.next());
+    let off_us: Vec<f64> = (0..60)
+        .map(|seed| {
+            let (inertia, viscous, coulomb) = (between(0.1, 2.0), between(0.0, 3.0), between(0.0, 15.0));
+            let planted = Planted { inertia, viscous, coulomb, delay_s: between(0.0, 1.5e-3), ..USUAL };
+            let found = dynamics(&passages(planted, &excitation, 1e-3, record, seed), &excitation, 1e-3).unwrap();
+            1e6 * (found.delay_s.value - planted.delay_s)
+        })
+        .collect();
+    let rms_us = (off_us.iter().map(|off| off * off).sum::<f64>() / 60.0).sqrt();
+    let beyond = off_us.iter().filter(|off| off.abs() >= 50.0).count();
+    assert!(rms_us < 20.0 && beyond <= 1, "{rms_us} us, {beyond} beyond: {off_us:?}");
 }
 
 #[test]
