@@ -177,9 +177,7 @@ fn where_it_stands(pid: u32) -> String {
         let of = |what: &str| read(&format!("{}/{what}", thread.path().display()));
         let state = of("status")
             .lines()
-            .filter(|line| {
-                ["State", "ShdPnd", "SigBlk", "SigIgn", "SigIgn", "SigCgt"].iter().any(|key| line.starts_with(key))
-            })
+            .filter(|line| ["State", "ShdPnd", "SigBlk", "SigIgn", "SigCgt"].iter().any(|key| line.starts_with(key)))
             .collect::<Vec<_>>()
             .join(", ");
         text += &format!(
