@@ -238,6 +238,12 @@ impl Master {
         all.into_iter()
     }
 
+    /// Forgets what the devices have told, for a report of what comes.
+    pub fn forget_told(&mut self) {
+        self.can.iter_mut().for_each(CanNetwork::forget_told);
+        self.segment.iter_mut().for_each(EthercatNetwork::forget_told);
+    }
+
     /// What is wrong with the devices of a segment since it was started, a line each: states, clocks, ports. Nothing on CAN.
     pub fn segment_findings(&self) -> Vec<String> {
         self.segment.as_ref().map_or_else(Vec::new, EthercatNetwork::findings)

@@ -40,6 +40,11 @@ impl LastTold {
         self.next = (self.next + 1) % EMERGENCIES;
     }
 
+    /// Forgets them all.
+    pub(super) fn forget(&mut self) {
+        *self = Self::default();
+    }
+
     /// The last eight, the oldest first.
     pub(super) fn iter(&self) -> impl Iterator<Item = Told> {
         let (newer, older) = self.ring.split_at(self.next);

@@ -4,7 +4,7 @@ use std::io::{self, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::fit;
 use super::printable::printable;
@@ -28,6 +28,11 @@ impl Typed {
 
     /// What is answered; nothing where nobody answers, and after an interrupt.
     pub(super) fn ask(&mut self, question: &str) -> Option<String> {
+        self.ask_while(question, || ())
+    }
+
+    /// The same, and does something several times a second meanwhile.
+    pub(super) fn ask_while(&mut self, question: &str, mut meanwhile: impl FnMut()) -> Option<String> {
         let columns = fit::columns(io::stderr()).unwrap_or(fit::USUAL);
         // Nobody can be told that standard error is closed.
         let _ = write!(io::stderr(), "{} ", fit::fitted(&printable(question), columns));
@@ -37,12 +42,27 @@ impl Typed {
             lines
         });
         loop {
+            meanwhile();
             match typed.recv_timeout(LOOK_UP) {
                 Ok(line) => return Some(line.trim().to_owned()),
                 Err(RecvTimeoutError::Disconnected) => return None,
                 Err(RecvTimeoutError::Timeout) if self.is_interrupted.load(Ordering::Relaxed) => return None,
                 Err(RecvTimeoutError::Timeout) => {}
             }
+        }
+    }
+
+    /// Waits until something is so, for so long at most; whether it is. An interrupt ends it.
+    pub(super) fn wait(&self, longest: Duration, mut is_so: impl FnMut() -> bool) -> bool {
+        let started = Instant::now();
+        loop {
+            if is_so() {
+                return true;
+            }
+            if started.elapsed() >= longest || self.is_interrupted.load(Ordering::Relaxed) {
+                return false;
+            }
+            std::thread::sleep(LOOK_UP);
         }
     }
 

@@ -276,7 +276,10 @@ fn end(
     let is_on_bus = arguments.on_bus.is_asked();
     #[cfg(not(target_os = "linux"))]
     let is_on_bus = false;
-    let judged = both(judge(commissioned, is_on_bus, output).map_err(with_emergencies), both(given_back, page));
+    let judged = both(
+        judge(commissioned, arguments.resume.is_some(), is_on_bus, output).map_err(with_emergencies),
+        both(given_back, page),
+    );
     if output.is_json() {
         return output.end(document(rig, taken, machine), judged);
     }
@@ -289,7 +292,7 @@ fn end(
     judged
 }
 
-fn judge(commissioned: &Commissioned, is_on_bus: bool, output: &Output) -> Result<(), Failure> {
+fn judge(commissioned: &Commissioned, is_resumed: bool, is_on_bus: bool, output: &Output) -> Result<(), Failure> {
     let Some(failed) = commissioned.steps.iter().find(|step| step.verdict == Verdict::Fail) else {
         let message = "interrupted: the rig is stopped, and no drive makes torque";
         let interrupted = |step: Step| {
@@ -310,7 +313,12 @@ fn judge(commissioned: &Commissioned, is_on_bus: bool, output: &Output) -> Resul
         }
         _ => name,
     };
-    let help = format!("mend it, and begin again with --from {again}; docs/bringup.md says more of each step");
+    let help = match failed.step {
+        Step::Identity if is_resumed => {
+            "begin anew, without --resume: what passed before was of other drives".to_owned()
+        }
+        _ => format!("mend it, and begin again with --from {again}; docs/bringup.md says more of each step"),
+    };
     Err(Failure::new(Exit::OutOfTolerance, format!("{name}: {why}"), help))
 }
 

@@ -5,7 +5,7 @@ use crate::bus::ethercat::SegmentFailure;
 use crate::bus::{BootError, BootFailure};
 use crate::config;
 use crate::explanation::{self, Explanation};
-use crate::guard::{Cause, DeviceSet, Fault};
+use crate::guard::{Cause, DeviceSet, Fault, State};
 use crate::injection::{Injection, Lasts};
 use crate::report::RunReport;
 use crate::report::measures::Measures;
@@ -59,9 +59,21 @@ pub(super) fn at_limit_too_long(report: &RunReport) -> Result<(), Failure> {
     Err(Failure::new(Exit::OutOfTolerance, message, help))
 }
 
-/// Refuses a run that faults held for long which nothing that was injected brings.
+/// The failure of a run whose end came while this fault held the rig at rest.
+pub(super) fn ended_held(fault: Fault) -> Failure {
+    let row = fault.row();
+    let message =
+        format!("the end came while the rig was held at rest by {}: {} ({})", row.name, row.meaning, row.cause);
+    Failure::new(Exit::SafetyStop, message, row.next)
+}
+
+/// Refuses a run that faults held for long, or in the end, which nothing that was injected brings.
 pub(super) fn held_too_long(report: &RunReport, injected: &[Injection]) -> Result<(), Failure> {
     let is_own = |fault: Fault| injected.iter().all(|injection| !injection.kind.row().expected.faults.contains(&fault));
+    let is_held = report.state == Some(State::Holding);
+    if let Some(cause) = report.cause.filter(|cause| is_held && is_own(cause.fault)) {
+        return Err(ended_held(cause.fault));
+    }
     let own = report.held_by.iter().copied().filter(|(fault, _)| is_own(*fault));
     let held_s: f64 = own.clone().map(|(_, held_s)| held_s).sum();
     let simulated_s = report.simulated_s();
@@ -228,6 +240,31 @@ mod tests {
         assert!(["supply", "cable", "bit rate", "node ids"].iter().all(|word| help.contains(word)), "{help}");
         let (exit, help) = boot(BootFailure::Restarted { times: 4 });
         assert!(exit == Exit::DeviceMismatch && help.contains("its own node id"), "{help}");
+    }
+
+    #[test]
+    fn a_run_that_ends_while_it_is_held_is_none_that_is_well_unless_that_was_injected() {
+        use crate::injection::Kind;
+        use crate::report::{Overrides, Watch, run_rig};
+
+        let loaded = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap();
+        let (scene, overrides) =
+            (loaded.scene().unwrap().value, Overrides { duration_s: Some(0.1), ..Overrides::default() });
+        let whole = |_| std::ops::ControlFlow::Continue(());
+        let mut report = run_rig(&loaded.value, &scene, &overrides, Watch::default(), whole).unwrap();
+        assert!(held_too_long(&report, &[]).is_ok());
+        report.cause = Some(Cause { fault: Fault::ForceStep, devices: DeviceSet::SENSOR });
+        assert!(held_too_long(&report, &[]).is_ok(), "it was held before");
+        report.state = Some(State::Holding);
+        let failure = held_too_long(&report, &[]).unwrap_err();
+        assert_eq!(failure.exit, Exit::SafetyStop);
+        assert!(
+            failure.report.diagnostics[0]
+                .message
+                .starts_with("the end came while the rig was held at rest by force-step")
+        );
+        let injected = Injection::new(Kind::SensorJump, 0.0);
+        assert!(held_too_long(&report, &[injected]).is_ok());
     }
 
     #[test]

@@ -111,7 +111,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let name = &rig.rig.name;
     output.aside(&format!("the simulated arm of {name}, switched on just now; a real one with --bus INTERFACE"));
     let mut done = 0;
-    let told = |_: &Homed| count(&mut done, plan.times, output);
+    let told = |homed: &Homed| count(&mut done, plan.times, homed, output);
     let repeated = machine.home_repeatedly(rig, (&plan.home, plan.times), plan.bounds, &is_interrupted, told);
     let repeated = repeated.map_err(|error| rig_failure(&error))?.map_err(|error| match error {
         NotProven::Run(error) => not_begun(&error),
@@ -125,10 +125,11 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     end(&plan, rig, &repeated, failure.map_or(Ok(()), Err), output)
 }
 
-/// Counts homings for a person who waits.
-fn count(done: &mut u32, times: u32, output: &Output) {
-    *done += 1;
-    if times > 1 {
+/// Counts homings that ended well for a person who waits.
+fn count(done: &mut u32, times: u32, homed: &Homed, output: &Output) {
+    let is_well = homed.ended == Ended::Whole && homed.failed.is_none();
+    *done += u32::from(is_well);
+    if times > 1 && is_well {
         output.aside(&format!("homed {done} of {times} times"));
     }
 }
@@ -332,9 +333,9 @@ fn on_bus(
     let mut done = 0;
     let outcome = on_bus.home(&terms, (&plan.home, plan.times), plan.bounds, &is_interrupted, |news| match news {
         News::Refused(refusal) => warn(output, refusal),
-        News::Homed(_) => {
+        News::Homed(homed) => {
             events.clear();
-            count(&mut done, plan.times, output);
+            count(&mut done, plan.times, &homed, output);
         }
         // The steps of the boot are for --verbose.
         News::Step(_) | News::Proved => {}

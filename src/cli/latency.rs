@@ -1,6 +1,6 @@
 //! `yieldwall latency`: what this computer may be promised to keep.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
@@ -17,8 +17,8 @@ use super::output::Output;
 use crate::bus::{LISTENING, Signs};
 use crate::host::system::{Load, Readiness, Refusal, SystemMetronome, computer, lock_memory, run_first};
 use crate::host::{
-    Histogram, Latency, Measured, PROBE, PROVING_CYCLES, REDUCED_FORCE_N, REDUCED_SPEED_M_PER_S, STOCK_CYCLES, Tier,
-    measure_latency,
+    Histogram, Latency, Measured, PROBE, PROVING_CYCLES, REDUCED_FORCE_N, REDUCED_SPEED_M_PER_S, STOCK_CYCLES, Stored,
+    Tier, measure_latency,
 };
 use crate::link::{CobFilter, InterfaceFacts, Role, SocketCan, SocketCanSettings, Stamps};
 use crate::live::listen;
@@ -94,7 +94,7 @@ impl SoFar {
 
 /// What is told beside the times.
 struct Told {
-    record: Option<PathBuf>,
+    record: Option<Stored>,
     /// The load under which it was measured.
     load: Option<String>,
     /// Of the computer, a line each.
@@ -196,7 +196,7 @@ fn keep(
     granted: [bool; 2],
     load: Option<String>,
     folder: &Path,
-) -> Result<PathBuf, Failure> {
+) -> Result<Stored, Failure> {
     let [has_priority, has_locked_memory] = granted;
     let computer = computer(has_priority, has_locked_memory);
     let measured = Measured::new(computer, arguments.period_us, latency.lateness(), now_unix_s()).under(load);
@@ -294,7 +294,10 @@ fn text(arguments: &Arguments, latency: &Latency, refused: &[&Refusal], told: &T
     }
     lines.extend(bars(&latency.wake));
     lines.push(format!("tier      {}", verdict(latency, arguments.period_us)));
-    lines.extend(told.record.as_ref().map(|path| format!("record    {}", path.display())));
+    lines.extend(told.record.as_ref().map(|Stored { path, is_earlier }| {
+        let earlier = if *is_earlier { "; it is the longer measurement of before, which still counts" } else { "" };
+        format!("record    {}{earlier}", path.display())
+    }));
     lines.join("\n") + "\n"
 }
 
@@ -350,7 +353,8 @@ fn document(arguments: &Arguments, latency: &Latency, refused: &[&Refusal], told
         "tier": lateness.tier(arguments.period_us),
         "proven_tier": lateness.proven(arguments.period_us),
         "verdict": verdict(latency, arguments.period_us),
-        "record": told.record,
+        "record": told.record.as_ref().map(|stored| &stored.path),
+        "record_is_earlier": told.record.as_ref().map(|stored| stored.is_earlier),
         "load": told.load,
         "computer": told.computer,
         "adapter": told.interface.as_ref().map(|(facts, _)| facts.told()),

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use super::desk::journal::refuse_open;
 use super::desk::plan::{self, Sender};
-use super::ending::stopped_by;
+use super::ending::{ended_held, stopped_by};
 use super::events::{Event, Events, Listening};
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
@@ -22,7 +22,7 @@ use super::pace::PaceArgument;
 use super::run::{Arguments, check, check_buses, check_candump, check_loop, draw, dry_run_on_can, view, with_files};
 use super::tui::Screen;
 use crate::config::{self, Source};
-use crate::guard::{Cause, Fault};
+use crate::guard::{Cause, Fault, State};
 use crate::host::system::Refusal;
 use crate::host::{News, NotRun, Outcome, RigOnBus, StageTimes, Terms};
 use crate::record::CycleRecord;
@@ -145,7 +145,8 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
         }
     };
     let time_s = played.cycles as f64 * period_s;
-    let failure = ended((played.ended, played.cause), time_s, &outcome, &rig);
+    let held = played.cause.filter(|_| played.state == State::Holding).map(|cause| ended_held(cause.fault));
+    let failure = ended((played.ended, played.cause), time_s, &outcome, &rig).or(held);
     let (trace, measures) = measured(&rig, &rig.fixture, scene_rows);
     let drawn = draw(&trace, &rig.rig.name, arguments.figure.as_deref());
     let facts = Facts {

@@ -121,6 +121,14 @@ pub(super) fn live_failure(error: &RunError) -> Failure {
             error.to_string(),
             "nothing was enabled; `yieldwall home RIG.yaml` with the same --bus homes both joints",
         ),
+        RunError::BehindHome { by_rad, .. } => {
+            // A little more than back to home, so that it comes up to its rate.
+            let back_deg = (-by_rad.to_degrees() - 3.0_f64.copysign(*by_rad)).round();
+            let help = format!(
+                "nothing was enabled; lead it back first: `yieldwall jog RIG.yaml JOINT --by {back_deg:+}deg` with the same --bus"
+            );
+            Failure::new(Exit::OutOfTolerance, error.to_string(), help)
+        }
         RunError::NoPosture => Failure::new(
             Exit::OutOfTolerance,
             error.to_string(),

@@ -63,6 +63,15 @@ pub struct Measured {
     pub version: String,
 }
 
+/// The measurement that counts from now on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Stored {
+    /// Where it is.
+    pub path: PathBuf,
+    /// Whether it is an earlier one, which proves more.
+    pub is_earlier: bool,
+}
+
 impl Measured {
     /// What was measured until a moment in s since 1970, without load.
     pub fn new(computer: Computer, period_us: u32, lateness: Lateness, ended_unix_s: u64) -> Self {
@@ -82,26 +91,27 @@ impl Measured {
         folder.join(format!("{:016x}.json", fnv1a(text.as_bytes())))
     }
 
-    /// Keeps it in place of an earlier one of this computer at this cycle; where. One with nothing against tier A leaves a
-    /// longer one that has proved tier A where it is.
+    /// Keeps it in place of an earlier one of this computer at this cycle. An earlier one that has proved a higher tier stays where this
+    /// one is too short to prove it, and has nothing against it.
     ///
     /// # Errors
     /// If the file cannot be written.
-    pub fn store(&self, folder: &Path) -> io::Result<PathBuf> {
+    pub fn store(&self, folder: &Path) -> io::Result<Stored> {
         let path = self.path(folder);
-        let is_proof =
-            |other: &Self| other.computer == self.computer && other.lateness.proven(self.period_us) == Tier::A;
-        let (is_good, is_short) =
-            (self.lateness.tier(self.period_us) == Tier::A, self.lateness.proven(self.period_us) != Tier::A);
-        if is_good && is_short && read(&path).as_ref().is_some_and(is_proof) {
-            return Ok(path);
+        let (tier, proven) = (self.lateness.tier(self.period_us), self.lateness.proven(self.period_us));
+        let is_better = |other: &Self| {
+            let other_proven = other.lateness.proven(self.period_us);
+            other.computer == self.computer && other_proven < proven && tier <= other_proven
+        };
+        if read(&path).as_ref().is_some_and(is_better) {
+            return Ok(Stored { path, is_earlier: true });
         }
         fs::create_dir_all(folder)?;
         // Whole or not at all.
         let unfinished = path.with_extension("unfinished");
         fs::write(&unfinished, serde_json::to_string_pretty(self)?)?;
         fs::rename(&unfinished, &path)?;
-        Ok(path)
+        Ok(Stored { path, is_earlier: false })
     }
 
     /// What it showed and how long before `now_unix_s`, for a person.
@@ -309,6 +319,15 @@ mod tests {
         assert_eq!(computer().check(&fast, &folder, NOW_S).map(|kept| kept.tier), Ok(Tier::A));
         measured(computer(), 1000, Lateness { cycles: 10_000, max_us: 101.0, ..GOOD }).store(&folder).unwrap();
         assert!(computer().check(&fast, &folder, NOW_S).is_err());
+        // The same of tier B, which takes 3000 cycles.
+        let reduced = rig("paper-admittance-5ms.yaml");
+        let look = |p999_us| measured(computer(), 1000, Lateness { cycles: 200, p999_us, ..STOCK });
+        let stored = measured(computer(), 1000, STOCK).store(&folder).unwrap();
+        assert!(!stored.is_earlier && computer().check(&reduced, &folder, NOW_S).is_ok());
+        assert_eq!(look(499.0).store(&folder).unwrap(), Stored { is_earlier: true, ..stored.clone() });
+        assert!(computer().check(&reduced, &folder, NOW_S).is_ok());
+        assert_eq!(look(501.0).store(&folder).unwrap(), stored);
+        assert!(computer().check(&reduced, &folder, NOW_S).is_err());
         fs::remove_dir_all(&folder).unwrap();
     }
 
@@ -317,7 +336,7 @@ mod tests {
         let folder = folder("load");
         let rig = rig("paper-admittance-5ms.yaml");
         let shown = || computer().check(&rig, &folder, NOW_S).unwrap().shown;
-        let path = measured(computer(), 5000, GOOD).under(Some("two threads".to_owned())).store(&folder).unwrap();
+        let path = measured(computer(), 5000, GOOD).under(Some("two threads".to_owned())).store(&folder).unwrap().path;
         assert!(shown().contains("cycles measured under load 2 min ago"), "{}", shown());
         assert!(fs::read_to_string(&path).unwrap().contains(r#""load": "two threads""#));
         // A record of an earlier build says nothing of it.

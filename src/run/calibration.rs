@@ -91,6 +91,15 @@ impl<P: Place> Runner<P> {
         is_interrupted: &AtomicBool,
     ) -> Result<Vec<JointAngles>, RunError> {
         let mut all = Vec::with_capacity(points.len());
+        // Nobody leads an arm for nothing whose drives have to be homed before.
+        if self.master().homing().iter().any(|homing| !homing.is_referenced) {
+            let homed = self.boot().and_then(|()| {
+                self.idle_before_lead(self.cycles_in(SETTLING_S).max(1), is_interrupted)?;
+                self.check_homed()
+            });
+            self.leave();
+            homed?;
+        }
         for (at, point) in points.iter().enumerate() {
             if is_interrupted.load(Ordering::Relaxed) || !help(&mut self.place, Task::LeadTo(at, *point)) {
                 return Err(RunError::Interrupted);

@@ -167,6 +167,18 @@ pub enum RunError {
         /// Which one.
         which: Which,
     },
+    /// A drive that was homed looks for home one way alone, and its joint stands behind it. Nothing was enabled.
+    #[error(
+        "{} is homed, and its joint stands {:.2} deg behind home, which it looks for one way alone",
+        .which.drive(""),
+        .by_rad.abs().to_degrees()
+    )]
+    BehindHome {
+        /// Which one.
+        which: Which,
+        /// By how much the joint stands beyond home, rad; the sign is that of its angle.
+        by_rad: f64,
+    },
     /// The linkage cannot be at the angles that the drives tell.
     #[error("the linkage cannot be at the angles that the drives tell")]
     NoPosture,

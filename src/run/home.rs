@@ -14,7 +14,7 @@ use super::scene::Ended;
 use crate::assembly::HOMING_COMES_UP_S;
 use crate::bus::HomingState;
 use crate::config;
-use crate::guard::{Cause, State};
+use crate::guard::{Cause, Device, State};
 use crate::quantity::JointAngles;
 use push_watch::PushWatch;
 pub use repeat::{NoShift, Repeated};
@@ -44,6 +44,8 @@ pub struct HomePlan {
     home: JointAngles,
     /// Whether each joint is found on its way, and comes to rest behind home: 1, or 0 where it stands.
     slides: [f64; 2],
+    /// Which way each joint looks for home, if its method looks one way alone: 1 or -1.
+    one_way: [Option<f64>; 2],
     /// Greatest rate of a joint of the rig, rad/s: a faster one is a jump to the reference.
     fastest_rad_per_s: f64,
     /// Cycles of process data before the drives are enabled.
@@ -61,6 +63,7 @@ impl HomePlan {
             rate_rad_per_s: homing.map(|homing| homing.rate_rad_per_s.get()),
             home: homing.map(|homing| homing.angle_rad.get()).into(),
             slides: homing.map(|homing| if matches!(homing.method, 35 | 37) { 0.0 } else { 1.0 }),
+            one_way: rig.drives.each_ref().map(one_way),
             fastest_rad_per_s: rig.guard.joint_speed_limit_rad_per_s.get(),
             settling,
         })
@@ -76,6 +79,16 @@ impl HomePlan {
         let [left, right] = self.within_rad;
         let [left_rate, right_rate] = self.rate_rad_per_s;
         [2.0 * left / left_rate + PATIENCE_S, 2.0 * right / right_rate + PATIENCE_S]
+    }
+}
+
+/// The way in which a drive looks for the index alone: 33 against its counts, 34 with them (CiA 402).
+fn one_way(drive: &config::Drive) -> Option<f64> {
+    let with_counts = f64::from(drive.direction);
+    match drive.homing?.method {
+        33 => Some(-with_counts),
+        34 => Some(with_counts),
+        _ => None,
     }
 }
 
@@ -150,7 +163,8 @@ impl<P: Place> Runner<P> {
     /// for (6077h) beside the cycles.
     ///
     /// # Errors
-    /// Before anything is enabled: [`RunError::WayBlocked`] if the linkage does not go as far as a joint may; if a drive does not tell its
+    /// Before anything is enabled: [`RunError::WayBlocked`] if the linkage does not go as far as a joint may; [`RunError::BehindHome`] if a
+    /// drive that still knows its reference would look for it the wrong way; if a drive does not tell its
     /// torque or its limit. Then as [`Runner::enable`].
     pub fn home(
         &mut self,
@@ -191,6 +205,7 @@ impl<P: Place> Runner<P> {
         let mut watch = PushWatch::new(self, rig, plan.rate_rad_per_s)?;
         self.idle_before_lead(plan.settling.max(1), is_interrupted)?;
         self.check_homing_way(plan)?;
+        self.check_home_ahead(plan)?;
         self.enable(0, permit, is_interrupted)?;
         // Both are watched here, each within a bound of its own.
         self.unbind_motion();
@@ -246,6 +261,21 @@ impl<P: Place> Runner<P> {
             }
         }
         if least < 1.0 { Err(RunError::WayBlocked { share: least }) } else { Ok(()) }
+    }
+
+    /// Whether home lies ahead of each joint whose drive still knows where it is, and looks for it one way alone.
+    fn check_home_ahead(&self, plan: &HomePlan) -> Result<(), RunError> {
+        let ahead = (plan.home - self.master().referenced_angles()).to_array();
+        let states = self.master().homing();
+        for (joint, (device, ahead)) in Device::DRIVES.into_iter().zip(ahead).enumerate() {
+            let of = |values: [bool; 2]| values.get(joint) == Some(&true);
+            let is_known = of(plan.joints) && of(states.map(|state| state.is_referenced));
+            let Some(way) = plan.one_way.get(joint).copied().flatten().filter(|_| is_known) else { continue };
+            if ahead * way < 0.0 {
+                return Err(RunError::BehindHome { which: self.which(device), by_rad: -ahead });
+            }
+        }
+        Ok(())
     }
 
     /// The position that a drive has told in the last cycle, counts.

@@ -293,6 +293,11 @@ impl<P: Place> Runner<P> {
         &self.master
     }
 
+    /// As [`Master::forget_told`].
+    pub(super) fn forget_told(&mut self) {
+        self.master.forget_told();
+    }
+
     /// Has the joints be led in place of the fixture, as [`Cycle::lead`](crate::cycle::Cycle::lead).
     pub(super) fn lead(&mut self, limits: Option<LeadLimits>) {
         self.leads = limits.is_some();

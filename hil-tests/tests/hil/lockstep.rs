@@ -4,6 +4,7 @@ use yieldwall::canopen::Frame;
 use yieldwall::link::{CanLink, SocketCanSettings};
 use yieldwall::run::Pace;
 
+use super::power_cycle::a_power_cycle_is_seen_and_no_word_is_taken_for_it;
 use super::programs::*;
 use hil_tests::network::Real;
 
@@ -26,6 +27,13 @@ fn drives_that_lack_a_watchdog_are_refused_with_the_reason() {
     assert!(help.contains("--unwatched"), "{help}");
     assert!(!is_enabled(&observer.rest()));
     drop(sim);
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_power_cycle_is_proved_by_the_boot_up() {
+    let sim = || Running::sim(RIG, &["--pace", "lockstep", "--no-hand"]);
+    a_power_cycle_is_seen_and_no_word_is_taken_for_it(RIG, &bus(), sim);
 }
 
 #[test]

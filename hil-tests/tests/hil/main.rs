@@ -29,6 +29,8 @@ mod lockstep;
 #[cfg(target_os = "linux")]
 mod masters;
 #[cfg(target_os = "linux")]
+mod power_cycle;
+#[cfg(target_os = "linux")]
 mod processes;
 #[cfg(target_os = "linux")]
 mod programs;

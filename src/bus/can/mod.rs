@@ -192,6 +192,11 @@ impl CanNetwork {
         self.told.iter()
     }
 
+    /// Forgets what the devices told.
+    pub(super) fn forget_told(&mut self) {
+        self.told.forget();
+    }
+
     /// Takes a frame of another node from the bus; own ones go to [`CanNetwork::on_echo`]. `is_enabled` says whether the
     /// rig is, or tries to be.
     ///

@@ -251,6 +251,11 @@ impl EthercatNetwork {
         self.told.iter()
     }
 
+    /// Forgets what the devices told.
+    pub(super) fn forget_told(&mut self) {
+        self.told.forget();
+    }
+
     /// The objects that the boot writes, of each device.
     pub(in crate::bus) fn written(&self) -> impl Iterator<Item = Written> + '_ {
         let of = |station: &Station| {

@@ -2,6 +2,7 @@
 
 use std::io::{self, Write};
 use std::sync::Arc;
+use std::time::Duration;
 
 use serde_json::json;
 
@@ -21,6 +22,9 @@ use crate::config;
 use crate::host::{News, Person};
 use crate::quantity::Force;
 use crate::run::commission::STEPS;
+
+/// Drives that were switched on have started after so long.
+const BOOTS_WITHIN: Duration = Duration::from_secs(10);
 
 /// Somebody at the arm, or nobody.
 struct AtTheTerminal {
@@ -52,10 +56,33 @@ impl Person for AtTheTerminal {
         }
     }
 
-    fn power_cycle(&mut self) -> bool {
+    fn power_cycle(&mut self, restarted: &mut dyn FnMut() -> [bool; 2]) -> bool {
+        let Some(names) = &self.names else { return false };
         let question = "Switch the supply of both drives off, the logic supply too, and on again. Write yes once they are on; anything else \
                         leaves it out:";
-        self.names.is_some() && self.typed.ask(question).is_some_and(|text| matches!(text.as_str(), "y" | "yes"))
+        loop {
+            let answer = self.typed.ask_while(question, || {
+                restarted();
+            });
+            if !answer.is_some_and(|text| matches!(text.as_str(), "y" | "yes")) {
+                return false;
+            }
+            let mut seen = [false; 2];
+            let has_restarted = self.typed.wait(BOOTS_WITHIN, || {
+                seen = restarted();
+                seen == [true; 2]
+            });
+            if has_restarted {
+                return true;
+            }
+            for (name, _) in names.iter().zip(seen).filter(|(_, seen)| !seen) {
+                // Nothing is lost if standard error is closed.
+                let _ = writeln!(
+                    io::stderr(),
+                    "{name} has not started anew since you were asked: its logic supply was not off, or it is not on yet"
+                );
+            }
+        }
     }
 
     fn pull(&mut self, force: Force) -> bool {

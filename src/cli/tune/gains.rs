@@ -1,6 +1,6 @@
 //! `yieldwall tune gains`: gains from the model of a rig alone, and their place in its file.
 
-mod file;
+pub(super) mod file;
 
 use std::path::{Path, PathBuf};
 

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
-use super::gains::{Proposal, nothing, set};
+use super::gains::{Proposal, file, nothing, set};
 use super::masses::Masses;
 use crate::analysis::{PROPOSED_MARGINS, PoseMargins, has_margins, identified_margins, proposed_gains, usual_hands};
 use crate::cli::commission::add_defects;
@@ -75,10 +75,8 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
     if let Some(html) = &arguments.html {
         arguments.replace.check_can_write(html)?;
     }
-    if arguments.write && rig.source.is_shipped() {
-        let message = format!("{} comes with the program, and stays as it is", rig.source);
-        let help = format!("keep what `yieldwall config show {}` prints in a file, and name that file", rig.source);
-        return Err(Failure::new(Exit::Usage, message, help));
+    if arguments.write {
+        file::check_can_write(&rig)?;
     }
     let plans = [0, 1].map(|joint| LoopPlan { joint, torque_n_m: arguments.torque });
     #[cfg(target_os = "linux")]
@@ -387,7 +385,9 @@ fn joint_text(joint: &JointLoop, rig: &Rig) -> String {
     }
     if let Some(step) = &joint.step {
         let rise = step.rise_s.map_or("it does not come to the step".to_owned(), |rise| {
-            format!("it rises in {:.1} ms, the reference in {:.1} ms", 1e3 * rise, 1e3 * STEP_RISE_S)
+            // It is seen once a cycle.
+            let rise = if rise > 0.0 { format!("{:.1} ms", 1e3 * rise) } else { "less than a cycle".to_owned() };
+            format!("it rises in {rise}, the reference in {:.1} ms", 1e3 * STEP_RISE_S)
         });
         lines.push(format!("step      {rise}, and goes {:.0} % beyond", 100.0 * step.overshoot));
     }

@@ -5,7 +5,7 @@ use crate::config;
 use crate::link::Interfaces;
 use crate::quantity::Force;
 use crate::run::commission::Attendant;
-use crate::run::{Bounds, Drilled, DriveIdentity, NotProven, OnLink, Permit, Proof, Subject};
+use crate::run::{Bounds, Drilled, DriveIdentity, NotProven, OnLink, Permit, Proof, Restarts, Subject};
 
 use super::super::system::SystemMetronome;
 
@@ -18,8 +18,9 @@ pub trait Person {
     /// By how much that link has turned since, counter-clockwise, in rad; `None` if nobody looked.
     fn turned(&mut self, joint: usize) -> Option<f64>;
 
-    /// Switches the drives off and on again; whether they were.
-    fn power_cycle(&mut self) -> bool;
+    /// Switches the drives off and on again; whether both were. `restarted` tells which of them have, and hears them only while it is asked,
+    /// a few times a second.
+    fn power_cycle(&mut self, restarted: &mut dyn FnMut() -> [bool; 2]) -> bool;
 
     /// Has this force in N, in the base frame, pull at the tool, or with a force of zero no more; whether it does.
     fn pull(&mut self, force: Force) -> bool;
@@ -57,8 +58,10 @@ impl Attendant<Computer> for OnTheBench<'_> {
         self.person.turned(joint)
     }
 
-    fn power_cycle(&mut self, _: &mut Computer) -> bool {
-        self.person.power_cycle()
+    fn power_cycle(&mut self, rig: &config::Rig, place: &mut Computer) -> bool {
+        // A rig that was booted has its buses.
+        let Ok(mut restarts) = Restarts::of(rig, place) else { return false };
+        self.person.power_cycle(&mut || restarts.look(place))
     }
 
     fn pull(&mut self, _: &mut Computer, force: Force) -> bool {

@@ -41,7 +41,7 @@ impl Attendant<Simulation> for Onlooker {
         (place.far.world.seen_angles() - self.seen).to_array().get(joint).copied()
     }
 
-    fn power_cycle(&mut self, place: &mut Simulation) -> bool {
+    fn power_cycle(&mut self, _: &config::Rig, place: &mut Simulation) -> bool {
         for drive in 0..2 {
             place.far.switch_on(drive, place.now, &mut place.wires);
         }

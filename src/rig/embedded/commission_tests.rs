@@ -89,6 +89,18 @@ fn a_healthy_machine_passes_every_step_in_every_mode_and_on_every_bus() {
     }
 }
 
+#[test]
+fn what_drives_say_of_a_watchdog_that_was_tried_is_no_part_of_a_later_step() {
+    let loaded = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap();
+    let scene = loaded.scene().unwrap().value;
+    let mut machine = EmbeddedRig::new(&loaded.value, &scene, &loaded.value.fixture, scene.seed).unwrap();
+    machine.boot().unwrap();
+    machine.runner.drill(20, &AtomicBool::new(false), |_| ()).unwrap();
+    assert!(machine.master().told().count() > 0);
+    machine.commission(&loaded.value, Step::Admittance.into(), &AtomicBool::new(false), |_| ()).unwrap();
+    assert_eq!(machine.master().told().count(), 0);
+}
+
 /// The pull at the tool in the step `motor` is no zero of the sensor.
 #[test]
 fn a_machine_that_is_tared_passes_every_step() {

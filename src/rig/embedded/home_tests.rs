@@ -113,6 +113,33 @@ fn a_joint_that_is_not_asked_for_holds_and_stays_without_a_reference() {
 }
 
 #[test]
+fn a_drive_that_knows_its_reference_is_not_sent_the_wrong_way_for_it() {
+    for is_on_ethercat in [false, true] {
+        let (rig, scene) = rig(is_on_ethercat, config::CommandMode::Torque, |_, _| ());
+        let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
+        let enabled = Arc::new(Mutex::new(0));
+        let counted = Arc::clone(&enabled);
+        machine.set_observer(Box::new(move |record| {
+            let is_on = record.inputs.drives.iter().any(|drive| drive.state == cia402::State::OperationEnabled);
+            *counted.lock().unwrap() += u32::from(is_on);
+        }));
+        let (plan, is_interrupted) = (HomePlan::of(&rig, [true; 2], 20).unwrap(), AtomicBool::new(false));
+        let torque_n_m = config::Positive::new(15.0).unwrap();
+        assert_eq!(machine.home(&rig, &plan, torque_n_m, &is_interrupted).unwrap().unwrap().failed, None);
+        let before = *enabled.lock().unwrap();
+        assert!(before > 0);
+        // Each joint has come to rest behind its index, and nobody has switched the drives off.
+        let runner = &mut machine.runner;
+        runner.boot().unwrap();
+        let bounds = Bounds { motion_rad: config::Positive::new(plan.bound_rad()).unwrap(), torque_n_m };
+        let permit = super::boot::bring_up(runner, &rig, bounds).unwrap();
+        let again = runner.home(&rig, &plan, &permit, &is_interrupted);
+        assert!(matches!(again, Err(RunError::BehindHome { by_rad, .. }) if by_rad.abs() < 0.02), "{again:?}");
+        assert_eq!(*enabled.lock().unwrap(), before, "nothing was enabled");
+    }
+}
+
+#[test]
 fn an_index_that_is_not_on_the_way_ends_at_the_bound() {
     // It lies behind, and the joint goes as far as it may.
     let machine = rig(false, config::CommandMode::Torque, |joint, homing| homing.method = [33, 34][joint]);

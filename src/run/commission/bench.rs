@@ -134,6 +134,8 @@ impl<'a, P: Place> Bench<'a, P> {
     /// Takes a step; the network is left in the end. Nothing if a person has asked for the end.
     pub(super) fn report(&mut self, step: Step) -> Option<StepReport> {
         let mut found = Found::default();
+        // What the devices say of a watchdog that was tried is no part of what comes later.
+        self.runner.forget_told();
         let done = match step {
             Step::Communication => self.communication(&mut found),
             Step::Identity => self.identity(&mut found),

@@ -242,8 +242,8 @@ pub trait Attendant<P: Place> {
     /// By how much that link has turned since, counter-clockwise, in rad; `None` if nobody looked. Nothing is booted.
     fn turned(&mut self, place: &P, joint: usize) -> Option<f64>;
 
-    /// Has the drives be switched off and on again; whether they were. Nothing is booted.
-    fn power_cycle(&mut self, place: &mut P) -> bool;
+    /// Has the drives be switched off and on again; whether both were, for certain. Nothing is booted.
+    fn power_cycle(&mut self, rig: &config::Rig, place: &mut P) -> bool;
 
     /// Has this force in N, in the base frame, pull at the tool until it is taken away by a force of zero; whether it does.
     fn pull(&mut self, place: &mut P, force: Force) -> bool;

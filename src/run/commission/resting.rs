@@ -116,7 +116,7 @@ impl<P: Place> Bench<'_, P> {
         let wanted = self.wanted.unwrap_or(drives);
         if let Some(joint) = (0..2).find(|joint| wanted[*joint] != drives[*joint]) {
             return Err(Halt::Failed(format!(
-                "{} is another drive than the one of the report, whose serial number is {}: begin anew, without --resume",
+                "{} is another drive than the one of the report, whose serial number is {}",
                 self.name(joint),
                 wanted[joint].serial_number
             )));
@@ -156,7 +156,7 @@ impl<P: Place> Bench<'_, P> {
     pub(super) fn parameters(&mut self, found: &mut Found) -> Result<(), Halt> {
         let before = self.left_there(found)?;
         self.runner.leave();
-        let is_kept = self.attendant.power_cycle(&mut self.runner.place);
+        let is_kept = self.attendant.power_cycle(self.rig, &mut self.runner.place);
         let text = if is_kept {
             let after = self.left_there(&mut Found::default())?;
             if after != before {

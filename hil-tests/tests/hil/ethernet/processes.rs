@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
+use super::super::power_cycle::a_power_cycle_is_seen_and_no_word_is_taken_for_it;
 use super::super::programs::*;
 use super::rigs::{NEAR, PERIOD_US, Slow};
 use super::served::FAR;
@@ -77,6 +78,15 @@ fn joints_of_another_process_are_identified() {
     }
     assert!(document["proposal"]["gains"].as_array().is_some_and(|gains| gains.len() == 3), "{document:#}");
     sim.interrupted();
+}
+
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn a_power_cycle_is_proved_by_the_station_address_that_is_lost() {
+    const RIG: &str = "builtin:paper-ethercat.yaml";
+    let far = format!("main={FAR}");
+    let sim = || Running::ready(Running::start(&["sim", RIG, "--bus", &far, "--pace", "lockstep", "--no-hand"]));
+    a_power_cycle_is_seen_and_no_word_is_taken_for_it(RIG, NEAR, sim);
 }
 
 /// In lockstep: what is wrong with a machine of another process is found in the first motion.

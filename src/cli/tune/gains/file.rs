@@ -58,14 +58,7 @@ pub(super) fn place(rig: &Loaded<Rig>, changes: &[Change]) -> Place {
 impl Edit {
     /// The file with these changes; nothing is written yet.
     pub(super) fn of(rig: &Loaded<Rig>, wanted: &Rig, changes: &[Change], place: &Place) -> Result<Self, Failure> {
-        if rig.source.is_shipped() {
-            let message = format!("{} comes with the program, and stays as it is", rig.source);
-            let help = format!("keep what `yieldwall config show {}` prints in a file, and name that file", rig.source);
-            return Err(Failure::new(Exit::Usage, message, help));
-        }
-        let path = fs::canonicalize(rig.source.to_string()).map_err(|error| {
-            Failure::new(Exit::Usage, format!("{}: {error}", rig.source), "name a file that can be written")
-        })?;
+        let path = disk_path(rig)?;
         let old = rig.source.read()?;
         let by_hand = || format!("write it yourself:\n{}", lines(changes, "\n"));
         let (text, words) = match place {
@@ -117,9 +110,7 @@ impl Edit {
     /// Writes it beside the file, reads it as a rig, and puts it in the place of the file if it is the same rig but for the gains.
     pub(super) fn carry_out(self) -> Result<PathBuf, Failure> {
         let refused = |message: String| Failure::about_file(Exit::Usage, &self.path, message, "nothing was written");
-        let mut name = self.path.file_name().unwrap_or_default().to_owned();
-        name.push(format!(".new-{}", std::process::id()));
-        let beside = self.path.with_file_name(name);
+        let beside = beside(&self.path);
         let io = |error: std::io::Error| refused(format!("{}: {error}", self.path.display()));
         let permissions = fs::metadata(&self.path).map_err(io)?.permissions();
         let written = fs::write(&beside, &self.text).and_then(|()| fs::set_permissions(&beside, permissions));
@@ -139,6 +130,43 @@ impl Edit {
         }
         Ok(self.path)
     }
+}
+
+/// Where a file is written before it takes the place of this one.
+fn beside(path: &Path) -> PathBuf {
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(format!(".new-{}", std::process::id()));
+    path.with_file_name(name)
+}
+
+/// Refuses a rig whose file cannot get other gains, for those that are known once much was done.
+pub(in crate::cli::tune) fn check_can_write(rig: &Loaded<Rig>) -> Result<(), Failure> {
+    let path = disk_path(rig)?;
+    let beside = beside(&path);
+    let tried = fs::File::create(&beside);
+    // It may not be there.
+    let _ = fs::remove_file(&beside);
+    tried.map(drop).map_err(|error| {
+        let message = format!("{}: {error}", path.display());
+        Failure::about_file(
+            Exit::Usage,
+            &path,
+            message,
+            "nothing was written; copy it into a folder that can be written",
+        )
+    })
+}
+
+/// The file of a rig.
+fn disk_path(rig: &Loaded<Rig>) -> Result<PathBuf, Failure> {
+    if rig.source.is_shipped() {
+        let message = format!("{} comes with the program, and stays as it is", rig.source);
+        let help = format!("keep what `yieldwall config show {}` prints in a file, and name that file", rig.source);
+        return Err(Failure::new(Exit::Usage, message, help));
+    }
+    fs::canonicalize(rig.source.to_string()).map_err(|error| {
+        Failure::new(Exit::Usage, format!("{}: {error}", rig.source), "name a file that can be written")
+    })
 }
 
 /// The group `control` with these gains alone.
