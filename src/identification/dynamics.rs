@@ -179,14 +179,14 @@ impl Equation {
         }
         // Two real equations a frequency, three unknowns.
         let degrees = (2 * self.turns.len()).saturating_sub(3).max(1);
-        let mut normal = Matrix3::zeros();
-        for ((acceleration, rate), [_, slope]) in self.acceleration.iter().zip(&self.rate).zip(&sides) {
+        let mut rows = Vec::with_capacity(2 * self.turns.len());
+        for ((acceleration, rate), [torque, slope]) in self.acceleration.iter().zip(&self.rate).zip(&sides) {
+            let left = acceleration * fit.inertia + rate * fit.viscous - torque;
             for part in [|z: &Complex<f64>| z.re, |z: &Complex<f64>| z.im] {
-                let row = Vector3::new(part(acceleration), part(rate), -part(slope));
-                normal += row * row.transpose();
+                rows.push((Vector3::new(part(acceleration), part(rate), -part(slope)), part(&left)));
             }
         }
-        let covariance = normal.try_inverse().ok_or(NotIdentified::Indistinct)? * (fit.rest / degrees as f64);
+        let covariance = covariance(&rows).ok_or(NotIdentified::Indistinct)?;
         let error = |at: usize| covariance[(at, at)].max(0.0).sqrt();
         let whole: f64 = sides.iter().map(|[torque, _]| torque.norm_sqr()).sum();
         let found = Dynamics {
@@ -222,6 +222,26 @@ impl Equation {
         let rest = left.map(|((a, v), [w, _])| (a * inertia + v * viscous - w).norm_sqr()).sum();
         Some(Fit { inertia, viscous, rest })
     }
+}
+
+/// Covariance of what least squares have found, by the row of each equation and what it leaves: what an encoder rounds is an acceleration that
+/// grows with the square of the frequency, so that equations err unlike.
+///
+/// # Source
+/// J. G. MacKinnon and H. White, Some heteroskedasticity-consistent covariance matrix estimators with improved finite sample properties,
+/// J. of Econometrics 29 (1985): HC3.
+fn covariance(rows: &[(Vector3<f64>, f64)]) -> Option<Matrix3<f64>> {
+    let normal: Matrix3<f64> = rows.iter().map(|(row, _)| row * row.transpose()).sum();
+    let inverse = normal.try_inverse()?;
+    let squares: Matrix3<f64> = rows
+        .iter()
+        .map(|(row, left)| {
+            // What one equation alone decides leaves nothing.
+            let left = left / (1.0 - row.dot(&(inverse * row))).max(1e-3);
+            row * row.transpose() * (left * left)
+        })
+        .sum();
+    Some(inverse * squares * inverse)
 }
 
 struct Fit {

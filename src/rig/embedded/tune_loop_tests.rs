@@ -115,6 +115,43 @@ fn what_was_planted_is_identified_at_each_cycle_time_and_on_each_bus() {
     }
 }
 
+/// Joints with other friction and other motors, on both buses: the delay is known, and so is how well.
+#[test]
+fn intervals_of_the_delay_hold_what_was_planted_nearly_as_often_as_they_say() {
+    let mut off_us = Vec::new();
+    let mut held = 0;
+    for seed in 0..20_u64 {
+        let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) + 77;
+        let mut drawn = |low: f64, high: f64| {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            low + (high - low) * (state >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        // Near seeds begin alike.
+        for _ in 0..8 {
+            drawn(0.0, 1.0);
+        }
+        let file = ["paper-admittance.yaml", "paper-ethercat.yaml"][(seed % 2) as usize];
+        let loaded = config::load_rig(config::builtin(file)).unwrap();
+        let (mut rig, mut scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
+        let arm = &mut rig.simulation.as_mut().unwrap().arm;
+        arm.coulomb_n_m = [config::NotNegative::new(drawn(1.0, 12.0)).unwrap(); 2];
+        arm.viscous_n_m_s_per_rad = [config::NotNegative::new(drawn(0.1, 2.0)).unwrap(); 2];
+        arm.motor_kg_m2 = [config::Positive::new(drawn(0.15, 0.6)).unwrap(); 2];
+        scene.seed = seed + 1;
+        let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
+        let plan = LoopPlan { joint: (seed / 2 % 2) as usize, torque_n_m: None };
+        let traced = machine.tune_loop(&rig, &plan, &AtomicBool::new(false)).unwrap().unwrap();
+        let delay_s = traced.found.unwrap().dynamics.unwrap().delay_s;
+        let planted_s = delay_cycles(&rig).unwrap() * f64::from(rig.cycle.period_us) * 1e-6;
+        held += u32::from(delay_s.contains(planted_s));
+        off_us.push(1e6 * (delay_s.value - planted_s));
+    }
+    assert!(off_us.iter().all(|off| off.abs() < 50.0), "{off_us:?}");
+    assert!(held >= 16, "{held} of 20: {off_us:?}");
+}
+
 #[test]
 fn where_the_drive_closes_the_loop_its_told_torque_shows_friction_and_the_lag_is_seen() {
     for (mode, slowest, fastest) in [("csp", 1e-3, 4e-3), ("csv", -1e-3, 4e-3)] {
