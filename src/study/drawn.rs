@@ -6,8 +6,14 @@ use std::sync::{Mutex, PoisonError};
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::SeedableRng;
 
+use nalgebra::Vector2;
+
+use super::bench::BenchParameters;
+use crate::assembly::{planar_fixture, torque_servo};
 use crate::config;
 use crate::elementary;
+use crate::fixture::{Fixture, Shape2};
+use crate::rig::simulated_arm;
 use crate::sim::share_of_one;
 
 /// Peak over mean speed of a way by minimum jerk.
@@ -70,4 +76,28 @@ pub(super) fn shipped(name: &str) -> Result<(config::Rig, config::Scene), String
     let scene = rig.scene().map_err(|report| report.to_string())?.value;
     read.insert(name.to_owned(), (rig.value.clone(), scene.clone()));
     Ok((rig.value, scene))
+}
+
+/// The bench of a rig in torque mode, its tool at rest at `start_m`, and its fixture: torques act a cycle late, and forces are as old.
+///
+/// # Errors
+/// If the rig's numbers do not fit together.
+pub(super) fn bench(
+    rig: &config::Rig,
+    scene: &config::Scene,
+    start_m: Vector2<f64>,
+    plant_step_s: f64,
+) -> Result<(BenchParameters, Fixture<Shape2, 2>), String> {
+    let period_s = 1e-6 * f64::from(rig.cycle.period_us);
+    let parameters = BenchParameters {
+        arm: simulated_arm(rig, scene).map_err(|error| error.to_string())?,
+        start_m,
+        period_s,
+        plant_step_s,
+        servo: torque_servo(rig).map_err(|error| error.to_string())?,
+        delay_cycles: 1,
+        low_pass: None,
+    };
+    let fixture = planar_fixture(&rig.fixture, period_s).map_err(|error| error.to_string())?;
+    Ok((parameters, fixture))
 }

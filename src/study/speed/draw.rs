@@ -3,9 +3,11 @@
 use super::super::chart::{Axis, Chart, Color, Estimate, Mark, Panel, Series};
 use super::super::sweep::{Row, Table};
 use super::super::task::{Aid, Law};
-use super::of_aid;
-use super::runs::{BESIDE_M, VARIED, WIDTH_BESIDE_M, WIDTHS_AGAIN_M, WIDTHS_M, YIELDS_N, aids};
+use super::runs::{
+    AIDS_AT_LENGTHS, BESIDE_M, LENGTH_SHARES, USERS, VARIED, WIDTH_BESIDE_M, WIDTHS_AGAIN_M, WIDTHS_M, YIELDS_N, aids,
+};
 use super::track::Track;
+use super::{name, of_aid};
 
 /// How far apart fixtures stand beside each other at one kind of user.
 const BESIDE_EACH_OTHER: f64 = 0.12;
@@ -20,9 +22,10 @@ const OUTSIDE: [&str; 3] = ["outside_share", "outside_low", "outside_high"];
 type Named = (&'static str, Chart);
 
 /// All charts.
-pub(super) fn charts(widths: &Table, varied: &Table, beside: &Table) -> Vec<Named> {
+pub(super) fn charts(widths: &Table, lengths: &Table, varied: &Table, beside: &Table) -> Vec<Named> {
     vec![
         ("study-speed-law", law(widths)),
+        ("study-speed-lengths", length(widths, lengths)),
         ("study-speed-error", error(widths)),
         ("study-speed-varied", users(widths, varied)),
         ("study-speed-beside", misplaced(widths, beside)),
@@ -82,8 +85,40 @@ fn law(widths: &Table) -> Chart {
             });
         }
     }
-    let title = "A simulated user chooses speed: time along a band, medians of 40 users with intervals of 95 %".into();
+    let title =
+        format!("A simulated user chooses speed: time along a band, medians of {USERS} users with intervals of 95 %");
     Chart { title, panels, columns: 2 }
+}
+
+/// Ways of three lengths on the circle: whether the time is one line over length over width.
+fn length(widths: &Table, lengths: &Table) -> Chart {
+    let usual_m = Track::Circle.length_m();
+    let panel = |aid: Aid| {
+        let of = |(share, color): (f64, Color)| {
+            let (table, length_m) = (if share == 1.0 { widths } else { lengths }, share * usual_m);
+            let is_meant = |row: &Row<'_>| row.word("way") == "circle" && row.number("length_m") == length_m;
+            let point = |width_m: f64| {
+                let rows = table.rows().filter(|row| is_meant(row) && row.number("width_m") == width_m);
+                of_aid(rows, &aid).map(|row| (row.number("length_over_width").into(), row.estimate(TIME, 1.0)))
+            };
+            let points: Vec<_> = WIDTHS_M.into_iter().filter_map(point).collect();
+            Series::new(format!("way of {:.0} mm", 1e3 * length_m), Mark::MarkedLine, color).through(&points)
+        };
+        let shares = [LENGTH_SHARES[0], 1.0, LENGTH_SHARES[1]];
+        Panel {
+            title: name(&aid),
+            x: Axis::linear("length over width of the band").over(0.0, 130.0),
+            y: Axis::linear("time (s)").over(0.0, 9.0),
+            series: shares.into_iter().zip([Color::Sky, Color::Black, Color::Vermilion]).flat_map(of).collect(),
+        }
+    };
+    Chart {
+        title: format!(
+            "Ways of three lengths on the circle: time along a band, medians of {USERS} users with intervals of 95 %"
+        ),
+        panels: AIDS_AT_LENGTHS.map(panel).to_vec(),
+        columns: 3,
+    }
 }
 
 fn error(widths: &Table) -> Chart {

@@ -26,6 +26,7 @@ impl Speed {
     pub(super) fn new() -> Self {
         Self(vec![
             Box::new(Runs::widths()),
+            Box::new(Runs::lengths()),
             Box::new(Runs::varied()),
             Box::new(Runs::beside()),
             Box::new(Runs::again()),
@@ -98,7 +99,7 @@ impl Study for Speed {
     }
 
     fn report(&self, tables: &[Table]) -> Report {
-        let [widths, varied, beside, again] = tables else { return Report::default() };
+        let [widths, lengths, varied, beside, again] = tables else { return Report::default() };
         let mut notes = vec![format!(
             "time in s along the circle in bands of {} mm, medians (intervals of 95 %); RMS error in mm",
             { WIDTHS_M.map(|width_m| (1e3 * width_m).to_string()).join(", ") }
@@ -153,7 +154,7 @@ impl Study for Speed {
             ));
         }
         notes.push("mechanics and a model of a policy: no evidence about people".to_owned());
-        Report { notes, charts: draw::charts(widths, varied, beside) }
+        Report { notes, charts: draw::charts(widths, lengths, varied, beside) }
     }
 }
 

@@ -20,7 +20,11 @@ pub(super) const WIDTH_BESIDE_M: f64 = 0.008;
 /// Yield forces, in N.
 pub(super) const YIELDS_N: [f64; 2] = [5.0, 20.0];
 /// Users of a row: seeds of aim and tremor.
-pub(super) const USERS: u64 = 40;
+pub(super) const USERS: u64 = 120;
+/// Lengths of the way on the circle over the usual one.
+pub(super) const LENGTH_SHARES: [f64; 2] = [0.5, 1.5];
+/// The laws that are tried at those.
+pub(super) const AIDS_AT_LENGTHS: [Aid; 3] = [Aid::NONE, Aid::plastic(YIELDS_N[0]), Aid::plastic(YIELDS_N[1])];
 
 /// The soft hand with four times its damping: 0.5 of the critical one with the virtual mass of the rig.
 const DAMPED: Grip = Grip { name: "damped", damping_n_s_per_m: 32.0, ..GRIPS[0] };
@@ -84,7 +88,7 @@ pub(super) struct Runs {
 }
 
 fn trial(policy: Policy, track: Track, width_m: f64, aid: Aid) -> Trial {
-    Trial { policy, track, width_m, aid, beside_m: 0.0, step_share: 1.0 }
+    Trial { policy, track, length_share: 1.0, width_m, aid, beside_m: 0.0, step_share: 1.0 }
 }
 
 fn group(trial: Trial, variant: &'static str) -> Group {
@@ -101,6 +105,18 @@ impl Runs {
             }
         }
         Self { name: "widths", groups }
+    }
+
+    /// Widths of the band on shorter and longer ways on the circle.
+    pub(super) fn lengths() -> Self {
+        let mut groups = Vec::new();
+        for length_share in LENGTH_SHARES {
+            for aid in AIDS_AT_LENGTHS {
+                let of = |width_m| Trial { length_share, ..trial(USUAL, Track::Circle, width_m, aid) };
+                groups.extend(WIDTHS_M.map(|width_m| group(of(width_m), "")));
+            }
+        }
+        Self { name: "lengths", groups }
     }
 
     /// Users of other numbers, on the circle.
@@ -159,7 +175,8 @@ impl Group {
             aid.yield_n.into(),
             beside_m.into(),
             width_m.into(),
-            (track.length_m() / width_m).into(),
+            self.trial.length_m().into(),
+            (self.trial.length_m() / width_m).into(),
             (self.users.end - self.users.start).into(),
         ]
     }
@@ -214,6 +231,7 @@ impl Sweep for Runs {
             "yield_n",
             "beside_m",
             "width_m",
+            "length_m",
             "length_over_width",
             "users",
             "finished",

@@ -1,5 +1,7 @@
 //! The way that a user follows, by the length along it.
 
+use std::f64::consts::{FRAC_PI_2, TAU};
+
 use nalgebra::Vector2;
 
 use super::super::drawn::{finite, positive};
@@ -71,8 +73,10 @@ impl Track {
     pub(super) fn place(self, point_m: Vector2<f64>) -> (f64, f64) {
         match self {
             Self::Circle => {
-                let angle = elementary::atan2(point_m.y, point_m.x);
-                (CIRCLE_M * (angle - CIRCLE_FROM), elementary::hypot(point_m.x, point_m.y) - CIRCLE_M)
+                let angle = elementary::atan2(point_m.y, point_m.x) - CIRCLE_FROM;
+                // A long way goes beyond the half circle at which an angle jumps; behind its start a place is below zero.
+                let angle = if angle < -FRAC_PI_2 { angle + TAU } else { angle };
+                (CIRCLE_M * angle, elementary::hypot(point_m.x, point_m.y) - CIRCLE_M)
             }
             Self::Line => (point_m.x - LINE_FROM_M, point_m.y),
         }
@@ -99,7 +103,7 @@ mod tests {
     #[test]
     fn a_point_is_where_the_way_says_and_the_reference_lies_beside_it() {
         for track in [Track::Circle, Track::Line] {
-            for length_m in [0.0, 0.05, track.length_m()] {
+            for length_m in [0.0, 0.05, track.length_m(), 1.5 * track.length_m()] {
                 let Station { point_m, along, across, .. } = track.at(length_m);
                 let (found_m, off_m) = track.place(point_m + across * 0.003);
                 assert!((found_m - length_m).abs() < 1e-12 && (off_m - 0.003).abs() < 1e-12, "{track:?}");

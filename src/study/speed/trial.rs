@@ -3,20 +3,15 @@
 use nalgebra::Vector2;
 
 use super::super::bench::{Bench, BenchParameters};
-use super::super::drawn::{positive, shipped};
+use super::super::drawn::{bench, positive, shipped};
 use super::super::task::Aid;
 use super::track::Track;
-use super::user::{Errand, HAND_KG, Policy, User};
-use crate::assembly::{planar_fixture, torque_servo};
+use super::user::{Errand, Policy, User};
 use crate::fixture::{Fixture, Shape2};
-use crate::rig::simulated_arm;
-use crate::sim::arm::ArmParameters;
 
 const PERIOD_S: f64 = 1e-3;
 /// Longest step of the arm, in s.
-const PLANT_STEP_S: f64 = 2e-4;
-/// Torques act so many cycles late, and forces are as old.
-const DELAY_CYCLES: usize = 1;
+const PLANT_STEP_S: f64 = 5e-4;
 /// Rest before the start signal, in s: the error of the aim has grown by its end.
 const BEFORE_S: f64 = 0.5;
 /// A user who has not come to the end by then has not, in s after the start signal.
@@ -29,6 +24,8 @@ const THROWN_M: f64 = 0.05;
 pub(super) struct Trial {
     pub(super) policy: Policy,
     pub(super) track: Track,
+    /// The length of the way over the usual one.
+    pub(super) length_share: f64,
     /// Width of the band in whose middle the way runs, in m.
     pub(super) width_m: f64,
     pub(super) aid: Aid,
@@ -63,6 +60,10 @@ pub(super) struct Ready {
 }
 
 impl Trial {
+    pub(super) fn length_m(&self) -> f64 {
+        self.length_share * self.track.length_m()
+    }
+
     /// # Errors
     /// If a shipped file or a number is refused.
     pub(super) fn ready(&self) -> Result<Ready, String> {
@@ -70,7 +71,6 @@ impl Trial {
         rig.fixture.surface = self.track.surface(self.beside_m);
         rig.fixture.law = self.aid.config();
         rig.fixture.yield_n = self.aid.yield_n.map_or(rig.fixture.yield_n, positive);
-        let arm = simulated_arm(&rig, &scene).map_err(|error| error.to_string())?;
         let errand = Errand {
             track: self.track,
             width_m: self.width_m,
@@ -79,16 +79,8 @@ impl Trial {
             period_s: PERIOD_S,
         };
         let start = self.track.at(0.0);
-        let bench = BenchParameters {
-            arm: ArmParameters { handle_kg: HAND_KG, ..arm },
-            start_m: start.point_m + start.across * self.beside_m,
-            period_s: PERIOD_S,
-            plant_step_s: self.step_share * PLANT_STEP_S,
-            servo: torque_servo(&rig).map_err(|error| error.to_string())?,
-            delay_cycles: DELAY_CYCLES,
-            low_pass: None,
-        };
-        let fixture = planar_fixture(&rig.fixture, PERIOD_S).map_err(|error| error.to_string())?;
+        let start_m = start.point_m + start.across * self.beside_m;
+        let (bench, fixture) = bench(&rig, &scene, start_m, self.step_share * PLANT_STEP_S)?;
         Ok(Ready { trial: *self, errand, bench, fixture })
     }
 }
@@ -121,7 +113,7 @@ impl Ready {
                 continue;
             }
             let (along_m, off_m) = track.place(tool_m);
-            if along_m >= track.length_m() {
+            if along_m >= self.trial.length_m() {
                 (run.ended, run.time_s) = (None, since_s);
                 break;
             }

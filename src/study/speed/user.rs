@@ -2,19 +2,15 @@
 
 use nalgebra::Vector2;
 
-use super::super::task::Grip;
+use super::super::task::{Grip, HAND_LIMIT_N, TREMOR};
 use super::track::{Station, Track};
 use crate::setvalued::sat;
-use crate::sim::hand::{AimError, Hand, HandError, HandLoad, HandParameters, NoiseBand, Path};
+use crate::sim::hand::{AimError, Hand, HandError, HandLoad, HandParameters, Path};
 
 /// Corner of the error of the aim in Hz: people move by intent below some 2 Hz.
 const AIM_CORNER_HZ: f64 = 0.8;
 /// Time in which a user slows down to a chosen speed, to 63 %, in s.
 const SLOWS_S: f64 = 0.15;
-/// Mass and greatest force of the hand, and its tremor: those of the rig's scene.
-pub(super) const HAND_KG: f64 = 0.5;
-const HAND_LIMIT_N: f64 = 40.0;
-const TREMOR: NoiseBand = NoiseBand { rms: 0.1, low_hz: 8.0, high_hz: 12.0 };
 /// From this speed in m/s on a user pays for all of the friction felt; below, in proportion.
 const PAYS_FROM_M_PER_S: f64 = 0.005;
 /// Added to the seed of the tremor, so that the aim knows nothing of it.

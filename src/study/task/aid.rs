@@ -51,7 +51,7 @@ pub(in crate::study) struct Aid {
 impl Aid {
     pub(in crate::study) const NONE: Self = Self { law: Law::None, hardness: None, yield_n: None };
 
-    pub(in crate::study) fn plastic(yield_n: f64) -> Self {
+    pub(in crate::study) const fn plastic(yield_n: f64) -> Self {
         Self { law: Law::Plastic, hardness: None, yield_n: Some(yield_n) }
     }
 

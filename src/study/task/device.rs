@@ -7,11 +7,11 @@
 use nalgebra::Vector2;
 
 use super::aid::{Aid, Law};
-use super::trial::{BEFORE_S, LET_GO_S, Moment, PRESS_FOR_S, PRESS_IN_S, Trial};
+use super::trial::{LET_GO_S, Moment, Trial};
 use super::way::vector;
 use crate::fixture::{Coupling, Curvature, Fixture, Impedance, Limits, Parameters, Rearm, Shape2, Side};
 use crate::setvalued::sat;
-use crate::sim::hand::{AimError, Hand, HandLoad, HandParameters, Leg, NoiseBand, Path};
+use crate::sim::hand::HandLoad;
 use crate::sim::point_mass::{PointMass, PointMassParameters};
 
 /// Stiffnesses in N/m, of springs and of the coupling.
@@ -28,10 +28,6 @@ const PERIOD_S: f64 = 1e-3;
 const STEP_S: f64 = 1e-4;
 const DAMPING_N_S_PER_M: f64 = 1.5;
 const FRICTION_N: f64 = 0.5;
-/// Mass, tremor and greatest force of the hand of the rig's scene.
-const HAND_KG: f64 = 0.5;
-const TREMOR: NoiseBand = NoiseBand { rms: 0.1, low_hz: 8.0, high_hz: 12.0 };
-const HAND_LIMIT_N: f64 = 40.0;
 /// A tool that is so far from the origin has been thrown off, in m.
 const THROWN_M: f64 = 0.5;
 
@@ -97,22 +93,9 @@ impl Renderer {
 /// How the run ended, and its moments.
 pub(super) fn run(trial: &Trial) -> Result<(String, Vec<Moment>), String> {
     let start = vector(trial.way.start_m());
-    let mut legs = vec![Leg::Wait { for_s: BEFORE_S }];
-    legs.extend(trial.way.legs(trial.press_from_s() - BEFORE_S));
-    legs.push(Leg::To { point_m: vector(trial.way.beyond_m(trial.press_m())), in_s: PRESS_IN_S });
-    legs.push(Leg::Wait { for_s: PRESS_FOR_S + LET_GO_S });
-    let path = Path::new(start, &legs).map_err(|error| error.to_string())?;
-    let (rms_m, corner_hz) = trial.aim_error();
-    let parameters = HandParameters {
-        mass_kg: HAND_KG,
-        stiffness_n_per_m: trial.grip.stiffness_n_per_m,
-        damping_n_s_per_m: trial.grip.damping_n_s_per_m,
-        voluntary_force_limit_n: HAND_LIMIT_N,
-        tremor: Some(TREMOR),
-        aim_error: Some(AimError { rms_m, corner_hz }),
-    };
-    let mut hand = Hand::new(parameters, path, 1 + trial.user).map_err(|error| error.to_string())?;
-    let mut held = PointMass::new(DEVICE, HAND_KG, start).map_err(|error| error.to_string())?;
+    let mut hand = trial.hand()?;
+    let hand_kg = hand.parameters().mass_kg;
+    let mut held = PointMass::new(DEVICE, hand_kg, start).map_err(|error| error.to_string())?;
     let mut renderer = Renderer::new(trial)?;
     let mut moments = Vec::new();
     let mut let_go = None;

@@ -3,7 +3,7 @@
 use super::super::chart::{Axis, Chart, Color, Estimate, Mark, Panel, Series};
 use super::super::sweep::{Row, Table, wilson};
 use super::aid::{Aid, DRIFTS_M_PER_S, Law, SPRINGS_N_PER_M, YIELDS_N};
-use super::runs::{AIM_M, AIMS_M, SPEED_M_PER_S, SPEEDS_M_PER_S};
+use super::runs::{AIM_M, AIMS_M, SPEED_M_PER_S, SPEEDS_M_PER_S, USERS};
 use super::trial::GRIPS;
 use super::{device, of_aid, of_errors};
 
@@ -60,8 +60,7 @@ fn speed(speeds: &Table) -> Chart {
     let panel = |yield_n: f64| {
         let of = |aid: &Aid| {
             let at = |speed: f64| {
-                let rows =
-                    speeds.rows().filter(|row| row.word("way") == "circle" && row.number("speed_m_per_s") == speed);
+                let rows = speeds.rows().filter(|row| row.number("speed_m_per_s") == speed);
                 of_aid(rows, aid).map(|row| (Estimate::from(speed), row.estimate(ERROR, 1e3)))
             };
             series(aid, &SPEEDS_M_PER_S.into_iter().filter_map(at).collect::<Vec<_>>())
@@ -75,7 +74,7 @@ fn speed(speeds: &Table) -> Chart {
     };
     Chart {
         title: format!(
-            "Error at an imposed speed, circle, aim off by {} mm RMS at rest; medians of 24 users with intervals of 95 %",
+            "Error at an imposed speed, circle, aim off by {} mm RMS at rest; medians of {USERS} users with intervals of 95 %",
             1e3 * AIM_M
         ),
         panels: YIELDS_N.map(panel).to_vec(),

@@ -7,6 +7,9 @@
 //! The user is a hand with mass, stiffness and damping, tremor as a force, and an aim that errs slowly and by more the
 //! faster it moves. A clock drives the aim: the user answers neither the fixture nor the error. It supports mechanical claims (error, energy,
 //! jump), none about how well people do.
+//!
+//! The rig is the [bench](super::bench) of all studies: exact angles and forces, no bus, no counts, no guard. Few users are run on the whole
+//! rig besides.
 
 mod aid;
 mod device;
@@ -17,7 +20,7 @@ mod way;
 
 pub(super) use self::aid::{Aid, Law};
 use self::runs::{AIM_M, AIMS_AGAIN_M, Runs, SPEED_M_PER_S};
-pub(super) use self::trial::{GRIPS, Grip};
+pub(super) use self::trial::{GRIPS, Grip, HAND_LIMIT_N, TREMOR};
 use super::sweep::{Report, Row, Study, Sweep, Table};
 
 /// The study `task`.
@@ -113,7 +116,7 @@ impl Study for Task {
                 of_aid(of_errors(errors, trial::GRIPS[0].name, AIM_M), &aid).map(|row| line(&aid.name(), &row)),
             );
         }
-        for variant in ["other users", "half the step"] {
+        for variant in ["other users", "twice the users", "half the step"] {
             // Below these a number is that of the servo's own unrest.
             for (column, least) in [("error_rms_m", 1e-5), ("energy_across_j", 1e-4)] {
                 notes.extend(

@@ -4,11 +4,11 @@ use std::ops::Range;
 
 use serde_json::Value;
 
-use super::super::sweep::{Clock, Sweep, median, median_interval};
+use super::super::sweep::{Clock, Sweep, median, median_interval, wilson};
 use super::aid::{Aid, Law};
 use super::device;
 use super::trial::{FOUND, GRIPS, Grip, Trial};
-use super::way::{WAYS, Way};
+use super::way::Way;
 
 /// Mean speeds of the aim along the way, in m/s: care to a quick sweep.
 pub(super) const SPEEDS_M_PER_S: [f64; 4] = [0.04, 0.08, 0.16, 0.25];
@@ -20,13 +20,18 @@ pub(super) const AIM_M: f64 = 0.005;
 /// Errors of the aim at which rows are computed again.
 pub(super) const AIMS_AGAIN_M: [f64; 2] = [0.005, 0.01];
 /// Users of a row: seeds of tremor and aim.
-const USERS: u64 = 24;
+pub(super) const USERS: u64 = 240;
+/// Users who are run on the whole rig too.
+const USERS_ON_RIG: u64 = 24;
 /// Press off the way on the rig, in N.
 const PRESS_N: f64 = 16.0;
 
 /// Which machine runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Machine {
+    /// The arm of the rig with fixture and servo.
+    Bench,
+    /// The same with bus, counts, noise and guard.
     Rig,
     Device,
 }
@@ -44,9 +49,11 @@ struct Group {
 pub(super) struct Runs {
     name: &'static str,
     groups: Vec<Group>,
+    /// Whether the error of each user is kept.
+    keeps_each: bool,
 }
 
-fn on_rig(way: Way, grip: Grip, aim_m: f64, aid: Aid, speed_m_per_s: f64) -> Trial {
+fn trial(way: Way, grip: Grip, aim_m: f64, aid: Aid, speed_m_per_s: f64) -> Trial {
     Trial { way, grip, aim_m, aid, speed_m_per_s, user: 0, press_n: PRESS_N, step_share: 1.0 }
 }
 
@@ -54,17 +61,19 @@ fn group(trial: Trial, machine: Machine) -> Group {
     Group { trial, users: 0..USERS, machine, variant: "" }
 }
 
+/// The soft hand on the circle.
+fn soft(aim_m: f64, aid: Aid, speed_m_per_s: f64) -> Trial {
+    trial(Way::Circle, GRIPS[0], aim_m, aid, speed_m_per_s)
+}
+
 impl Runs {
     /// Imposed speeds.
     pub(super) fn speeds() -> Self {
         let mut groups = Vec::new();
-        for way in WAYS {
-            for aid in Aid::all() {
-                groups
-                    .extend(SPEEDS_M_PER_S.map(|speed| group(on_rig(way, GRIPS[0], AIM_M, aid, speed), Machine::Rig)));
-            }
+        for aid in Aid::all() {
+            groups.extend(SPEEDS_M_PER_S.map(|speed| group(soft(AIM_M, aid, speed), Machine::Bench)));
         }
-        Self { name: "speeds", groups }
+        Self { name: "speeds", groups, keeps_each: false }
     }
 
     /// Errors of the aim, with a soft and a stiff hand.
@@ -72,11 +81,11 @@ impl Runs {
         let mut groups = Vec::new();
         for grip in GRIPS {
             for aim_m in AIMS_M {
-                let trial = |aid| group(on_rig(Way::Circle, grip, aim_m, aid, SPEED_M_PER_S), Machine::Rig);
-                groups.extend(Aid::all().into_iter().map(trial));
+                let of = |aid| group(trial(Way::Circle, grip, aim_m, aid, SPEED_M_PER_S), Machine::Bench);
+                groups.extend(Aid::all().into_iter().map(of));
             }
         }
-        Self { name: "errors", groups }
+        Self { name: "errors", groups, keeps_each: true }
     }
 
     /// The impedance device.
@@ -91,25 +100,32 @@ impl Runs {
                     aids.push(Aid { hardness: Some(stiffness), ..Aid::plastic(yield_n) });
                 }
             }
-            let trial = |aid| Trial { press_n: device::PRESS_N, ..on_rig(Way::Ring, grip, AIM_M, aid, SPEED_M_PER_S) };
-            groups.extend(aids.into_iter().map(|aid| group(trial(aid), Machine::Device)));
+            let of = |aid| Trial { press_n: device::PRESS_N, ..trial(Way::Ring, grip, AIM_M, aid, SPEED_M_PER_S) };
+            groups.extend(aids.into_iter().map(|aid| group(of(aid), Machine::Device)));
         }
-        Self { name: "device", groups }
+        Self { name: "device", groups, keeps_each: false }
     }
 
-    /// The rows of `errors` again for the soft hand: with other users, and with half the step of the simulation.
+    /// The rows of `errors` again for the soft hand: with other users, with twice as many, and with half the step of the simulation.
+    /// Then few users with and without the whole rig.
     pub(super) fn again() -> Self {
         let mut groups = Vec::new();
         for aim_m in AIMS_AGAIN_M {
             for aid in Aid::all() {
-                let trial = on_rig(Way::Circle, GRIPS[0], aim_m, aid, SPEED_M_PER_S);
-                let others = USERS..2 * USERS;
-                groups.push(Group { users: others, variant: "other users", ..group(trial, Machine::Rig) });
-                let trial = Trial { step_share: 0.5, ..trial };
-                groups.push(Group { variant: "half the step", ..group(trial, Machine::Rig) });
+                let trial = soft(aim_m, aid, SPEED_M_PER_S);
+                let again = |variant, users, trial| Group { variant, users, ..group(trial, Machine::Bench) };
+                groups.push(again("other users", USERS..2 * USERS, trial));
+                groups.push(again("twice the users", 0..2 * USERS, trial));
+                groups.push(again("half the step", 0..USERS, Trial { step_share: 0.5, ..trial }));
             }
         }
-        Self { name: "again", groups }
+        for aid in Aid::all() {
+            for (variant, machine) in [("few users", Machine::Bench), ("few users, whole rig", Machine::Rig)] {
+                let few = group(soft(AIM_M, aid, SPEED_M_PER_S), machine);
+                groups.push(Group { variant, users: 0..USERS_ON_RIG, ..few });
+            }
+        }
+        Self { name: "again", groups, keeps_each: false }
     }
 }
 
@@ -117,6 +133,7 @@ impl Group {
     fn run(&self, user: u64) -> (Vec<Value>, Option<f64>) {
         let trial = Trial { user, ..self.trial };
         let ran = match self.machine {
+            Machine::Bench => trial.on_bench(),
             Machine::Rig => trial.on_rig(),
             Machine::Device => device::run(&trial),
         };
@@ -159,6 +176,9 @@ impl Sweep for Runs {
             "error_low_m",
             "error_high_m",
             "error_max_m",
+            "inside",
+            "inside_low",
+            "inside_high",
             "outside_share",
             "force_max_n",
             "energy_across_j",
@@ -204,17 +224,23 @@ impl Runs {
         };
         cells.extend([(users.end - users.start).into(), ran.into(), first.into()]);
         cells.extend(with_interval("error_rms_m"));
-        cells.extend(["error_max_m", "outside_share", "force_max_n"].map(middle));
+        cells.push(middle("error_max_m"));
+        // Those who never left the band.
+        let inside = column("outside_share").into_iter().filter(|share| *share == 0.0).count();
+        let [low, high] = wilson(inside as u64, ran as u64);
+        cells.extend([inside.into(), low.into(), high.into()]);
+        cells.extend(["outside_share", "force_max_n"].map(middle));
         cells.extend(with_interval("energy_given_across_j"));
         cells.push(middle("press_m"));
         cells.extend(with_interval("jump_back_m"));
         cells.push(median(runs.iter().filter_map(|run| run.1)).into());
         // Of each user, in order, so that two laws can be compared user by user; a dash for a run that did not come to its end.
         let each = runs.iter().map(|run| match run.0[1].as_f64().filter(|_| outcome(run) == RAN) {
-            Some(error_m) => format!("{:.1}", 1e6 * error_m),
+            Some(error_m) if error_m < 1e-4 => format!("{:.1}", 1e6 * error_m),
+            Some(error_m) => format!("{:.0}", 1e6 * error_m),
             None => "-".to_owned(),
         });
-        cells.push(each.collect::<Vec<_>>().join(" ").into());
+        cells.push(self.keeps_each.then(|| each.collect::<Vec<_>>().join(" ")).into());
         cells
     }
 

@@ -1,16 +1,18 @@
-//! One user on one way, on the admittance rig; and what is measured of a run on any machine.
+//! One user on one way, on the arm of the admittance rig alone or on the whole rig; and what is measured of a run on any machine.
 
 use std::ops::ControlFlow;
 
 use serde_json::Value;
 
-use super::super::drawn::{finite, not_negative, positive, shipped};
+use super::super::bench::Bench;
+use super::super::drawn::{bench, finite, not_negative, positive, shipped};
 use super::aid::Aid;
-use super::way::Way;
-use crate::config::{AimError, PathSegment};
+use super::way::{Way, vector};
+use crate::config::{self, PathSegment};
 use crate::elementary;
 use crate::injection::{Injection, Kind};
 use crate::report::{Overrides, Watch, run_rig};
+use crate::sim::hand::{AimError, Hand, HandParameters, Leg, NoiseBand, Path};
 
 /// How the error of the aim grows with its speed, in s.
 ///
@@ -21,16 +23,23 @@ const AIM_PER_SPEED_S: f64 = 0.05;
 /// Its corner in Hz: people move by intent below some 2 Hz.
 const AIM_CORNER_HZ: f64 = 0.8;
 /// Rest before the way, in s: the error of the aim has grown by its end.
-pub(super) const BEFORE_S: f64 = 0.5;
+const BEFORE_S: f64 = 0.5;
 /// How fast the user presses off the way, and for how long, in s.
-pub(super) const PRESS_IN_S: f64 = 0.5;
-pub(super) const PRESS_FOR_S: f64 = 0.6;
+const PRESS_IN_S: f64 = 0.5;
+const PRESS_FOR_S: f64 = 0.6;
 /// How long the hand has let go at the end, in s.
 pub(super) const LET_GO_S: f64 = 0.8;
 /// Half of the width within which the user shall stay, in m.
 const HALF_WIDTH_M: f64 = 0.002;
 /// The end of a run in which the tool should be at rest, in s.
 const RESTING_S: f64 = 0.3;
+/// Longest step of the arm without the rig around it, in s.
+const PLANT_STEP_S: f64 = 5e-4;
+
+/// Mass, greatest force and tremor of the hand of the rig's scene.
+const HAND_KG: f64 = 0.5;
+pub(in crate::study) const HAND_LIMIT_N: f64 = 40.0;
+pub(in crate::study) const TREMOR: NoiseBand = NoiseBand { rms: 0.1, low_hz: 8.0, high_hz: 12.0 };
 
 /// A hand: its spring and damper. Its mass is that of the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -98,22 +107,49 @@ impl Trial {
     }
 
     /// RMS of the aim's error at this speed, in m.
-    pub(super) fn aim_error(&self) -> (f64, f64) {
+    fn aim_error(&self) -> (f64, f64) {
         (self.aim_m + AIM_PER_SPEED_S * self.speed_m_per_s, AIM_CORNER_HZ)
     }
 
     /// How far beyond the way the aim goes in the end, in m.
-    pub(super) fn press_m(&self) -> f64 {
+    fn press_m(&self) -> f64 {
         self.press_n / self.grip.stiffness_n_per_m
     }
 
-    pub(super) fn segments(&self) -> Vec<PathSegment> {
-        let mut path = vec![PathSegment::Wait { for_s: positive(BEFORE_S) }];
-        path.extend(self.way.segments(self.trace_s()));
+    /// Where the hand aims, for the scene of a rig.
+    fn segments(&self) -> Vec<PathSegment> {
         let point_m = self.way.beyond_m(self.press_m()).map(finite).to_vec();
-        path.push(PathSegment::To { point_m, in_s: positive(PRESS_IN_S) });
-        path.push(PathSegment::Wait { for_s: positive(PRESS_FOR_S + LET_GO_S) });
-        path
+        vec![
+            PathSegment::Wait { for_s: positive(BEFORE_S) },
+            self.way.segment(self.trace_s()),
+            PathSegment::To { point_m, in_s: positive(PRESS_IN_S) },
+            PathSegment::Wait { for_s: positive(PRESS_FOR_S + LET_GO_S) },
+        ]
+    }
+
+    /// The hand of this user, the same as that of the scene.
+    pub(super) fn hand(&self) -> Result<Hand<2>, String> {
+        let legs = [
+            Leg::Wait { for_s: BEFORE_S },
+            self.way.leg(self.trace_s()),
+            Leg::To { point_m: vector(self.way.beyond_m(self.press_m())), in_s: PRESS_IN_S },
+            Leg::Wait { for_s: PRESS_FOR_S + LET_GO_S },
+        ];
+        let path = Path::new(vector(self.way.start_m()), &legs).map_err(|error| error.to_string())?;
+        let (rms_m, corner_hz) = self.aim_error();
+        let parameters = HandParameters {
+            mass_kg: HAND_KG,
+            stiffness_n_per_m: self.grip.stiffness_n_per_m,
+            damping_n_s_per_m: self.grip.damping_n_s_per_m,
+            voluntary_force_limit_n: HAND_LIMIT_N,
+            tremor: Some(TREMOR),
+            aim_error: Some(AimError { rms_m, corner_hz }),
+        };
+        Hand::new(parameters, path, self.seed()).map_err(|error| error.to_string())
+    }
+
+    fn seed(&self) -> u64 {
+        1 + self.user
     }
 
     /// What is asked, but for the user.
@@ -129,23 +165,52 @@ impl Trial {
         ]
     }
 
-    /// On the rig of the paper with this fixture, and a scene with this hand in place of its own: how it ended, and the moments.
-    pub(super) fn on_rig(&self) -> Result<(String, Vec<Moment>), String> {
-        let (mut rig, mut scene) = shipped("paper-admittance.yaml")?;
+    /// The rig of the paper with this fixture, and its scene.
+    fn machine(&self) -> Result<(config::Rig, config::Scene), String> {
+        let (mut rig, scene) = shipped("paper-admittance.yaml")?;
         rig.fixture.surface = self.way.surface();
         rig.fixture.law = self.aid.config();
         rig.fixture.yield_n = self.aid.yield_n.map_or(rig.fixture.yield_n, positive);
+        Ok((rig, scene))
+    }
+
+    /// On the arm of the rig without bus, counts, noise and guard: how it ended, and the moments.
+    pub(super) fn on_bench(&self) -> Result<(String, Vec<Moment>), String> {
+        let (rig, scene) = self.machine()?;
+        let (parameters, fixture) = bench(&rig, &scene, vector(self.way.start_m()), self.step_share * PLANT_STEP_S)?;
+        let mut bench = Bench::new(&parameters, fixture).map_err(|error| error.to_string())?;
+        let mut hand = self.hand()?;
+        let cycles = ((self.let_go_s() + LET_GO_S) / parameters.period_s).round() as u64;
+        let mut moments = Vec::with_capacity(cycles as usize);
+        for cycle in 0..cycles {
+            if cycle as f64 * parameters.period_s >= self.let_go_s() {
+                hand.set_stiffness(0.0).map_err(|error| error.to_string())?;
+            }
+            let seen = match bench.run_cycle(cycle.saturating_sub(1), |time_s, tip| hand.load(time_s, tip.0)) {
+                Ok(seen) => seen,
+                Err(error) => return Ok((error.to_string(), moments)),
+            };
+            moments.push(Moment {
+                time_s: seen.time_s,
+                tool_m: seen.tool_m.into(),
+                velocity_m_per_s: seen.tool_velocity_m_per_s.into(),
+                force_n: (-seen.force_n).into(),
+            });
+        }
+        Ok(("ran".to_owned(), moments))
+    }
+
+    /// The same user on the whole rig, with a scene that has this hand in place of its own.
+    pub(super) fn on_rig(&self) -> Result<(String, Vec<Moment>), String> {
+        let (rig, mut scene) = self.machine()?;
         let (rms_m, corner_hz) = self.aim_error();
-        scene.hand.aim_error = Some(AimError { rms_m: not_negative(rms_m), corner_hz: positive(corner_hz) });
+        scene.hand.aim_error = Some(config::AimError { rms_m: not_negative(rms_m), corner_hz: positive(corner_hz) });
         scene.hand.stiffness_n_per_m = positive(self.grip.stiffness_n_per_m);
         scene.hand.damping_n_s_per_m = not_negative(self.grip.damping_n_s_per_m);
         scene.hand.start_m = self.way.start_m().map(finite).to_vec();
         scene.hand.path = self.segments();
         scene.duration_s = positive(self.let_go_s() + LET_GO_S);
-        scene.seed = 1 + self.user;
-        if let Some(model) = &mut scene.model {
-            model.plant_step_us = (self.step_share * f64::from(model.plant_step_us)).round().max(1.0) as u32;
-        }
+        scene.seed = self.seed();
         let let_go = Injection::new(Kind::HandStiff, self.let_go_s()).lasting(None).sized(0.0);
         let overrides = Overrides { faults: vec![let_go], ..Overrides::default() };
         let report = run_rig(&rig, &scene, &overrides, Watch::default(), |_| ControlFlow::Continue(()))
