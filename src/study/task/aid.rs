@@ -7,8 +7,9 @@ use crate::config::FixtureLaw;
 pub(super) const YIELDS_N: [f64; 4] = [5.0, 10.0, 20.0, 40.0];
 /// Stiffnesses of springs, in N/m.
 pub(super) const SPRINGS_N_PER_M: [f64; 4] = [1e3, 1e4, 1e5, 1e6];
-/// Speeds in m/s at which a push of R drives the tool across a viscous field: the field is R over this.
-pub(super) const DRIFTS_M_PER_S: [f64; 2] = [0.1, 0.01];
+/// Speeds in m/s at which a push of R drives the tool across a viscous field: the field is R over this. R sizes the field and does not limit its
+/// force.
+pub(super) const DRIFTS_M_PER_S: [f64; 3] = [0.01, 0.001, 0.0001];
 /// Damping of a viscous field along the way, in N s/m.
 const ALONG_N_S_PER_M: f64 = 10.0;
 /// Virtual mass of the rig in kg. The damping of a spring is half the critical one of this mass, `sqrt(K M)`.

@@ -3,12 +3,14 @@
 use super::super::chart::{Axis, Chart, Color, Estimate, Mark, Panel, Series};
 use super::super::sweep::{Row, Table, wilson};
 use super::aid::{Aid, DRIFTS_M_PER_S, Law, SPRINGS_N_PER_M, YIELDS_N};
-use super::runs::{AIM_M, AIMS_M, SPEED_M_PER_S, SPEEDS_M_PER_S, USERS};
+use super::runs::{AIM_M, AIMS_M, PRESS_N, SPEED_M_PER_S, SPEEDS_M_PER_S, USERS};
 use super::trial::GRIPS;
 use super::{device, of_aid, of_errors};
 
 /// A tool that jumps back by less than this, in m, is not thrown.
 const THROWN_M: f64 = 1e-3;
+/// A law that lets a press above R move the tool by this share of what it moves without a fixture gives way.
+const GIVES_WAY: f64 = 0.5;
 /// A law that errs by more than this share of another's error is alike.
 const ALIKE: f64 = 0.9;
 /// Width of a cell of the map, in thousandths of the panel.
@@ -32,18 +34,19 @@ pub(super) fn charts(errors: &Table, speeds: &Table, device: &Table) -> Vec<Name
 
 /// How a fixture is drawn, whatever its R.
 fn look(aid: &Aid) -> (Color, Mark) {
-    let place = |stiffness: f64| SPRINGS_N_PER_M.iter().position(|it| *it == stiffness).unwrap_or(0);
-    let color = match aid.law {
-        Law::None => Color::Black,
-        Law::Plastic => Color::Blue,
-        Law::Viscous => Color::Sky,
-        Law::Saturated | Law::Spring => {
-            [Color::Orange, Color::Vermilion, Color::Green, Color::Purple][place(aid.hardness.unwrap_or_default())]
-        }
+    let of_spring = |stiffness: f64| {
+        let place = SPRINGS_N_PER_M.iter().position(|it| *it == stiffness).unwrap_or(0);
+        [Color::Orange, Color::Vermilion, Color::Green, Color::Purple][place]
     };
-    let is_hard =
-        aid.law == Law::Viscous && aid.yield_n.zip(aid.hardness).map(|(r, d)| r / d) == Some(DRIFTS_M_PER_S[1]);
-    (color, if is_hard { Mark::MarkedDashes } else { Mark::MarkedLine })
+    let drift_m_per_s = aid.yield_n.zip(aid.hardness).map(|(r, d)| r / d);
+    match aid.law {
+        Law::None => (Color::Black, Mark::MarkedLine),
+        Law::Plastic => (Color::Blue, Mark::MarkedLine),
+        Law::Saturated | Law::Spring => (of_spring(aid.hardness.unwrap_or_default()), Mark::MarkedLine),
+        Law::Viscous if drift_m_per_s > Some(DRIFTS_M_PER_S[1]) => (Color::Sky, Mark::MarkedLine),
+        Law::Viscous if drift_m_per_s > Some(DRIFTS_M_PER_S[2]) => (Color::Sky, Mark::MarkedDashes),
+        Law::Viscous => (Color::Black, Mark::MarkedDashes),
+    }
 }
 
 /// Those that are drawn at an R.
@@ -154,12 +157,15 @@ fn best<'a>(rows: &[Row<'a>], yield_n: f64, may: impl Fn(&Row<'_>) -> bool) -> O
 fn map(errors: &Table) -> Chart {
     let mut panels = Vec::new();
     for grip in GRIPS {
-        for (what, most_m) in [("least error", f64::INFINITY), ("of laws that jump by less than 1 mm", THROWN_M)] {
+        for (what, is_choosy) in [("of all laws", false), ("gives way, jumps < 1 mm", true)] {
             let mut cells: [Vec<(f64, f64)>; 4] = Default::default();
             for (place, yield_n) in YIELDS_N.into_iter().enumerate() {
                 for aim_m in AIMS_M {
                     let rows: Vec<Row<'_>> = of_errors(errors, grip.name, aim_m).collect();
-                    let may = |row: &Row<'_>| row.number("jump_m") < most_m && row.number("ran") > 0.0;
+                    let free_m = of_aid(rows.iter().copied(), &Aid::NONE).map_or(f64::NAN, |row| row.number("press_m"));
+                    let gives_way = |row: &Row<'_>| yield_n >= PRESS_N || row.number("press_m") > GIVES_WAY * free_m;
+                    let is_wanted = |row: &Row<'_>| row.number("jump_m") < THROWN_M && gives_way(row);
+                    let may = |row: &Row<'_>| row.number("ran") > 0.0 && (!is_choosy || is_wanted(row));
                     let which = match best(&rows, yield_n, may) {
                         Some(Law::Plastic) => 0,
                         Some(Law::Saturated) => 1,

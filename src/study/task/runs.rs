@@ -24,7 +24,7 @@ pub(super) const USERS: u64 = 240;
 /// Users who are run on the whole rig too.
 const USERS_ON_RIG: u64 = 24;
 /// Press off the way on the rig, in N.
-const PRESS_N: f64 = 16.0;
+pub(super) const PRESS_N: f64 = 16.0;
 
 /// Which machine runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

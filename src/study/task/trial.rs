@@ -68,7 +68,7 @@ pub(super) struct Trial {
     pub(super) user: u64,
     /// Force of the press off the way, in the hand's own spring, in N.
     pub(super) press_n: f64,
-    /// Step of the simulation over that of the scene.
+    /// Step of the arm's simulation over the usual one. The whole rig has that of its scene.
     pub(super) step_share: f64,
 }
 
