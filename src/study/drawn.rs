@@ -3,10 +3,9 @@
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
+use nalgebra::Vector2;
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::SeedableRng;
-
-use nalgebra::Vector2;
 
 use super::bench::BenchParameters;
 use crate::assembly::{planar_fixture, torque_servo};
