@@ -7,6 +7,7 @@
 
 use crate::elementary;
 use std::f64::consts::PI;
+use std::sync::LazyLock;
 
 use nalgebra::{Complex, Matrix2};
 
@@ -147,12 +148,20 @@ pub fn principal_inertias(mass_matrix: &Matrix2<f64>) -> Result<[f64; 2], Contro
     }
 }
 
+/// The frequencies `theta` of the grid, the lowest first.
+static GRID: LazyLock<Vec<f64>> = LazyLock::new(|| {
+    let at = |i: usize| PI * (1.0 - 1e-7) * elementary::powf(GRID_SPAN, 1.0 - i as f64 / GRID_POINTS as f64);
+    (0..=GRID_POINTS).map(at).collect()
+});
+
 /// What a loop has at one frequency whatever its plant.
 struct Frequency {
     /// `theta`, from above 0 to pi.
     theta: f64,
     /// `exp(i theta) - 1`.
     below: Complex<f64>,
+    /// `exp(-i theta)`.
+    earlier: Complex<f64>,
     controller: Complex<f64>,
     /// Of the whole cycles of delay.
     delay: Complex<f64>,
@@ -161,9 +170,11 @@ struct Frequency {
 impl Frequency {
     fn of(servo: &ServoLoop, theta: f64) -> Self {
         let (sin, cos) = elementary::sin_cos(-theta * servo.delay_cycles.trunc());
+        let below = below_one(theta);
         Self {
             theta,
-            below: below_one(theta),
+            below,
+            earlier: (below + 1.0).inv(),
             controller: controller_response(&servo.gains, servo.period_s, theta),
             delay: Complex::new(cos, sin),
         }
@@ -171,8 +182,7 @@ impl Frequency {
 
     /// Those among which crossovers are looked for, the lowest first.
     fn grid(servo: &ServoLoop) -> Vec<Self> {
-        let at = |i: usize| PI * (1.0 - 1e-7) * elementary::powf(GRID_SPAN, 1.0 - i as f64 / GRID_POINTS as f64);
-        (0..=GRID_POINTS).map(|i| Self::of(servo, at(i))).collect()
+        GRID.iter().map(|&theta| Self::of(servo, theta)).collect()
     }
 }
 
@@ -224,10 +234,9 @@ impl OpenLoop {
 
     /// `L` at a frequency.
     fn response(&self, frequency: &Frequency) -> Complex<f64> {
-        let Frequency { below, controller, delay, .. } = *frequency;
-        let z = below + 1.0;
+        let Frequency { below, earlier, controller, delay, .. } = *frequency;
         let [new, old] = self.input;
-        let [position, rate] = [0, 1].map(|i| z.inv() * old[i] + new[i]);
+        let [position, rate] = [0, 1].map(|i| earlier * old[i] + new[i]);
         let free = below + self.rate_loss;
         let plant = (position * free + rate * self.coast) / (below * free);
         controller * plant * delay
@@ -292,7 +301,11 @@ impl OpenLoop {
 
     /// Frequencies `theta` at which `|L| = 1`, and the factors on all gains at which `L` passes through -1.
     fn crossovers(&self, grid: &[Frequency]) -> (Vec<f64>, Vec<f64>) {
-        let is_weak = |response: Complex<f64>| elementary::hypot(response.re, response.im) < 1.0;
+        let is_weak = |response: Complex<f64>| {
+            // Away from one nobody waits for a root.
+            let square = response.norm_sqr();
+            if (square - 1.0).abs() > 1e-3 { square < 1.0 } else { elementary::hypot(response.re, response.im) < 1.0 }
+        };
         let lags = |response: Complex<f64>| response.im < 0.0;
         let mut gain_crossovers = Vec::new();
         let mut critical_gains = Vec::new();

@@ -151,10 +151,7 @@ impl HeldLoop {
     /// Greatest modulus of an eigenvalue of the map of the state over the common period of cycle and sensor; `None` if they
     /// were not found.
     pub fn spectral_radius(&self, mass_kg: f64) -> Option<f64> {
-        let mut map = DMatrix::identity(self.size, self.size);
-        for mut state in map.column_iter_mut() {
-            self.follow(mass_kg, state.as_mut_slice());
-        }
+        let mut map = self.map(mass_kg);
         // Balancing halves and doubles until norms are alike, and never ends with one that is infinite.
         if !map.iter().all(|entry| entry.abs() < GREATEST_ENTRY) {
             return None;
@@ -163,6 +160,24 @@ impl HeldLoop {
         let poles = Schur::try_new(map, f64::EPSILON, SCHUR_ITERATIONS)?.complex_eigenvalues();
         let radius = poles.iter().map(|pole| elementary::hypot(pole.re, pole.im)).fold(0.0, f64::max);
         radius.is_finite().then_some(radius)
+    }
+
+    /// The map over the common period of those parts of the state that it is given and hands on. The others add eigenvalues of zero.
+    fn map(&self, mass_kg: f64) -> DMatrix<f64> {
+        let mut map = DMatrix::identity(self.size, self.size);
+        for mut state in map.column_iter_mut() {
+            self.follow(mass_kg, state.as_mut_slice());
+        }
+        let mut parts: Vec<usize> = (0..self.size).collect();
+        loop {
+            let is_given = |&part: &usize| parts.iter().any(|&other| map[(other, part)] != 0.0);
+            let hands_on = |&part: &usize| parts.iter().any(|&other| map[(part, other)] != 0.0);
+            let left: Vec<usize> = parts.iter().copied().filter(|part| is_given(part) && hands_on(part)).collect();
+            if left.len() == parts.len() {
+                return map.select_rows(&parts).select_columns(&parts);
+            }
+            parts = left;
+        }
     }
 
     /// Puts the events of the common period in order.
