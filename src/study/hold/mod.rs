@@ -85,15 +85,17 @@ impl Impacts {
         Self { name: "impacts", settings }
     }
 
-    /// The plane wall again: with other hands, and with half the step of the plant.
+    /// The plane wall again: with other hands, and automatic holds with half the step of the plant.
     fn again() -> Self {
         let mut settings = Vec::new();
         for grips in GRIPS {
             for rule in RULES {
                 let setting = Setting::of(rule, Place::Wall, grips);
                 settings.push(Setting { variant: "other hands", seed: OTHER_SEED, ..setting });
-                let strike = Strike { finer: 2, ..setting.strike };
-                settings.push(Setting { variant: "half the step", strike, ..setting });
+                if let Rule::Automatic(_) = rule {
+                    let strike = Strike { finer: 2, ..setting.strike };
+                    settings.push(Setting { variant: "half the step", strike, ..setting });
+                }
             }
         }
         Self { name: "again", settings }

@@ -267,7 +267,7 @@ impl Strike {
 ///
 /// A step waits for the last one of the same hand. So several hands take turns, and the processor goes on with the others meanwhile.
 pub(super) fn run_all(strikes: impl IntoIterator<Item = (Strike, Hand)>) -> Vec<Outcome> {
-    const HANDS: usize = 4;
+    const HANDS: usize = 8;
     let mut waiting = strikes.into_iter();
     let mut outcomes = Vec::new();
     let mut running: Vec<(usize, Run)> = Vec::with_capacity(HANDS);

@@ -23,7 +23,7 @@ pub(super) struct Hold {
 }
 
 /// Steps of this table in s.
-const HOLD_STEPS_S: [f64; 2] = [1e-3, 1e-4];
+const HOLD_STEPS_S: [f64; 4] = [1e-3, 5e-4, 2e-4, 1e-4];
 
 impl Sweep for Hold {
     fn name(&self) -> &'static str {
@@ -83,7 +83,7 @@ const HANDS: [Spring; 4] = [
     Spring { n_per_m: 1e6, n_s_per_m: 15.0 },
     Spring { n_per_m: 1e6, n_s_per_m: 300.0 },
 ];
-const STIFF_STEPS_S: [f64; 4] = [1e-3, 2.5e-4, 5e-5, 1e-5];
+const STIFF_STEPS_S: [f64; 3] = [1e-3, 2.5e-4, 5e-5];
 /// Steps of the reference, and of the one that tells how good it is, in s.
 const STIFF_REFERENCE_S: [f64; 2] = [2e-6, 5e-6];
 

@@ -12,16 +12,14 @@ const USUAL_STEP_S: f64 = 1e-3;
 const LEAST_SHOWN_UM: f64 = 1e-7;
 
 pub(super) fn read(speed: &Table, hold: &Table, stiff: &Table, lock: &Table) -> Report {
-    let mut notes =
-        vec![format!("{:46} {:>8} {:>14} {:>12} {:>12}", "", "step", "x real time", "max error", "creep/s")];
+    let mut notes = vec![format!("{:46} {:>8} {:>14} {:>12}", "", "step", "x real time", "max error")];
     for row in speed.rows() {
         notes.push(format!(
-            "{:46} {:>8} {:>14.0} {:>12} {:>12}{}",
+            "{:46} {:>8} {:>14.0} {:>12}{}",
             name(&row),
             duration(row.number("step_s")),
             row.number("realtime_factor"),
             length(row.number("max_error_m")),
-            length(row.number("hold_creep_m_per_s")),
             if row.word("stopped").is_empty() { String::new() } else { format!("  stopped: {}", row.word("stopped")) },
         ));
     }
@@ -35,7 +33,7 @@ pub(super) fn read(speed: &Table, hold: &Table, stiff: &Table, lock: &Table) -> 
                 .to_owned(),
         );
     }
-    Report { notes, charts: vec![("study-plant", chart(speed))] }
+    Report { notes, charts: vec![("study-plant", chart(speed, hold))] }
 }
 
 fn name(row: &Row<'_>) -> String {
@@ -133,22 +131,21 @@ fn locked(lock: &Table) -> Vec<String> {
         .collect()
 }
 
-fn chart(speed: &Table) -> Chart {
+fn chart(speed: &Table, hold: &Table) -> Chart {
     let mut series = [Vec::new(), Vec::new()];
     for (contestants, mark) in [(&OURS, Mark::MarkedLine), (&MUJOCO, Mark::MarkedDashes)] {
         for (contestant, color) in contestants.iter().zip(Color::LINES) {
-            let rows: Vec<_> = speed.rows().filter(|row| is_of(row, contestant)).collect();
-            let curves = [
-                rows.iter()
+            let timed = speed.rows().filter(|row| is_of(row, contestant));
+            let held = hold.rows().filter(|row| is_of(row, contestant));
+            let curves: [Vec<_>; 2] = [
+                timed
                     .map(|row| (row.number("realtime_factor"), row.number("max_error_m") * 1e6))
                     .filter(|&(_, error_um)| error_um >= LEAST_SHOWN_UM)
                     .collect(),
-                rows.iter()
-                    .map(|row| (row.number("step_s") * 1e3, row.number("hold_creep_m_per_s") * 1e6))
-                    .collect::<Vec<_>>(),
+                held.map(|row| (row.number("step_s") * 1e3, row.number("creep_m_per_s") * 1e6)).collect(),
             ];
             for (series, points) in series.iter_mut().zip(curves) {
-                if rows.is_empty() {
+                if points.is_empty() {
                     continue;
                 }
                 let title = format!("{}: {}", contestant.engine(), contestant.method());
@@ -166,7 +163,7 @@ fn chart(speed: &Table) -> Chart {
         },
         Panel {
             title: "a push that dry friction holds".to_owned(),
-            x: Axis::logarithmic("step (ms)").over(8e-3, 1.25),
+            x: Axis::logarithmic("step (ms)").over(0.08, 1.25),
             y: Axis::logarithmic("creep (um/s)").over(1e-3, 1e4),
             series: creep,
         },
@@ -182,7 +179,7 @@ mod tests {
     use super::*;
 
     fn row(engine: &str, method: &str, step_s: f64, factor: f64, error_m: f64) -> Vec<Value> {
-        let rest = [json!(factor), json!(factor), json!(error_m), json!(error_m), json!(0.0), json!(0.0), Value::Null];
+        let rest = [json!(factor), json!(factor), json!(error_m), json!(error_m), json!(0.0), Value::Null];
         [json!(engine), json!(method), json!(step_s), json!(factor)].into_iter().chain(rest).collect()
     }
 

@@ -5,9 +5,9 @@ use std::sync::OnceLock;
 
 use serde_json::Value;
 
-use super::contestant::{Contestant, MUJOCO, OURS, creep_m_per_s, distances};
+use super::contestant::{Contestant, MUJOCO, OURS, distances};
 use super::method::Method;
-use super::scene::{CYCLE_S, HOLD, STUDY};
+use super::scene::{CYCLE_S, STUDY};
 use crate::study::sweep::{Clock, Sweep};
 
 /// Steps in s.
@@ -16,8 +16,7 @@ pub(super) const STEPS_S: [f64; 7] = [1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5];
 pub(super) const REFERENCE_STEP_S: f64 = 1e-4;
 /// How often each is timed at most. All are timed once before one is timed again, so that a slow spell of the machine meets all.
 const ROUNDS: usize = 7;
-/// How often at least, and after how many seconds in all that is enough.
-const LEAST_ROUNDS: usize = 3;
+/// After how many seconds in all that is enough.
 const ENOUGH_S: f64 = 1.0;
 
 /// All contestants at all steps, timed.
@@ -33,7 +32,6 @@ struct Measured {
     seconds: Vec<f64>,
     most_m: f64,
     mean_m: f64,
-    creep_m_per_s: f64,
     loop_gap_m: f64,
     stopped: Option<String>,
 }
@@ -58,16 +56,15 @@ impl Speed {
         let mut all: Vec<Measured> = Vec::new();
         for round in 0..ROUNDS {
             for (index, (contestant, step_s)) in self.entries.iter().enumerate() {
-                if round >= LEAST_ROUNDS && all.get(index).is_some_and(Measured::is_enough) {
+                if all.get(index).is_some_and(Measured::is_enough) {
                     continue;
                 }
                 let outcome = contestant.measured(program, &STUDY, *step_s, clock);
                 if round == 0 {
                     let (most_m, mean_m) = distances(&outcome.tips, &reference);
-                    let creep_m_per_s = creep_m_per_s(&contestant.run(program, &HOLD, *step_s).tips);
                     let loop_gap_m = outcome.loop_gap_m;
                     let stopped = outcome.stopped;
-                    all.push(Measured { seconds: Vec::new(), most_m, mean_m, creep_m_per_s, loop_gap_m, stopped });
+                    all.push(Measured { seconds: Vec::new(), most_m, mean_m, loop_gap_m, stopped });
                 }
                 if let Some(measured) = all.get_mut(index) {
                     measured.seconds.push(outcome.seconds);
@@ -96,7 +93,6 @@ impl Sweep for Speed {
             "realtime_factor_most",
             "max_error_m",
             "rms_error_m",
-            "hold_creep_m_per_s",
             "loop_gap_m",
             "stopped",
         ]
@@ -126,7 +122,6 @@ impl Sweep for Speed {
             factor(0).into(),
             measured.most_m.into(),
             measured.mean_m.into(),
-            measured.creep_m_per_s.into(),
             measured.loop_gap_m.into(),
             measured.stopped.clone().into(),
         ]

@@ -3,7 +3,7 @@
 use super::super::chart::{Axis, Chart, Color, Estimate, Mark, Panel, Series};
 use super::super::sweep::{Row, Table, wilson};
 use super::aid::{Aid, DRIFTS_M_PER_S, Law, SPRINGS_N_PER_M, YIELDS_N};
-use super::runs::{AIM_M, AIMS_M, PRESS_N, SPEED_M_PER_S, SPEEDS_M_PER_S, USERS};
+use super::runs::{AIM_M, AIMS_M, OTHER_SPEEDS_M_PER_S, PRESS_N, SPEED_M_PER_S, USERS};
 use super::trial::GRIPS;
 use super::{device, of_aid, of_errors};
 
@@ -25,7 +25,7 @@ type Named = (&'static str, Chart);
 /// All charts.
 pub(super) fn charts(errors: &Table, speeds: &Table, device: &Table) -> Vec<Named> {
     vec![
-        ("study-task-speed", speed(speeds)),
+        ("study-task-speed", speed(errors, speeds)),
         ("study-task-price", price(errors)),
         ("study-task-map", map(errors)),
         ("study-task-device", on_device(device)),
@@ -59,14 +59,17 @@ fn series(aid: &Aid, points: &[(Estimate, Estimate)]) -> Vec<Series> {
     Series::new(aid.name(), mark, color).through(points)
 }
 
-fn speed(speeds: &Table) -> Chart {
+fn speed(errors: &Table, speeds: &Table) -> Chart {
+    let [slow, quick @ ..] = OTHER_SPEEDS_M_PER_S;
+    let all = [slow, SPEED_M_PER_S].into_iter().chain(quick);
     let panel = |yield_n: f64| {
         let of = |aid: &Aid| {
             let at = |speed: f64| {
-                let rows = speeds.rows().filter(|row| row.number("speed_m_per_s") == speed);
-                of_aid(rows, aid).map(|row| (Estimate::from(speed), row.estimate(ERROR, 1e3)))
+                let rows = of_errors(errors, GRIPS[0].name, AIM_M).chain(speeds.rows());
+                of_aid(rows.filter(|row| row.number("speed_m_per_s") == speed), aid)
+                    .map(|row| (Estimate::from(speed), row.estimate(ERROR, 1e3)))
             };
-            series(aid, &SPEEDS_M_PER_S.into_iter().filter_map(at).collect::<Vec<_>>())
+            series(aid, &all.clone().filter_map(at).collect::<Vec<_>>())
         };
         Panel {
             title: format!("R = {yield_n} N"),
@@ -154,19 +157,31 @@ fn best<'a>(rows: &[Row<'a>], yield_n: f64, may: impl Fn(&Row<'_>) -> bool) -> O
     laws.iter().find(is_best).map(|(law, _)| *law)
 }
 
+/// Who may win a cell of the map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Field {
+    All,
+    /// Laws that give way, and with which the tool is not thrown.
+    Yielding,
+}
+
+/// The law that wins a cell of the map, if one does.
+fn winner(errors: &Table, grip: &str, yield_n: f64, aim_m: f64, field: Field) -> Option<Law> {
+    let rows: Vec<Row<'_>> = of_errors(errors, grip, aim_m).collect();
+    let free_m = of_aid(rows.iter().copied(), &Aid::NONE).map_or(f64::NAN, |row| row.number("press_m"));
+    let gives_way = |row: &Row<'_>| yield_n >= PRESS_N || row.number("press_m") > GIVES_WAY * free_m;
+    let is_yielding = |row: &Row<'_>| row.number("jump_m") < THROWN_M && gives_way(row);
+    best(&rows, yield_n, |row| row.number("ran") > 0.0 && (field == Field::All || is_yielding(row)))
+}
+
 fn map(errors: &Table) -> Chart {
     let mut panels = Vec::new();
     for grip in GRIPS {
-        for (what, is_choosy) in [("of all laws", false), ("gives way, jumps < 1 mm", true)] {
+        for (what, field) in [("of all laws", Field::All), ("gives way, jumps < 1 mm", Field::Yielding)] {
             let mut cells: [Vec<(f64, f64)>; 4] = Default::default();
             for (place, yield_n) in YIELDS_N.into_iter().enumerate() {
                 for aim_m in AIMS_M {
-                    let rows: Vec<Row<'_>> = of_errors(errors, grip.name, aim_m).collect();
-                    let free_m = of_aid(rows.iter().copied(), &Aid::NONE).map_or(f64::NAN, |row| row.number("press_m"));
-                    let gives_way = |row: &Row<'_>| yield_n >= PRESS_N || row.number("press_m") > GIVES_WAY * free_m;
-                    let is_wanted = |row: &Row<'_>| row.number("jump_m") < THROWN_M && gives_way(row);
-                    let may = |row: &Row<'_>| row.number("ran") > 0.0 && (!is_choosy || is_wanted(row));
-                    let which = match best(&rows, yield_n, may) {
+                    let which = match winner(errors, grip.name, yield_n, aim_m, field) {
                         Some(Law::Plastic) => 0,
                         Some(Law::Saturated) => 1,
                         Some(_) => 2,
@@ -249,5 +264,66 @@ fn on_device(device: &Table) -> Chart {
             panel("let go", GRIPS[0].name, ["resting_m_per_s"; 3], 1.0, rest()),
         ],
         columns: 2,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::Value;
+
+    use super::super::runs::Runs;
+    use super::super::trial::Grip;
+    use super::*;
+
+    fn file(path: &str) -> String {
+        std::fs::read_to_string(format!("{}/{path}", env!("CARGO_MANIFEST_DIR"))).unwrap()
+    }
+
+    /// The table `errors` of the page.
+    fn errors() -> Table {
+        let mut table = Table::new(&Runs::errors());
+        let cell = |text: &str| match text {
+            "" => Value::Null,
+            text => text.parse::<f64>().map_or_else(|_| text.into(), Value::from),
+        };
+        for (index, line) in (0..).zip(file("docs/data/study-task-errors.csv").lines().skip(1)) {
+            table.insert(index, line.split(',').skip(1).map(cell).collect());
+        }
+        assert!(table.missing().is_empty());
+        table
+    }
+
+    /// Cells that a law wins: R in N, and the error of the aim in mm.
+    fn won(errors: &Table, grip: Grip, field: Field, law: Option<Law>) -> Vec<(f64, f64)> {
+        let cells = YIELDS_N.into_iter().flat_map(|yield_n| AIMS_M.map(|aim_m| (yield_n, aim_m)));
+        let is_won = |(yield_n, aim_m): &(f64, f64)| winner(errors, grip.name, *yield_n, *aim_m, field) == law;
+        cells.filter(is_won).map(|(yield_n, aim_m)| (yield_n, 1e3 * aim_m)).collect()
+    }
+
+    /// A winner comes of the errors of all users, of which no formula beside the page's sentences speaks.
+    #[test]
+    fn the_page_says_what_the_map_shows() {
+        let errors = errors();
+        let [soft, stiff] = GRIPS;
+        let all = |grip, law| won(&errors, grip, Field::All, law);
+        let (viscous, plastic) = (Some(Law::Viscous), Some(Law::Plastic));
+        assert_eq!(all(soft, viscous), [(5.0, 5.0), (5.0, 10.0)]);
+        assert_eq!((all(soft, plastic), all(stiff, plastic)), (Vec::new(), vec![(40.0, 1.25)]));
+        let of_both = |law| all(soft, law).len() + all(stiff, law).len();
+        let sentences = format!(
+            "Of these laws viscous fields win {} of 32 cells: with the soft hand at R = 5 N and 5 and 10 mm, with the stiff hand {} of 16. \
+             Plastic wins one, with the stiff hand at R = 40 N and 1.25 mm. No law wins the other {}.",
+            of_both(viscous),
+            all(stiff, viscous).len(),
+            of_both(None),
+        );
+        assert!(file("docs/studies.md").contains(&sentences), "{sentences}");
+
+        // Of laws that give way, where the press is above R.
+        let yielding = |grip, law| -> Vec<_> {
+            won(&errors, grip, Field::Yielding, law).into_iter().filter(|(yield_n, _)| *yield_n < PRESS_N).collect()
+        };
+        assert_eq!(yielding(soft, plastic).len(), 8);
+        assert_eq!(yielding(stiff, viscous), [(5.0, 5.0), (5.0, 10.0), (10.0, 5.0), (10.0, 10.0)]);
     }
 }

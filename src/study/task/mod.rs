@@ -19,7 +19,7 @@ mod trial;
 mod way;
 
 pub(super) use self::aid::{Aid, Law};
-use self::runs::{AIM_M, AIMS_AGAIN_M, Runs, SPEED_M_PER_S};
+use self::runs::{AIM_M, AIMS_AGAIN_M, FEW, FINE, HALF, OTHER, RIG, Runs, SPEED_M_PER_S};
 pub(super) use self::trial::{GRIPS, Grip, HAND_LIMIT_N, TREMOR};
 use super::sweep::{Report, Row, Study, Sweep, Table};
 
@@ -72,13 +72,15 @@ fn line(name: &str, row: &Row<'_>) -> String {
     )
 }
 
-/// By how much a number of the table `errors` moves in `again`, at most, in percent, and of which fixture.
-fn moved(errors: &Table, again: &Table, variant: &str, column: &str, least: f64) -> Option<(f64, String)> {
+/// By how much a number moves from one variant of a table to another one, at most, in percent, and of which fixture.
+fn moved(from: (&Table, &str), to: (&Table, &str), column: &str, least: f64) -> Option<(f64, String)> {
     let all = AIMS_AGAIN_M.into_iter().flat_map(|aim_m| Aid::all().into_iter().map(move |aid| (aim_m, aid)));
     let moves = all.filter_map(|(aim_m, aid)| {
-        let before = of_aid(of_errors(errors, trial::GRIPS[0].name, aim_m), &aid)?.number(column);
-        let of_variant = of_errors(again, trial::GRIPS[0].name, aim_m).filter(|row| row.word("variant") == variant);
-        let after = of_aid(of_variant, &aid)?.number(column);
+        let of = |(table, variant): (&Table, &str)| {
+            let rows = of_errors(table, trial::GRIPS[0].name, aim_m).filter(|row| row.word("variant") == variant);
+            of_aid(rows, &aid).map(|row| row.number(column))
+        };
+        let (before, after) = (of(from)?, of(to)?);
         let is_told = before.max(after) >= least;
         let of = aid.yield_n.map_or(String::new(), |yield_n| format!(", R = {yield_n} N"));
         is_told.then(|| (100.0 * (after / before - 1.0).abs(), format!("{}{of}, {} mm", aid.name(), 1e3 * aim_m)))
@@ -116,11 +118,12 @@ impl Study for Task {
                 of_aid(of_errors(errors, trial::GRIPS[0].name, AIM_M), &aid).map(|row| line(&aid.name(), &row)),
             );
         }
-        for variant in ["other users", "twice the users", "half the step"] {
+        let all = (errors, "");
+        for (from, variant) in [(all, OTHER), (all, HALF), ((again, FEW), FINE), ((again, FEW), RIG)] {
             // Below these a number is that of the servo's own unrest.
             for (column, least) in [("error_rms_m", 1e-5), ("energy_across_j", 1e-4)] {
                 notes.extend(
-                    moved(errors, again, variant, column, least)
+                    moved(from, (again, variant), column, least)
                         .map(|(percent, of)| format!("{variant}: {column} moves by {percent:.0} % at most ({of})")),
                 );
             }

@@ -10,10 +10,10 @@ use super::device;
 use super::trial::{FOUND, GRIPS, Grip, Trial};
 use super::way::Way;
 
-/// Mean speeds of the aim along the way, in m/s: care to a quick sweep.
-pub(super) const SPEEDS_M_PER_S: [f64; 4] = [0.04, 0.08, 0.16, 0.25];
-/// The speed at which the error of the aim is swept.
+/// Mean speed of the aim along the way, in m/s, at which the error of the aim is swept.
 pub(super) const SPEED_M_PER_S: f64 = 0.08;
+/// The other ones: care to a quick sweep.
+pub(super) const OTHER_SPEEDS_M_PER_S: [f64; 3] = [0.04, 0.16, 0.25];
 /// Errors of the aim at rest, RMS on each axis, in m, and the one at which speed is swept.
 pub(super) const AIMS_M: [f64; 4] = [0.00125, 0.0025, 0.005, 0.01];
 pub(super) const AIM_M: f64 = 0.005;
@@ -21,10 +21,17 @@ pub(super) const AIM_M: f64 = 0.005;
 pub(super) const AIMS_AGAIN_M: [f64; 2] = [0.005, 0.01];
 /// Users of a row: seeds of tremor and aim.
 pub(super) const USERS: u64 = 240;
-/// Users who are run on the whole rig too.
-const USERS_ON_RIG: u64 = 24;
+/// Users who are run on the whole rig and with half the step too.
+const FEW_USERS: u64 = 24;
 /// Press off the way on the rig, in N.
 pub(super) const PRESS_N: f64 = 16.0;
+
+/// Variants of the table `again`.
+pub(super) const OTHER: &str = "other users";
+pub(super) const HALF: &str = "half of the users";
+pub(super) const FEW: &str = "few users";
+pub(super) const FINE: &str = "few users, half the step";
+pub(super) const RIG: &str = "few users, whole rig";
 
 /// Which machine runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,6 +44,7 @@ enum Machine {
 }
 
 /// Users under one fixture.
+#[derive(Clone)]
 struct Group {
     trial: Trial,
     users: Range<u64>,
@@ -67,11 +75,11 @@ fn soft(aim_m: f64, aid: Aid, speed_m_per_s: f64) -> Trial {
 }
 
 impl Runs {
-    /// Imposed speeds.
+    /// Imposed speeds. That of `errors` is there.
     pub(super) fn speeds() -> Self {
         let mut groups = Vec::new();
         for aid in Aid::all() {
-            groups.extend(SPEEDS_M_PER_S.map(|speed| group(soft(AIM_M, aid, speed), Machine::Bench)));
+            groups.extend(OTHER_SPEEDS_M_PER_S.map(|speed| group(soft(AIM_M, aid, speed), Machine::Bench)));
         }
         Self { name: "speeds", groups, keeps_each: false }
     }
@@ -106,24 +114,24 @@ impl Runs {
         Self { name: "device", groups, keeps_each: false }
     }
 
-    /// The rows of `errors` again for the soft hand: with other users, with twice as many, and with half the step of the simulation.
-    /// Then few users with and without the whole rig.
+    /// The rows of `errors` again for the soft hand: with other users, and at one error of the aim with half of the users. Then few users as
+    /// there, with half the step of the simulation, and on the whole rig.
     pub(super) fn again() -> Self {
         let mut groups = Vec::new();
         for aim_m in AIMS_AGAIN_M {
             for aid in Aid::all() {
-                let trial = soft(aim_m, aid, SPEED_M_PER_S);
-                let again = |variant, users, trial| Group { variant, users, ..group(trial, Machine::Bench) };
-                groups.push(again("other users", USERS..2 * USERS, trial));
-                groups.push(again("twice the users", 0..2 * USERS, trial));
-                groups.push(again("half the step", 0..USERS, Trial { step_share: 0.5, ..trial }));
+                let all = group(soft(aim_m, aid, SPEED_M_PER_S), Machine::Bench);
+                groups.push(Group { variant: OTHER, users: USERS..2 * USERS, ..all });
             }
         }
         for aid in Aid::all() {
-            for (variant, machine) in [("few users", Machine::Bench), ("few users, whole rig", Machine::Rig)] {
-                let few = group(soft(AIM_M, aid, SPEED_M_PER_S), machine);
-                groups.push(Group { variant, users: 0..USERS_ON_RIG, ..few });
-            }
+            let all = group(soft(AIM_M, aid, SPEED_M_PER_S), Machine::Bench);
+            let few = Group { variant: FEW, users: 0..FEW_USERS, ..all.clone() };
+            groups.push(Group { variant: HALF, users: 0..USERS / 2, ..all });
+            let trial = Trial { step_share: 0.5, ..few.trial };
+            groups.push(few.clone());
+            groups.push(Group { variant: FINE, trial, ..few.clone() });
+            groups.push(Group { variant: RIG, machine: Machine::Rig, ..few });
         }
         Self { name: "again", groups, keeps_each: false }
     }
