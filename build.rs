@@ -1,37 +1,22 @@
-//! Tells the program what has built it: results of studies name the compiler, recordings commit and processor.
+//! Tells the library how it is built: studies name compiler and optimisation, recordings the processor, records of latency the profile.
 
+use std::path::Path;
 use std::process::Command;
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
-    let rustc = std::env::var("RUSTC").unwrap_or_else(|_| "rustc".into());
-    set("RUSTC", &output(&rustc, &["--version"]));
     let of_cargo = |name| std::env::var(name).unwrap_or_default();
+    let version = Command::new(of_cargo("RUSTC")).arg("--version").output();
+    let version = version.map(|output| String::from_utf8_lossy(&output.stdout).trim().to_owned());
+    set("RUSTC", &version.unwrap_or_default());
     set("OPT_LEVEL", &of_cargo("OPT_LEVEL"));
     set("TARGET", &of_cargo("TARGET"));
-    // Other builds would be made anew after each commit.
-    let is_release = of_cargo("PROFILE") == "release";
-    set("COMMIT", &if is_release { commit() } else { String::new() });
-}
-
-/// The commit of the working tree, with `-dirty` if it was changed since; empty where that is not known.
-fn commit() -> String {
-    for path in ["src", "drives", "Cargo.toml", "Cargo.lock"] {
-        println!("cargo::rerun-if-changed={path}");
-    }
-    let log = output("git", &["rev-parse", "--git-path", "logs/HEAD"]);
-    if !log.is_empty() {
-        println!("cargo::rerun-if-changed={log}");
-    }
-    output("git", &["describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"])
+    // PROFILE is `debug` or `release`, whatever was derived from them; the folder is called as the profile is.
+    let folder = of_cargo("OUT_DIR");
+    let profile = Path::new(&folder).ancestors().nth(3).and_then(Path::file_name);
+    set("PROFILE", &profile.map(|name| name.to_string_lossy().into_owned()).unwrap_or_default());
 }
 
 fn set(name: &str, value: &str) {
     println!("cargo::rustc-env=YIELDWALL_{name}={value}");
-}
-
-/// What a command prints; nothing if it fails.
-fn output(program: &str, arguments: &[&str]) -> String {
-    let output = Command::new(program).args(arguments).output().ok().filter(|output| output.status.success());
-    output.map(|output| String::from_utf8_lossy(&output.stdout).trim().to_owned()).unwrap_or_default()
 }

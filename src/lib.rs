@@ -39,6 +39,9 @@ pub mod sensing;
 pub mod setvalued;
 pub mod time;
 
+#[cfg(test)]
+mod sample;
+
 #[cfg(feature = "sim")]
 pub mod analysis;
 #[cfg(feature = "config")]

@@ -114,6 +114,7 @@ fn wanted(arguments: &Arguments, rig: Option<&Rig>) -> Result<Vec<Wanted>, Failu
 }
 
 /// What is said of this computer, and of each CAN interface that it has, without anything being sent.
+#[cfg(feature = "full")]
 pub(super) fn text(rig: Option<&Rig>) -> String {
     let period = Duration::from_micros(period_us(rig).into());
     let of_interfaces = interfaces().into_iter().map(|name| of_interface(&name, None, period));

@@ -39,6 +39,13 @@ const CSV: &str = "cycles.csv";
 const LOG: &str = "bus.log";
 const CAPTURE: &str = "bus.pcapng";
 
+/// The description of a recording, with the commit of this program.
+pub(super) fn described(about: Result<About, String>) -> Result<About, Failure> {
+    let about =
+        about.map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
+    Ok(About { commit: super::commit().to_owned(), ..about })
+}
+
 /// What is watched, with the names of its buses in logs.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Watched<'a> {

@@ -12,7 +12,7 @@ use super::events::{Event, Events, Listening};
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
 use super::interrupt::{interrupted, on_interrupt};
-use super::keep::{Keep, Watched};
+use super::keep::{Keep, Watched, described};
 use super::on_bus::{
     different, live_failure, only_for_can, open_failure, point_to_doctor, thread_failure, told_at_boot, warn, warn_of,
     with_findings, with_told,
@@ -190,8 +190,7 @@ fn warn_of_interfaces(on_bus: &RigOnBus, rig: &config::Loaded<config::Rig>, pace
 /// What a recording says of the run.
 fn about(rig: &config::Rig, scene: Option<&config::Scene>, arguments: &Arguments) -> Result<About, Failure> {
     let overrides = Overrides { duration_s: arguments.duration, ..Overrides::default() };
-    let mut about = replay::about(rig, scene, &overrides)
-        .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
+    let mut about = described(replay::about(rig, scene, &overrides))?;
     if arguments.ignore_latency {
         about.overrides = format!("{} --ignore-latency", about.overrides).trim().to_owned();
     }

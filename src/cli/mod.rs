@@ -5,6 +5,7 @@
 
 #[cfg(target_os = "linux")]
 mod at_the_arm;
+#[cfg(feature = "full")]
 mod bug_report;
 mod bus;
 mod calibrate;
@@ -28,6 +29,11 @@ mod faults;
 #[cfg(target_os = "linux")]
 mod first_motion;
 mod fit;
+#[cfg(feature = "full")]
+mod full;
+#[cfg(not(feature = "full"))]
+#[path = "lacking.rs"]
+mod full;
 mod home;
 #[cfg(target_os = "linux")]
 mod interfaces;
@@ -39,6 +45,7 @@ mod keep;
 mod latency;
 #[cfg(target_os = "linux")]
 mod live;
+#[cfg(feature = "full")]
 mod manual;
 mod margins;
 mod new;
@@ -71,6 +78,7 @@ mod usage;
 use std::ffi::OsString;
 use std::io::Write;
 use std::process::ExitCode;
+use std::sync::OnceLock;
 
 use clap::{CommandFactory, Parser, Subcommand};
 
@@ -189,14 +197,14 @@ enum Command {
     #[command(subcommand)]
     Tune(tune::Command),
     /// Put what a bug report needs into one zip, without names of users and computers
-    Report(bug_report::Arguments),
+    Report(full::Report),
     /// Check, show and describe configuration files
     #[command(subcommand)]
     Config(config::Command),
     /// Print what a shell needs to complete the commands: `source <(yieldwall completions bash)`
-    Completions(manual::Completions),
+    Completions(full::Completions),
     /// Print the manual page, or write the pages of all commands
-    Man(manual::Man),
+    Man(full::Man),
 }
 
 impl Command {
@@ -213,8 +221,17 @@ impl Command {
     }
 }
 
-/// Runs the program with these arguments, the first of which is its name.
-pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+/// The commit that the program was built from, as it says itself.
+static COMMIT: OnceLock<&'static str> = OnceLock::new();
+
+fn commit() -> &'static str {
+    COMMIT.get().copied().unwrap_or_default()
+}
+
+/// Runs the program with these arguments, the first of which is its name; `commit` is what it was built from, empty where that is
+/// not known.
+pub fn main(commit: &'static str, arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    COMMIT.get_or_init(|| commit);
     run(arguments).into()
 }
 
@@ -297,10 +314,10 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Study(arguments) => study::run(&arguments, &mut output),
         Command::Bus(command) => bus::run(&command, &mut output),
         Command::Tune(command) => tune::run(&command, &mut output),
-        Command::Report(arguments) => bug_report::run(&arguments, &mut output),
+        Command::Report(arguments) => full::report(&arguments, &mut output),
         Command::Config(command) => config::run(command, &mut output),
-        Command::Completions(arguments) => manual::completions(&arguments, &mut output),
-        Command::Man(arguments) => manual::man(&arguments, &mut output),
+        Command::Completions(arguments) => full::completions(&arguments, &mut output),
+        Command::Man(arguments) => full::man(&arguments, &mut output),
     };
     match result {
         Ok(()) => Exit::Ok,

@@ -23,7 +23,7 @@ use super::events::{Events, Listening, Stream};
 use super::failure::{Exit, Failure};
 use super::faults::FaultArgument;
 use super::interrupt::{interrupted, on_interrupt, unless};
-use super::keep::{Keep, Wanted, Watched};
+use super::keep::{Keep, Wanted, Watched, described};
 use super::margins::{Margins, has_other_inertia};
 use super::on_bus::{only_for_can, told_at_boot, with_findings, with_told};
 use super::output::Output;
@@ -148,8 +148,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     let scene = rig.scene()?;
     let faults = arguments.fault.iter().map(|fault| fault.of_rig(&rig.value)).collect::<Result<_, _>>()?;
     let overrides = Overrides { fixture: None, duration_s: arguments.duration, seed: arguments.seed, faults };
-    let about = replay::about(&rig.value, Some(&scene.value), &overrides)
-        .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
+    let about = described(replay::about(&rig.value, Some(&scene.value), &overrides))?;
     // Before anything is written: a rig that is refused leaves no record.
     let drilled = rig::drill(&rig.value, &scene.value, |_| ()).map_err(|error| rig_failure(&error))?;
     judge(&drilled, &rig.value, NOTHING_ENABLED)?;

@@ -2,6 +2,7 @@ use crate::config::malformed::{self, CASES};
 
 use super::failure::{EXIT_CODES, Exit};
 use super::*;
+use crate::sample::share;
 
 #[test]
 fn arguments_are_consistent() {
@@ -53,7 +54,7 @@ fn exit_codes_tell_what_happened() {
     assert_eq!(exit("yieldwall"), Exit::Usage);
     assert_eq!(exit("yieldwall confg"), Exit::Usage);
     assert_eq!(exit("yieldwall config check"), Exit::Usage);
-    for name in crate::config::builtin_names() {
+    for name in share(crate::config::builtin_names(), 12) {
         // Drives of odd vendors lack watchdogs, of which is warned.
         let denied = if name.starts_with("vendors/") { "" } else { " --deny-warnings" };
         assert_eq!(exit(&format!("yieldwall --quiet{denied} config check builtin:{name}")), Exit::Ok, "{name}");

@@ -14,7 +14,7 @@ use super::outline::{Content, Node, Outline};
 use super::schema::Guide;
 use super::source::{Source, rebase};
 use super::suggest::nearest;
-use super::yaml::{self, MAX_NODES};
+use super::yaml;
 
 /// The key of a rig that has its simulation, or names the file of it.
 const SIMULATION: &str = "simulation";
@@ -137,7 +137,7 @@ impl Parts {
     fn expand(&self, outline: &Outline) -> Result<Piece, Report> {
         let number = self.files.len() - 1;
         let file = &self.files[number];
-        let mut expander = Expander { number, file, anchors: BTreeMap::new(), nodes: 0 };
+        let mut expander = Expander { number, file, anchors: BTreeMap::new() };
         match &outline.root {
             Some(root) => expander.piece(root, None),
             None => {
@@ -242,7 +242,6 @@ struct Expander<'a> {
     file: &'a File,
     /// Values by the number of their anchor; one that is not closed yet is not among them.
     anchors: BTreeMap<usize, &'a Node>,
-    nodes: usize,
 }
 
 impl<'a> Expander<'a> {
@@ -254,19 +253,6 @@ impl<'a> Expander<'a> {
         };
         let number = self.number;
         let spot = |place: Option<Place>| place.map(|place| (number, place));
-        self.nodes += 1;
-        if self.nodes > MAX_NODES {
-            return refuse(
-                format!("the file goes beyond the limit of {MAX_NODES} values"),
-                "a configuration is a small file written by hand; is this the right one?",
-            );
-        }
-        if node.form.has_tag {
-            return refuse(
-                "this is not YAML of a configuration: a tag has no meaning here".to_owned(),
-                "write the value without the word that begins with `!`",
-            );
-        }
         let content = match &node.content {
             Content::Scalar(text) => Shape::Scalar { text: text.clone(), is_quoted: node.form.is_quoted },
             Content::Alias(anchor) => match self.anchors.get(anchor).copied() {
@@ -505,7 +491,7 @@ pub(super) fn in_block_style(node: &Node, indent: usize) -> String {
     // Something before it, so that it is not a document.
     let mut text = ":".to_owned();
     let file = File { name: String::new(), text: Arc::from("") };
-    let mut expander = Expander { number: 0, file: &file, anchors: BTreeMap::new(), nodes: 0 };
+    let mut expander = Expander { number: 0, file: &file, anchors: BTreeMap::new() };
     match expander.piece(node, None) {
         Ok(piece) => write(&piece, indent, &mut text),
         Err(_) => text.push_str(" {..}\n"),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::diagnostic::{Diagnostic, Place, Severity};
 use super::locator::Locator;
 use super::number::TOO_LARGE;
-use super::outline::{Content, Node, Step, steps};
+use super::outline::{Content, Node};
 use super::schema::Guide;
 use super::suggest::nearest;
 use super::yaml::{Cause, Fault};
@@ -40,6 +40,8 @@ pub(super) fn explain_syntax(fault: Fault, file: &str, text: &Arc<str>) -> Diagn
 fn syntax_help(message: &str) -> String {
     let help = if message.contains("tab") {
         "indent with spaces"
+    } else if message.contains("repeats what it is part of") {
+        "write the value in its place"
     } else if message.contains("comments") {
         "put a space before the `#`"
     } else if message.contains("key") || message.contains("':'") {
@@ -62,9 +64,9 @@ pub(super) fn explain(fault: Fault, locator: &Locator, guide: &Guide) -> Diagnos
     let finding = |place: Option<Place>, key: String, message: String, help: String| {
         locator.finding_at(Severity::Error, place, key, message, help)
     };
-    let found = fault.place.and_then(|place| outline.path_at(place.offset));
-    let place = found.as_ref().map(|(_, node)| node.place()).or(fault.place);
-    let path = found.as_ref().map(|(path, _)| path.clone()).unwrap_or_default();
+    let path = fault.path.unwrap_or_default();
+    let found = outline.find(&path);
+    let place = found.map(Node::place).or(fault.place);
     let finish = |place: Option<Place>, path: String, message: String, help: String| {
         let help = with_description(help, guide, &path);
         finding(place, path, message, help)
@@ -76,20 +78,13 @@ pub(super) fn explain(fault: Fault, locator: &Locator, guide: &Guide) -> Diagnos
                 None if known.is_empty() => format!("{} has no keys: write `{{}}`", name_of(parent(&path))),
                 None => format!("{} has the keys {}", name_of(parent(&path)), shorten(&known)),
             };
-            let key_place = found.as_ref().and_then(|(_, node)| node.key).or(fault.place);
-            finding(key_place, path.clone(), format!("{} has no key `{key}`", name_of(parent(&path))), help)
+            finding(fault.place, path.clone(), format!("{} has no key `{key}`", name_of(parent(&path))), help)
         }
         Cause::MissingKey { key } => {
-            if let Some((path, node)) = outline.empties().into_iter().find(|(path, _)| guide.needs(path, key)) {
-                let message = format!("{} is {}", name_of(&path), node.describe());
-                let wanted = guide.expectation(&path).unwrap_or_else(|| "a group of keys".to_owned());
-                return finish(node.key, path, message, format!("write {wanted}"));
-            }
-            let group = group_without(&path, key, found.map(|(_, node)| node), guide);
-            let place = outline.find(group).map(|node| node.key.unwrap_or(node.place())).or(fault.place);
-            let missing = join(group, key);
+            let place = found.map(|node| node.key.unwrap_or(node.place())).or(fault.place);
+            let missing = join(&path, key);
             let expected = guide.expectation(&missing).map(|text| format!(": {text}")).unwrap_or_default();
-            let message = format!("{} lacks the key `{key}`", name_of(group));
+            let message = format!("{} lacks the key `{key}`", name_of(&path));
             finish(place, missing, message, format!("add `{key}`{expected}"))
         }
         Cause::DuplicateKey { key } => {
@@ -105,32 +100,24 @@ pub(super) fn explain(fault: Fault, locator: &Locator, guide: &Guide) -> Diagnos
                 Some(meant) => format!("did you mean `{meant}`?"),
                 None => format!("write one of {}", shorten(&known)),
             };
-            // A choice that is a group has its word in the key.
-            let path = if guide.has(&path) { path } else { parent(&path).to_owned() };
             finish(fault.place, path.clone(), format!("`{path}` cannot be `{word}`"), help)
         }
         Cause::SecondChoice => {
-            let path = parent(&path).to_owned();
             let message = format!("`{path}` has a second choice here");
             let help = guide.expectation(&path).map(|text| format!("write {text}, and only one of them"));
-            finish(place, path, message, help.unwrap_or_default())
+            finish(fault.place, path, message, help.unwrap_or_default())
         }
         Cause::NotFinite => {
-            let node = found.map(|(_, node)| node.describe()).unwrap_or_default();
+            let node = found.map(Node::describe).unwrap_or_default();
             not_finite(&finish, place, path, &node)
         }
         Cause::TooLarge => {
-            let node = found.map(|(_, node)| node.describe()).unwrap_or_default();
+            let node = found.map(Node::describe).unwrap_or_default();
             let message = format!("{} is {node}, which {TOO_LARGE}", name_of(&path));
             finish(place, path, message, "look at the power of ten: every unit stands in the key".to_owned())
         }
         Cause::WrongType { expected } => {
-            // A group that is missing altogether is noticed only at the key after it.
-            let at_key = found.as_ref().zip(fault.place).is_some_and(|((_, node), at)| {
-                expected.contains("mapping") && node.key.is_some_and(|key| key.offset == at.offset)
-            });
-            let before = fault.place.filter(|_| at_key).and_then(|at| outline.scalar_before(at.offset));
-            let Some((path, node)) = before.or(found) else {
+            let Some(node) = found else {
                 return finding(fault.place, path, format!("{expected} was expected"), syntax_help(""));
             };
             let is_infinite = matches!(&node.content, Content::Scalar(word) if overflows(word));
@@ -153,7 +140,7 @@ pub(super) fn explain(fault: Fault, locator: &Locator, guide: &Guide) -> Diagnos
         cause => {
             let file = locator.files.first().map_or("", |file| file.name.as_str());
             let Diagnostic { key, message, help, .. } =
-                explain_syntax(Fault { cause, place: None }, file, &locator.text);
+                explain_syntax(Fault { cause, place: None, path: None }, file, &locator.text);
             finding(fault.place, key, message, help.unwrap_or_default())
         }
     }
@@ -208,13 +195,6 @@ fn join(group: &str, key: &str) -> String {
 
 fn parent(path: &str) -> &str {
     path.rfind(['.', '[']).and_then(|at| path.get(..at)).unwrap_or("")
-}
-
-/// The group that lacks a key: the reader points at the group itself or at one of its keys.
-fn group_without<'a>(path: &'a str, key: &str, node: Option<&Node>, guide: &Guide) -> &'a str {
-    let is_group = node.is_some_and(|node| matches!(node.content, Content::Map(_)));
-    let has_key = steps(path).last() != Some(Step::Key(key)) && guide.has(&join(path, key));
-    if is_group && has_key { path } else { parent(path) }
 }
 
 fn shorten(known: &[&str]) -> String {

@@ -16,6 +16,7 @@ use super::explain::explain;
 use super::former::former;
 use super::kind::{Kind, LIKE};
 use super::locator::Locator;
+use super::reader;
 use super::schema::Guide;
 use super::source::Source;
 use super::suggest::nearest;
@@ -122,7 +123,10 @@ pub enum Document {
 /// # Errors
 /// As [`load_rig`]; or the document has the mark of no kind.
 pub fn load(source: impl Into<Source>) -> Result<Document, Report> {
-    let source = source.into();
+    load_from(source.into())
+}
+
+fn load_from(source: Source) -> Result<Document, Report> {
     let (locator, _) = open(&source)?;
     match Kind::detect(locator.outline.top_keys()) {
         Some(Kind::Rig) => load_rig(source).map(|rig| Document::Rig(Box::new(rig))),
@@ -141,7 +145,10 @@ pub fn load(source: impl Into<Source>) -> Result<Document, Report> {
 /// # Errors
 /// The file; its first syntax or type error; or all errors of meaning in the rig and in the files that it names.
 pub fn load_rig(source: impl Into<Source>) -> Result<Loaded<Rig>, Report> {
-    let source = source.into();
+    load_rig_from(source.into())
+}
+
+fn load_rig_from(source: Source) -> Result<Loaded<Rig>, Report> {
     let Read { value: mut rig, mut findings, like } = read::<Rig>(&source, Kind::Rig)?;
     let in_range = findings.check_ranges(&rig);
     let profiles = linked_profiles(&mut findings, &source, rig.profiles_mut());
@@ -159,7 +166,10 @@ pub fn load_rig(source: impl Into<Source>) -> Result<Loaded<Rig>, Report> {
 /// # Errors
 /// As [`load_rig`].
 pub fn load_device(source: impl Into<Source>) -> Result<Loaded<ImpedanceDevice>, Report> {
-    let source = source.into();
+    load_device_from(source.into())
+}
+
+fn load_device_from(source: Source) -> Result<Loaded<ImpedanceDevice>, Report> {
     let Read { value: device, mut findings, like } = read::<ImpedanceDevice>(&source, Kind::Device)?;
     let in_range = findings.check_ranges(&device);
     check_device(&mut findings, &device, in_range);
@@ -173,7 +183,10 @@ pub fn load_device(source: impl Into<Source>) -> Result<Loaded<ImpedanceDevice>,
 /// # Errors
 /// As [`load_rig`].
 pub fn load_scene(source: impl Into<Source>) -> Result<Loaded<Scene>, Report> {
-    let source = source.into();
+    load_scene_from(source.into())
+}
+
+fn load_scene_from(source: Source) -> Result<Loaded<Scene>, Report> {
     let (scene, findings) = checked_scene(&source)?;
     finish(scene, source, None, findings.locator(), findings.into_sorted())
 }
@@ -183,7 +196,10 @@ pub fn load_scene(source: impl Into<Source>) -> Result<Loaded<Scene>, Report> {
 /// # Errors
 /// As [`load_rig`].
 pub fn load_profile(source: impl Into<Source>) -> Result<Loaded<DeviceProfile>, Report> {
-    let source = source.into();
+    load_profile_from(source.into())
+}
+
+fn load_profile_from(source: Source) -> Result<Loaded<DeviceProfile>, Report> {
     let Profile { profile, findings, of_codes, .. } = checked_profile(&source)?;
     finish(profile, source, None, findings.locator(), [findings.into_sorted(), of_codes].concat())
 }
@@ -217,7 +233,10 @@ pub fn load_named_profile(name: &str) -> Result<ProfileName, Report> {
 /// # Errors
 /// As [`load_rig`].
 pub fn load_error_codes(source: impl Into<Source>) -> Result<Loaded<ErrorCodes>, Report> {
-    let source = source.into();
+    load_error_codes_from(source.into())
+}
+
+fn load_error_codes_from(source: Source) -> Result<Loaded<ErrorCodes>, Report> {
     let (codes, findings) = checked_error_codes(&source)?;
     finish(codes, source, None, findings.locator(), findings.into_sorted())
 }
@@ -227,7 +246,10 @@ pub fn load_error_codes(source: impl Into<Source>) -> Result<Loaded<ErrorCodes>,
 /// # Errors
 /// As [`load_rig`].
 pub fn load_simulation(source: impl Into<Source>) -> Result<Loaded<Simulation>, Report> {
-    let source = source.into();
+    load_simulation_from(source.into())
+}
+
+fn load_simulation_from(source: Source) -> Result<Loaded<Simulation>, Report> {
     let Read { value: mut simulation, mut findings, like } = read::<Simulation>(&source, Kind::Simulation)?;
     findings.check_ranges(&simulation);
     let profiles = linked_profiles(&mut findings, &source, simulation.profiles_mut());
@@ -241,7 +263,10 @@ pub fn load_simulation(source: impl Into<Source>) -> Result<Loaded<Simulation>, 
 /// # Errors
 /// As [`load_rig`].
 pub fn load_figure(source: impl Into<Source>) -> Result<Loaded<Figure>, Report> {
-    let source = source.into();
+    load_figure_from(source.into())
+}
+
+fn load_figure_from(source: Source) -> Result<Loaded<Figure>, Report> {
     let Read { value: figure, mut findings, like } = read::<Figure>(&source, Kind::Figure)?;
     findings.check_ranges(&figure);
     check_figure(&mut findings, &figure);
@@ -442,7 +467,7 @@ fn read<T: DeserializeOwned + Validate<Context = ()>>(source: &Source, kind: Kin
         return Err(Report { diagnostics: former });
     }
     let guide = Guide::new(kind);
-    match yaml::parse(&locator.text) {
+    match reader::read(&locator.outline) {
         Ok(value) => Ok(Read { value, findings: Findings::new(locator, guide), like }),
         Err(fault) => Err(explain(fault, &locator, &guide).into()),
     }

@@ -1,6 +1,6 @@
 //! Configuration: YAML in, checked types out, and a message with line and column for whatever is wrong.
 //!
-//! A document is read in three steps: text ([`Source`]), typed tree (the YAML crate; the first syntax or type error ends
+//! A document is read in three steps: text ([`Source`]), typed tree (the first syntax or type error ends
 //! it), meaning (ranges and relations between keys; all errors are collected). What comes out of [`load_rig`] and its
 //! siblings holds every rule that the doc comments of the tree state.
 
@@ -18,6 +18,7 @@ mod locator;
 pub(crate) mod malformed;
 mod number;
 mod outline;
+mod reader;
 mod schema;
 mod source;
 mod suggest;

@@ -27,8 +27,6 @@ pub(super) struct Form {
     pub(super) anchor: usize,
     /// Whether it is a text in quotes or a block of text.
     pub(super) is_quoted: bool,
-    /// Whether it has a tag, such as `!!str`.
-    pub(super) has_tag: bool,
 }
 
 /// What a value is.
@@ -77,6 +75,7 @@ impl Node {
             Content::Alias(_) => "an alias".to_owned(),
             Content::List(items) if items.len() == 1 => "a list of 1 entry".to_owned(),
             Content::List(items) => format!("a list of {} entries", items.len()),
+            Content::Map(entries) if entries.is_empty() => "an empty group".to_owned(),
             Content::Map(_) => "a group of keys".to_owned(),
         }
     }
@@ -137,42 +136,6 @@ impl Outline {
         self.root.as_ref()?.path_at(offset, "")
     }
 
-    /// Path and value of the last plain value before a byte offset.
-    pub(super) fn scalar_before(&self, offset: usize) -> Option<(String, &Node)> {
-        fn visit<'a>(node: &'a Node, offset: usize, best: &mut Option<&'a Node>) {
-            match &node.content {
-                Content::Map(entries) => entries.iter().for_each(|(_, inner)| visit(inner, offset, best)),
-                Content::List(items) => items.iter().for_each(|inner| visit(inner, offset, best)),
-                Content::Scalar(_) | Content::Alias(_) if node.value.offset < offset => *best = Some(node),
-                Content::Scalar(_) | Content::Alias(_) => {}
-            }
-        }
-        let mut best = None;
-        visit(self.root.as_ref()?, offset, &mut best);
-        self.path_at(best?.value.offset)
-    }
-
-    /// Path and value of each key without a value, or with `null` for one.
-    pub(super) fn empties(&self) -> Vec<(String, &Node)> {
-        fn visit<'a>(node: &'a Node, here: &str, found: &mut Vec<(String, &'a Node)>) {
-            match &node.content {
-                Content::Map(entries) => entries.iter().for_each(|(key, inner)| {
-                    let path = if here.is_empty() { key.clone() } else { format!("{here}.{key}") };
-                    visit(inner, &path, found);
-                }),
-                Content::List(items) => {
-                    let each = items.iter().enumerate();
-                    each.for_each(|(index, inner)| visit(inner, &format!("{here}[{index}]"), found));
-                }
-                Content::Scalar(word) if !node.form.is_quoted && is_null(word) => found.push((here.to_owned(), node)),
-                Content::Scalar(_) | Content::Alias(_) => {}
-            }
-        }
-        let mut found = Vec::new();
-        self.root.iter().for_each(|root| visit(root, "", &mut found));
-        found
-    }
-
     /// The keys of the document.
     pub(super) fn top_keys(&self) -> impl Iterator<Item = &str> {
         let entries = match &self.root {
@@ -183,6 +146,7 @@ impl Outline {
     }
 }
 
-fn is_null(word: &str) -> bool {
-    matches!(word, "" | "~" | "null" | "Null" | "NULL")
+/// Whether a word that is not quoted stands for nothing.
+pub(super) fn is_null(word: &str) -> bool {
+    word.is_empty() || word == "~" || word.eq_ignore_ascii_case("null")
 }

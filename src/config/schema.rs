@@ -132,14 +132,6 @@ impl Guide {
         self.find(path).is_some_and(|schema| self.chooses(schema))
     }
 
-    /// Whether there has to be a group at a path, and this key in it.
-    pub(super) fn needs(&self, path: &str, key: &str) -> bool {
-        let Some(schema) = self.find(path) else { return false };
-        let group = self.resolve(schema);
-        let is_required = |keys: &Vec<Value>| keys.iter().any(|required| required == key);
-        !allows_null(schema) && group.get("required").and_then(Value::as_array).is_some_and(is_required)
-    }
-
     fn chooses(&self, schema: &Value) -> bool {
         let schema = self.resolve(schema);
         let choices: Vec<&Value> = alternatives(schema).filter(|choice| !is_null(choice)).collect();

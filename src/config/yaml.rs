@@ -1,12 +1,11 @@
-//! The YAML crate, and nothing else in the program knows it: limits, reading, writing, and where things stand.
+//! The YAML crates, and nothing else in the program knows them: limits, where the values of a text stand, and writing.
 
+use std::collections::BTreeMap;
+
+use granit_parser::{Event, Marker, Parser, ScalarStyle, Span, StructureStyle};
 use serde::Serialize;
-use serde::de::DeserializeOwned;
-use serde_saphyr::granit_parser::{Event, Marker, Parser, ScalarStyle, Span, StructureStyle};
-use serde_saphyr::{DefaultMessageFormatter, Error, Location, MessageFormatter, Options};
 
 use super::diagnostic::Place;
-use super::number::{NOT_FINITE, TOO_LARGE};
 use super::outline::{Content, Form, Node, Outline};
 
 /// Deepest nesting. The deepest value of a rig lies at 5.
@@ -21,6 +20,14 @@ pub(super) const MAX_ALIASES: usize = 100;
 pub(super) struct Fault {
     pub(super) cause: Cause,
     pub(super) place: Option<Place>,
+    /// Path of the value, where the text is YAML and the tree does not take it.
+    pub(super) path: Option<String>,
+}
+
+impl Fault {
+    fn of_text(cause: Cause, place: Place) -> Self {
+        Self { cause, place: Some(place), path: None }
+    }
 }
 
 /// The causes that have an answer of their own.
@@ -52,71 +59,9 @@ pub(super) enum Cause {
     Syntax { message: String },
 }
 
-fn options() -> Options {
-    serde_saphyr::options! {
-        budget: serde_saphyr::budget! {
-            max_depth: MAX_DEPTH,
-            max_nodes: MAX_NODES,
-            max_aliases: MAX_ALIASES,
-            max_documents: 1,
-        },
-        with_snippet: false,
-        strict_booleans: true,
-        reject_unsupported_tags: true,
-    }
-}
-
-/// Reads one document.
-pub(super) fn parse<T: DeserializeOwned>(text: &str) -> Result<T, Fault> {
-    serde_saphyr::from_str_with_options(text, options()).map_err(|error| fault(&error, text))
-}
-
 /// Writes a document in normal form: block style, keys in the order of the tree.
 pub(super) fn write<T: Serialize>(value: &T) -> Result<String, String> {
     serde_saphyr::to_string(value).map_err(|error| error.to_string())
-}
-
-fn fault(error: &Error, text: &str) -> Fault {
-    let inner = match error {
-        Error::WithSnippet { error, .. } | Error::AliasError { error, .. } => return fault(error, text),
-        inner => inner,
-    };
-    let cause = match inner {
-        Error::SerdeUnknownField { field, expected, .. } => {
-            Cause::UnknownKey { key: field.clone(), known: expected.clone() }
-        }
-        Error::SerdeUnknownVariant { variant, expected, .. } => {
-            Cause::UnknownChoice { word: variant.clone(), known: expected.clone() }
-        }
-        Error::SerdeMissingField { field, .. } => Cause::MissingKey { key: field },
-        Error::DuplicateMappingKey { key, .. } => Cause::DuplicateKey { key: key.clone() },
-        Error::InvalidScalar { ty, .. } => Cause::WrongType { expected: (*ty).to_owned() },
-        Error::Unexpected { expected, .. } => Cause::WrongType { expected: (*expected).to_owned() },
-        Error::SerdeInvalidType { expected, .. }
-        | Error::SerdeInvalidValue { expected, .. }
-        | Error::SerdeInvalidLength { expected, .. } => Cause::WrongType { expected: expected.clone() },
-        Error::ExternallyTaggedEnumExpectedScalarOrMapping { .. }
-        | Error::ExpectedStringKeyForExternallyTaggedEnum { .. } => {
-            Cause::WrongType { expected: "a group with one key".to_owned() }
-        }
-        Error::NonFiniteFloat { .. } => Cause::NotFinite,
-        Error::Budget { .. } => {
-            Cause::TooBig { limit: format!("{MAX_NODES} values, {MAX_ALIASES} aliases or {MAX_DEPTH} levels") }
-        }
-        Error::Message { msg, .. } if msg == NOT_FINITE => Cause::NotFinite,
-        Error::Message { msg, .. } if msg == TOO_LARGE => Cause::TooLarge,
-        Error::Message { msg, .. } => Cause::Syntax { message: msg.clone() },
-        Error::ExpectedMappingEndAfterEnumVariantValue { .. } => Cause::SecondChoice,
-        other => Cause::Syntax { message: DefaultMessageFormatter.format_message(other).into_owned() },
-    };
-    Fault { cause, place: inner.location().and_then(|location| place_of_location(location, text)) }
-}
-
-fn place_of_location(location: Location, text: &str) -> Option<Place> {
-    let line = usize::try_from(location.line()).ok().filter(|line| *line > 0)?;
-    let column = usize::try_from(location.column()).ok()?;
-    let length = location.span().byte_len().and_then(|length| usize::try_from(length).ok()).unwrap_or(0);
-    Some(Place::at(text, line, column, length))
 }
 
 fn place(start: Marker, end: Marker) -> Place {
@@ -154,27 +99,33 @@ pub(super) fn outline(text: &str) -> Result<Outline, Fault> {
             let place = Place::at(text, at.line(), at.col() + 1, 0);
             match error.info() {
                 message if message.contains("recursion limit") => too_big(MAX_DEPTH, "levels", place),
-                message => Fault { cause: Cause::Syntax { message }, place: Some(place) },
+                message => Fault::of_text(Cause::Syntax { message }, place),
             }
         })?;
         let here = place(span.start, span.end);
+        if let Event::SequenceStart(.., Some(_)) | Event::MappingStart(.., Some(_)) | Event::Scalar(.., Some(_)) =
+            &event
+        {
+            let message = "a tag has no meaning here".to_owned();
+            return Err(Fault::of_text(Cause::Syntax { message }, here));
+        }
         match event {
             Event::DocumentStart(..) => documents += 1,
-            Event::SequenceStart(style, anchor, tag) => {
-                let form = Form { anchor, is_quoted: false, has_tag: tag.is_some() };
+            Event::SequenceStart(style, anchor, _) => {
+                let form = Form { anchor, is_quoted: false };
                 start(&mut open, span, style, Content::List(Vec::new()), form);
             }
-            Event::MappingStart(style, anchor, tag) => {
-                let form = Form { anchor, is_quoted: false, has_tag: tag.is_some() };
+            Event::MappingStart(style, anchor, _) => {
+                let form = Form { anchor, is_quoted: false };
                 start(&mut open, span, style, Content::Map(Vec::new()), form);
             }
             Event::SequenceEnd | Event::MappingEnd => close(&mut open, &mut root, span),
-            Event::Scalar(value, style, anchor, tag) => match open.last_mut() {
+            Event::Scalar(value, style, anchor, _) => match open.last_mut() {
                 Some(Open { content: Content::Map(_), pending: pending @ None, .. }) => {
                     *pending = Some((value.into_owned(), here));
                 }
                 _ => {
-                    let form = Form { anchor, is_quoted: style != ScalarStyle::Plain, has_tag: tag.is_some() };
+                    let form = Form { anchor, is_quoted: style != ScalarStyle::Plain };
                     add(&mut open, &mut root, here, Content::Scalar(value.into_owned()), form);
                 }
             },
@@ -186,7 +137,7 @@ pub(super) fn outline(text: &str) -> Result<Outline, Fault> {
         }
         nodes += 1;
         let fault = match (documents, nodes, aliases, open.len()) {
-            (2.., ..) => Fault { cause: Cause::SeveralDocuments, place: Some(here) },
+            (2.., ..) => Fault::of_text(Cause::SeveralDocuments, here),
             (_, nodes, ..) if nodes > MAX_NODES => too_big(MAX_NODES, "values", here),
             (_, _, aliases, _) if aliases > MAX_ALIASES => too_big(MAX_ALIASES, "aliases", here),
             (.., depth) if depth > MAX_DEPTH => too_big(MAX_DEPTH, "levels", here),
@@ -195,16 +146,45 @@ pub(super) fn outline(text: &str) -> Result<Outline, Fault> {
         return Err(fault);
     }
     match root {
-        None => Err(Fault { cause: Cause::Empty, place: None }),
         Some(Node { content: Content::Scalar(text), .. }) if text.is_empty() || text == "~" || text == "null" => {
-            Err(Fault { cause: Cause::Empty, place: None })
+            Err(Fault { cause: Cause::Empty, place: None, path: None })
         }
-        root => Ok(Outline { root }),
+        Some(root) => size(&root, &mut BTreeMap::new()).map(|_| Outline { root: Some(root) }),
+        None => Err(Fault { cause: Cause::Empty, place: None, path: None }),
     }
 }
 
+/// The number of values in a value, aliases expanded; `sizes` has that of each value with an anchor, by its number.
+fn size(node: &Node, sizes: &mut BTreeMap<usize, usize>) -> Result<usize, Fault> {
+    let mut sum = 1;
+    match &node.content {
+        Content::Scalar(_) => {}
+        Content::List(items) => {
+            for item in items {
+                sum += size(item, sizes)?;
+            }
+        }
+        Content::Map(entries) => {
+            for (_, value) in entries {
+                sum += size(value, sizes)?;
+            }
+        }
+        Content::Alias(anchor) => match sizes.get(anchor) {
+            Some(size) => sum = *size,
+            None => {
+                let message = "this alias repeats what it is part of".to_owned();
+                return Err(Fault::of_text(Cause::Syntax { message }, node.value));
+            }
+        },
+    }
+    if node.form.anchor > 0 {
+        sizes.insert(node.form.anchor, sum);
+    }
+    if sum > MAX_NODES { Err(too_big(MAX_NODES, "values", node.value)) } else { Ok(sum) }
+}
+
 fn too_big(limit: usize, what: &str, place: Place) -> Fault {
-    Fault { cause: Cause::TooBig { limit: format!("{limit} {what}") }, place: Some(place) }
+    Fault::of_text(Cause::TooBig { limit: format!("{limit} {what}") }, place)
 }
 
 fn start(open: &mut Vec<Open>, span: Span, style: StructureStyle, content: Content, form: Form) {

@@ -30,6 +30,9 @@ pub struct Computer {
     pub name: String,
     /// Release and version of the kernel, as `uname -rv` has them.
     pub kernel: String,
+    /// Profile by which the program was built, such as `dist`; empty in records that do not name it.
+    #[serde(default)]
+    pub profile: String,
     /// Whether the loop has the priority that it asks for.
     pub has_priority: bool,
     /// Whether its memory is locked.
@@ -39,9 +42,9 @@ pub struct Computer {
 impl fmt::Display for Computer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let with = |is_so| if is_so { "with" } else { "without" };
-        let Self { name, kernel, has_priority, has_locked_memory } = self;
+        let Self { name, kernel, profile, has_priority, has_locked_memory } = self;
         let (priority, memory) = (with(*has_priority), with(*has_locked_memory));
-        write!(f, "{name} ({kernel}; {priority} SCHED_FIFO, {memory} locked memory)")
+        write!(f, "{name} ({kernel}; {priority} SCHED_FIFO, {memory} locked memory, built by the profile `{profile}`)")
     }
 }
 
@@ -86,8 +89,8 @@ impl Measured {
     }
 
     fn path(&self, folder: &Path) -> PathBuf {
-        let Computer { name, kernel, has_priority, has_locked_memory } = &self.computer;
-        let text = format!("{name}\n{kernel}\n{has_priority} {has_locked_memory} {}", self.period_us);
+        let Computer { name, kernel, profile, has_priority, has_locked_memory } = &self.computer;
+        let text = format!("{name}\n{kernel}\n{profile}\n{has_priority} {has_locked_memory} {}", self.period_us);
         folder.join(format!("{:016x}.json", fnv1a(text.as_bytes())))
     }
 
@@ -240,7 +243,7 @@ mod tests {
 
     fn computer() -> Computer {
         let (name, kernel) = ("bench".to_owned(), "6.12.1 #1 SMP PREEMPT_RT".to_owned());
-        Computer { name, kernel, has_priority: true, has_locked_memory: true }
+        Computer { name, kernel, profile: "dist".to_owned(), has_priority: true, has_locked_memory: true }
     }
 
     fn rig(file: &str) -> config::Rig {
@@ -292,6 +295,8 @@ mod tests {
         let others = [
             Computer { name: "other".to_owned(), ..computer() },
             Computer { kernel: "6.12.2".to_owned(), ..computer() },
+            Computer { profile: "release".to_owned(), ..computer() },
+            Computer { profile: String::new(), ..computer() },
             Computer { has_priority: false, ..computer() },
             Computer { has_locked_memory: false, ..computer() },
         ];

@@ -61,7 +61,7 @@ fn about_run(
     let duration = overrides.duration_s.map(|duration| format!("--duration {duration}"));
     Ok(About {
         version: env!("CARGO_PKG_VERSION").to_owned(),
-        commit: env!("YIELDWALL_COMMIT").to_owned(),
+        commit: String::new(),
         target: env!("YIELDWALL_TARGET").to_owned(),
         machine,
         scene: scene.map(config::to_yaml).transpose()?.unwrap_or_default(),

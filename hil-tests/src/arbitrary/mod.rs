@@ -1,7 +1,7 @@
 //! Decoders and engines fed arbitrary bytes.
 //!
 //! A body takes bytes for a stream of time steps, frames and numbers, or for a text, drives one part of the program with
-//! them and asserts what that part promises whatever it is given. `hil-tests/tests/arbitrary.rs` runs every body of
+//! them and asserts what that part promises whatever it is given. `hil-tests/tests/scenarios/arbitrary.rs` runs every body of
 //! [`TARGETS`] on random bytes and on altered [`Target::seeds`]; `hil-tests/fuzz` has each as a target for a fuzzer.
 
 mod bus;

@@ -191,13 +191,7 @@ fn plant(root: &Path, folder: &Path) -> Result<PathBuf, String> {
         copy(&root.join(part), &tree.join(part))?;
     }
     for (index, defect) in DEFECTS.iter().enumerate() {
-        let path = tree.join(defect.file);
-        let text = fs::read_to_string(&path).map_err(|error| at(&path, &error))?;
-        if text.matches(defect.from).count() != 1 {
-            let text = defect.from;
-            return Err(format!("{}: `{text}` stands there not once; plant this defect elsewhere", defect.file));
-        }
-        fs::write(&path, text.replace(defect.from, &choice(index + 1, defect))).map_err(|error| at(&path, &error))?;
+        replace(&tree.join(defect.file), defect.from, &choice(index + 1, defect))?;
     }
     let library = tree.join("src/lib.rs");
     let text = fs::read_to_string(&library).map_err(|error| at(&library, &error))?;
@@ -206,38 +200,26 @@ fn plant(root: &Path, folder: &Path) -> Result<PathBuf, String> {
          *WHICH.get_or_init(|| std::env::var(\"{WHICH}\").ok().and_then(|which| which.parse().ok()).unwrap_or(0))\n}}\n"
     );
     fs::write(&library, text).map_err(|error| at(&library, &error))?;
-    let main = tree.join("src/main.rs");
+    let main = tree.join("src/program/main.rs");
     fs::write(&main, MAIN).map_err(|error| at(&main, &error))?;
-    // A program of another name, so that it can share the built dependencies.
-    let manifest = tree.join("Cargo.toml");
-    let text = fs::read_to_string(&manifest).map_err(|error| at(&manifest, &error))?;
-    let program = "[[bin]]\nname = \"yieldwall\"\npath = \"src/main.rs\"\nrequired-features = [\"cli\"]\n";
-    if !text.contains(program) {
-        return Err(format!("{}: the program is described otherwise now", manifest.display()));
-    }
-    let named = text.replace(
-        program,
-        &format!("[[bin]]\nname = \"{PROGRAM}\"\npath = \"src/main.rs\"\nrequired-features = [\"sim\"]\n"),
-    );
-    let named = named.replace("default-run = \"yieldwall\"\n", "");
+    // A program of another name without the command line, so that it can share the built dependencies.
+    let program = tree.join("src/program/Cargo.toml");
+    replace(&program, "name = \"yieldwall\"", &format!("name = \"{PROGRAM}\""))?;
+    replace(&program, "features = [\"cli\"]", "features = [\"sim\"]")?;
     // And of another version: cargo takes packages of one name and version in one folder of built files for the same, wherever
     // their sources lie, and would not build the program itself anew afterwards.
-    let plain = "[workspace.package]\nversion = \"0.1.0\"";
-    if !named.contains(plain) {
-        return Err(format!("{}: the version is not 0.1.0 any more; name the one that is", manifest.display()));
-    }
-    fs::write(&manifest, named.replace(plain, "[workspace.package]\nversion = \"0.1.0+planted\""))
-        .map_err(|error| at(&manifest, &error))?;
+    let plain = "[workspace.package]\nversion = \"0.1.0";
+    replace(&tree.join("Cargo.toml"), plain, &format!("{plain}+planted"))?;
     let lock = tree.join("Cargo.lock");
     let mut locked = fs::read_to_string(&lock).map_err(|error| at(&lock, &error))?;
-    for package in ["yieldwall", "yieldwall-drives", "hil-tests"] {
+    for package in ["yieldwall", "yieldwall-drives", "yieldwall-program", "hil-tests"] {
         let named = format!("name = \"{package}\"\nversion = \"0.1.0");
         locked = locked.replace(&format!("{named}\""), &format!("{named}+planted\""));
     }
     fs::write(&lock, locked).map_err(|error| at(&lock, &error))?;
     let target = root.join("target");
     let status = Command::new(std::env::var("CARGO").unwrap_or_else(|_| "cargo".into()))
-        .args(["build", "--locked", "--quiet", "--no-default-features", "--features", "sim", "--bin", PROGRAM])
+        .args(["build", "--locked", "--quiet", "--package", "yieldwall-program"])
         .current_dir(&tree)
         .env("CARGO_TARGET_DIR", &target)
         .status()
@@ -247,6 +229,15 @@ fn plant(root: &Path, folder: &Path) -> Result<PathBuf, String> {
     } else {
         Err("the planted copy does not build".into())
     }
+}
+
+/// Replaces a text that stands once in a file.
+fn replace(path: &Path, from: &str, to: &str) -> Result<(), String> {
+    let text = fs::read_to_string(path).map_err(|error| at(path, &error))?;
+    if text.matches(from).count() != 1 {
+        return Err(format!("{}: `{from}` stands there not once", path.display()));
+    }
+    fs::write(path, text.replace(from, to)).map_err(|error| at(path, &error))
 }
 
 /// Both texts, the planted one if it is asked for.

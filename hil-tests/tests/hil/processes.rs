@@ -202,7 +202,7 @@ fn a_master_that_is_killed_leaves_drives_that_stop_by_themselves() {
         .until("emergency of both drives", |frames| [1, 2].iter().all(|node| !emergencies(frames, *node).is_empty()));
     let (frames, times) = observer.rest_with_times();
     let last_sync = frames.iter().rposition(|frame| frame.id() == cob::SYNC).expect("it ran");
-    // How soon in virtual time is what hil-tests/tests/watchdogs.rs holds each of them to.
+    // How soon in virtual time is what hil-tests/tests/scenarios/watchdogs.rs holds each of them to.
     let told = [0x081, 0x082].map(|id| frames.iter().position(|frame| frame.id() == id).expect("both told"));
     let after = told.map(|at| times[at].since(times[last_sync]));
     println!("after the last SYNC: left {:?}, right {:?}, apart {:?}", after[0], after[1], after[0].abs_diff(after[1]));

@@ -102,7 +102,7 @@ fn version() -> String {
     format!(
         "version {}\ncommit  {}\ntarget  {}\nsystem  {} {}\n",
         env!("CARGO_PKG_VERSION"),
-        known(env!("YIELDWALL_COMMIT")),
+        known(crate::cli::commit()),
         known(env!("YIELDWALL_TARGET")),
         std::env::consts::OS,
         std::env::consts::ARCH

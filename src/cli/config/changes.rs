@@ -16,9 +16,10 @@ use super::super::rehearsal::Rehearsal;
 use super::checked::Checked;
 use super::portable;
 use crate::config::{self, Document, Severity, Source, builtin, builtin_names};
+use crate::sample::cases;
 
-/// How many changes a test run tries, and the seed that draws them.
-const USUAL: (usize, u64) = (80, 1);
+/// How many changes a test run of every case tries, and the seed that draws them.
+const USUAL: (u32, u64) = (80, 1);
 type Wrong = fn(f64) -> f64;
 /// What is done to a number.
 const CHANGES: [(&str, Wrong); 6] = [
@@ -221,7 +222,7 @@ fn wanted(all: usize) -> (usize, u64) {
             let (count, seed) = text.split_once(':').unwrap_or((text, "1"));
             (count.parse().expect("a number of changes"), seed.parse().expect("a seed"))
         }
-        Err(_) => USUAL,
+        Err(_) => (cases(USUAL.0) as usize, USUAL.1),
     }
 }
 

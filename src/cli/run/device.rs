@@ -9,7 +9,7 @@ use serde_json::json;
 use super::super::ending::{SOFTER_COUPLING, above_bound, rig_failure};
 use super::super::failure::{Exit, Failure};
 use super::super::interrupt::{interrupted, on_interrupt, unless};
-use super::super::keep::Keep;
+use super::super::keep::{Keep, described};
 use super::super::output::Output;
 use super::super::progress::Progress;
 use super::{Arguments, draw, measures_text, with_files};
@@ -26,8 +26,7 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
     let seed = overrides.seed.unwrap_or(scene.seed);
     // Before anything is written: a device that is refused leaves no recording.
     ImpedanceRig::new(&device.value, &scene, &device.value.fixture, seed).map_err(|error| rig_failure(&error))?;
-    let about = replay::about_device(&device.value, &scene, &overrides)
-        .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
+    let about = described(replay::about_device(&device.value, &scene, &overrides))?;
     let (keep, observer) = Keep::start_device(&device.value, &about, arguments.record.as_deref())?;
     let name = &device.value.device.name;
     let progress = Progress::new(output);

@@ -120,6 +120,7 @@ fn machine(origin: &Origin<'_>) -> Value {
         "version": env!("CARGO_PKG_VERSION"),
         "build": origin.build,
         "rustc": env!("YIELDWALL_RUSTC"),
+        "profile": env!("YIELDWALL_PROFILE"),
         "opt_level": env!("YIELDWALL_OPT_LEVEL"),
         "debug_assertions": cfg!(debug_assertions),
         "mujoco": origin.mujoco,

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use yieldwall_drives::codes::{self, ErrorCodes};
 use yieldwall_drives::profiles::{DeviceProfile, SHIPPED};
 
-use crate::config::yaml;
+use crate::config::reader;
 
 /// A device model: the name of one that comes with the program, or a profile's file (`.yaml`), relative to this file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -21,12 +21,12 @@ pub struct ProfileName {
 }
 
 static PROFILES: LazyLock<BTreeMap<&'static str, Arc<DeviceProfile>>> = LazyLock::new(|| {
-    let read = |(name, text): &(&'static str, &str)| Some((*name, Arc::new(yaml::parse(text).ok()?)));
+    let read = |(name, text): &(&'static str, &str)| Some((*name, Arc::new(reader::parse(text).ok()?)));
     SHIPPED.iter().filter_map(read).collect()
 });
 
 static CODES: LazyLock<BTreeMap<&'static str, Arc<ErrorCodes>>> = LazyLock::new(|| {
-    let read = |(name, text): &(&'static str, &str)| Some((*name, Arc::new(yaml::parse(text).ok()?)));
+    let read = |(name, text): &(&'static str, &str)| Some((*name, Arc::new(reader::parse(text).ok()?)));
     codes::SHIPPED.iter().filter_map(read).collect()
 });
 

@@ -54,7 +54,8 @@ pub fn computer(has_priority: bool, has_locked_memory: bool) -> Computer {
         text.trim().to_owned()
     };
     let kernel = format!("{} {}", of("osrelease"), of("version"));
-    Computer { name: of("hostname"), kernel, has_priority, has_locked_memory }
+    let profile = env!("YIELDWALL_PROFILE").to_owned();
+    Computer { name: of("hostname"), kernel, profile, has_priority, has_locked_memory }
 }
 
 fn duration(clock: ClockId) -> Duration {

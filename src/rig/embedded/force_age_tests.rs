@@ -8,6 +8,7 @@ use crate::analysis::{believed_age_s, later_s};
 use crate::identification::NotIdentified;
 use crate::injection::{Defect, DefectKind};
 use crate::run::{ForceFound, JointLoop, LoopPlan};
+use crate::sample::share;
 
 /// What is identified of a joint with these defects, and the root mean square of the force that the cycle had meanwhile, N.
 fn found(loaded: &config::Loaded<config::Rig>, joint: usize, seed: u64, defects: &[Defect]) -> (JointLoop, f64) {
@@ -55,7 +56,7 @@ fn rigs() -> [(&'static str, config::Loaded<config::Rig>); 5] {
 
 #[test]
 fn the_age_of_a_force_behind_a_low_pass_is_identified_on_each_bus() {
-    for (name, loaded) in rigs() {
+    for (name, loaded) in share(rigs(), 2) {
         let period_s = f64::from(loaded.value.cycle.period_us) * 1e-6;
         let [least, most] = believed_age_s(&loaded.value).unwrap();
         for (joint, seed, lag_ms) in [(0, 1, 2.0), (1, 2, 2.0), (0, 3, 4.0)] {
@@ -89,7 +90,7 @@ fn the_age_of_a_force_behind_a_low_pass_is_identified_on_each_bus() {
 
 #[test]
 fn a_sensor_as_the_file_has_it_contradicts_nothing_at_any_seed() {
-    for (name, loaded) in rigs() {
+    for (name, loaded) in share(rigs(), 2) {
         for (joint, seed) in [(0, 4), (1, 5)] {
             let (found, _) = found(&loaded, joint, seed, &[weight(0.3)]);
             let handle = found.handle.unwrap_or_else(|error| panic!("{name}: {error}"));

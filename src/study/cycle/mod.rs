@@ -369,7 +369,7 @@ mod tests {
     /// On EtherCAT the sample lies behind SYNC0, at which drives in position mode begin another line.
     #[test]
     fn what_is_printed_of_a_rig_on_ethercat_is_what_its_runs_show() {
-        for period_us in [500, 1000, 5000] {
+        for period_us in crate::sample::share([500, 1000, 5000], 1) {
             let setting = Setting { wire: Wire::Ethercat, mode: Mode::Position, period_us };
             let (printed_kg, run_kg) = least_kg(&setting.machine().unwrap()).unwrap();
             let ratio = printed_kg.unwrap() / run_kg.unwrap();

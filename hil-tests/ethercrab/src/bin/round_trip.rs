@@ -1,8 +1,8 @@
 //! A frame to the simulated devices and back over a virtual cable, with the program's own socket and with ethercrab's `tx_rx_task`.
 //!
 //! ```text
-//! cargo build --locked --release -p hil-tests-ethercrab --features wire --bin round_trip
-//! hil-tests/veth chrt -f 50 target/release/round_trip [TURNS]
+//! cargo build --locked --profile dist -p hil-tests-ethercrab --features wire --bin round_trip
+//! hil-tests/veth chrt -f 50 target/dist/round_trip [TURNS]
 //! ```
 //!
 //! Both ask three devices for their state (`BRD 0130h`), a thousand times in each turn, and take turns. Each has a cable of its own and the

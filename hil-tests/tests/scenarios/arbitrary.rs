@@ -87,7 +87,7 @@ fn hold(target: &Target, inputs: impl Strategy<Value = Vec<u8>>) -> Result<(), S
     result.map_err(|error| match error {
         TestError::Fail(reason, bytes) => {
             let (name, hex) = (target.name, hex(&bytes));
-            format!("{name}: {reason}\nagain: {INPUT}={name}:{hex} cargo test -p hil-tests --test arbitrary known\n")
+            format!("{name}: {reason}\nagain: {INPUT}={name}:{hex} cargo test -p hil-tests --test scenarios known\n")
         }
         other => format!("{}: {other}\n", target.name),
     })

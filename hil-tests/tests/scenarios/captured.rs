@@ -60,13 +60,13 @@ fn answers_the_same(mut device: impl Participant, log: &str, is_theirs: impl Fn(
 
 #[test]
 fn a_device_answers_the_client_and_the_master_of_python_canopen_as_it_did() {
-    let log = include_str!("../peers/captured/their-client.log");
+    let log = include_str!("../../peers/captured/their-client.log");
     answers_the_same(device(5), log, |frame| matches!(frame.id(), 0x000 | 0x605) || frame.is_remote());
 }
 
 #[test]
 fn a_device_answers_the_lss_master_of_python_canopen_as_it_did() {
-    let log = include_str!("../peers/captured/their-lss-master.log");
+    let log = include_str!("../../peers/captured/their-lss-master.log");
     answers_the_same(bare(), log, |frame| frame.id() == 0x7e5);
 }
 
@@ -85,7 +85,7 @@ fn the_client_asks_the_server_of_python_canopen_as_it_did() {
         (|client, now, data, out| client.start_download(now, 0x2000, 0, data, out).unwrap(), &[1]),
         (|client, now, _, out| client.start_upload(now, 0x5fff, 0, out).unwrap(), &[]),
     ];
-    let mut log = frames(include_str!("../peers/captured/our-client.log")).into_iter().filter(|(_, frame)| {
+    let mut log = frames(include_str!("../../peers/captured/our-client.log")).into_iter().filter(|(_, frame)| {
         // The server announces itself as a device; the client does not care.
         matches!(frame.id(), 0x605 | 0x585)
     });

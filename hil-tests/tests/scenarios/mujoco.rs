@@ -1,7 +1,7 @@
 //! The model that the study `plant` gives to MuJoCo is the arm that it gives to the rest.
 //!
 //! `hil-tests/run` fetches MuJoCo and runs this; alone:
-//! `YIELDWALL_MUJOCO=$(hil-tests/peers/mujoco) cargo test -p hil-tests --test mujoco -- --ignored`
+//! `YIELDWALL_MUJOCO=$(hil-tests/peers/mujoco) cargo test -p hil-tests --test scenarios mujoco:: -- --ignored`
 
 use nalgebra::Vector2;
 use std::path::PathBuf;

@@ -3,7 +3,7 @@
 //!
 //! `hil-tests/run` fetches both and runs this; alone:
 //! `YIELDWALL_DATA_SHEETS=$(hil-tests/peers/data_sheets) YIELDWALL_PYTHON=$(hil-tests/peers/install) cargo test -p hil-tests --test
-//! data_sheets -- --ignored`
+//! scenarios data_sheets:: -- --ignored`
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -234,7 +234,7 @@ fn a_recording_that_is_killed_loses_less_than_a_second() {
     for kill in 0..KILLS {
         let folder = Folder::new();
         let mut child = Command::new(std::env::current_exe().expect("this program"))
-            .args(["--ignored", "--exact", "records_until_it_is_killed", "--nocapture"])
+            .args(["--ignored", "--exact", "recording::records_until_it_is_killed", "--nocapture"])
             .env(FOLDER, &folder.0)
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
@@ -297,7 +297,7 @@ fn a_processor_without_fused_multiply_add_gives_the_same_bits() {
         record_all(&folder.0.join(file), file);
     }
     let child = Command::new(std::env::current_exe().expect("this program"))
-        .args(["--ignored", "--exact", "replays_and_records_once_more", "--nocapture"])
+        .args(["--ignored", "--exact", "recording::replays_and_records_once_more", "--nocapture"])
         .env(FOLDER, &folder.0)
         // The names that it has today, and those that it had before version 2.33.
         .env("GLIBC_TUNABLES", "glibc.cpu.hwcaps=-FMA,-FMA4,-AVX2,-FMA_Usable,-FMA4_Usable,-AVX2_Usable")

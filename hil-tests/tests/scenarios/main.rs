@@ -1,0 +1,29 @@
+//! Scenarios over the whole rig in virtual time, and what is held of the program from outside: one program, since each links the whole
+//! library.
+//!
+//! `cargo test -p hil-tests --test scenarios faults::` runs those of one file.
+
+mod adopt;
+mod arbitrary;
+mod bus_budget;
+mod buses;
+mod captured;
+mod data_sheets;
+mod examples;
+mod exchange;
+mod faults;
+mod figures;
+mod force_sensors;
+mod hostile;
+mod injections;
+mod json;
+mod layers;
+mod live;
+mod mujoco;
+mod profiles;
+mod recording;
+mod soak;
+mod strangers;
+mod two_masters;
+mod waits;
+mod watchdogs;

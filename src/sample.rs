@@ -1,0 +1,38 @@
+//! How much of a test over combinations is run: a share that is drawn, or every case.
+#![cfg_attr(not(feature = "sim"), allow(dead_code))]
+
+/// `all` asks for every case, as `hil-tests/run --all` does; a number is the seed that draws the share.
+const SIZE: &str = "YIELDWALL_TESTS";
+
+/// Whether every case is asked for.
+fn is_whole() -> bool {
+    std::env::var(SIZE).is_ok_and(|size| size == "all")
+}
+
+/// So many of the cases, in their order, or all of them. A test that fails prints how its share is drawn again.
+pub(crate) fn share<T>(cases: impl IntoIterator<Item = T>, count: usize) -> Vec<T> {
+    let mut cases: Vec<T> = cases.into_iter().collect();
+    if is_whole() || count >= cases.len() {
+        return cases;
+    }
+    let seed = std::env::var(SIZE).ok().and_then(|size| size.parse().ok()).unwrap_or(1);
+    println!("{count} of {} cases; this share again: {SIZE}={seed}, all of them: {SIZE}=all", cases.len());
+    let (mut state, mut wanted, mut left) = (seed, count as u64, cases.len() as u64);
+    cases.retain(|_| {
+        // Splitmix64.
+        state = u64::wrapping_add(state, 0x9e37_79b9_7f4a_7c15);
+        let mut noise = state;
+        noise = (noise ^ (noise >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        noise = (noise ^ (noise >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        let is_drawn = (noise ^ (noise >> 31)) % left < wanted;
+        wanted -= u64::from(is_drawn);
+        left -= 1;
+        is_drawn
+    });
+    cases
+}
+
+/// The number of random cases of a property: `whole`, or a quarter of it.
+pub(crate) fn cases(whole: u32) -> u32 {
+    if is_whole() { whole } else { whole.div_ceil(4) }
+}
