@@ -16,7 +16,7 @@ use crate::checkup::Check;
 use crate::config::{self, Rig, Source};
 use crate::host::Untimely;
 use crate::host::system::{ComputerFacts, Limits, Readiness, coalescing, coalescing_check, computer, limits};
-use crate::link::{Attachment, InterfaceFacts, interfaces, is_ethernet};
+use crate::link::{Attachment, InterfaceFacts, is_ethernet};
 
 /// The cycle for which a computer is judged unless a rig says another.
 const PERIOD_US: u32 = 1000;
@@ -117,7 +117,7 @@ fn wanted(arguments: &Arguments, rig: Option<&Rig>) -> Result<Vec<Wanted>, Failu
 #[cfg(feature = "full")]
 pub(super) fn text(rig: Option<&Rig>) -> String {
     let period = Duration::from_micros(period_us(rig).into());
-    let of_interfaces = interfaces().into_iter().map(|name| of_interface(&name, None, period));
+    let of_interfaces = crate::link::interfaces().into_iter().map(|name| of_interface(&name, None, period));
     std::iter::once(of_computer(rig)).chain(of_interfaces).map(|section| section.text()).collect()
 }
 
