@@ -1,4 +1,4 @@
-//! Tells the library how it is built: studies name compiler and optimisation, recordings the processor, records of latency the profile.
+//! Passes to the library how it is built: studies name compiler and optimisation, recordings the processor, records of latency the profile.
 
 use std::path::Path;
 use std::process::Command;

@@ -1,7 +1,7 @@
-//! How much of a test over combinations is run: a share that is drawn, or every case.
+//! Size of a test over combinations: a drawn share of the cases, or every case.
 #![cfg_attr(not(feature = "sim"), allow(dead_code))]
 
-/// `all` asks for every case, as `hil-tests/run --all` does; a number is the seed that draws the share.
+/// Variable of the environment: `all` asks for every case, as `hil-tests/run --all` does; a number is the seed that draws the share.
 const SIZE: &str = "YIELDWALL_TESTS";
 
 /// Whether every case is asked for.
@@ -9,7 +9,7 @@ fn is_whole() -> bool {
     std::env::var(SIZE).is_ok_and(|size| size == "all")
 }
 
-/// So many of the cases, in their order, or all of them. A test that fails prints how its share is drawn again.
+/// Draws `count` of the cases and keeps their order, or returns every case. A test that fails prints how to draw its share again.
 pub(crate) fn share<T>(cases: impl IntoIterator<Item = T>, count: usize) -> Vec<T> {
     let mut cases: Vec<T> = cases.into_iter().collect();
     if is_whole() || count >= cases.len() {
@@ -32,7 +32,7 @@ pub(crate) fn share<T>(cases: impl IntoIterator<Item = T>, count: usize) -> Vec<
     cases
 }
 
-/// The number of random cases of a property: `whole`, or a quarter of it.
+/// Number of random cases of a property: `whole`, or a quarter of it.
 pub(crate) fn cases(whole: u32) -> u32 {
     if is_whole() { whole } else { whole.div_ceil(4) }
 }

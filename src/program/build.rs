@@ -1,5 +1,5 @@
-//! Tells the program the commit that it is built from, for recordings and bug reports. The library does not know it, so that a commit
-//! alone builds only this program anew.
+//! Passes to the program the commit that it is built from, for recordings and bug reports. The library does not know the commit, so
+//! that a commit alone builds only this program anew.
 
 use std::path::Path;
 use std::process::Command;
@@ -22,7 +22,7 @@ fn commit() -> String {
     output(&["describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"])
 }
 
-/// Prints of git; nothing if it fails.
+/// Output of a git command; empty if it fails.
 fn output(arguments: &[&str]) -> String {
     let output = Command::new("git").args(arguments).output().ok().filter(|output| output.status.success());
     output.map(|output| String::from_utf8_lossy(&output.stdout).trim().to_owned()).unwrap_or_default()

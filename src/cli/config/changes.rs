@@ -18,7 +18,7 @@ use super::portable;
 use crate::config::{self, Document, Severity, Source, builtin, builtin_names};
 use crate::sample::cases;
 
-/// How many changes a test run of every case tries, and the seed that draws them.
+/// Number of changes that a test run of every case tries, and the seed that draws them.
 const USUAL: (u32, u64) = (80, 1);
 type Wrong = fn(f64) -> f64;
 /// What is done to a number.
