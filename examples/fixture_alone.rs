@@ -1,7 +1,7 @@
 //! A fixture alone: a wall that stands below its yield force, gives way above it, and does not push back.
 //!
 //! ```sh
-//! cargo run --no-default-features --example fixture_alone
+//! cargo run -p yieldwall --no-default-features --example fixture_alone
 //! ```
 
 use std::error::Error;

@@ -1,7 +1,7 @@
 //! A fixture in a loop of your own, on a device that takes forces: position in, force out, in three dimensions.
 //!
 //! ```sh
-//! cargo run --no-default-features --example fixture_in_own_loop
+//! cargo run -p yieldwall --no-default-features --example fixture_in_own_loop
 //! ```
 
 use std::error::Error;

@@ -1,7 +1,7 @@
 //! Proxy-based sliding mode control (PSMC) of one joint with a torque limit, beside PID with the same gains.
 //!
 //! ```sh
-//! cargo run --no-default-features --example psmc_one_joint
+//! cargo run -p yieldwall --no-default-features --example psmc_one_joint
 //! ```
 
 use std::error::Error;

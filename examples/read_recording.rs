@@ -1,7 +1,7 @@
 //! Reading a recording: every cycle of a run, as the run left it on disk.
 //!
 //! ```sh
-//! cargo run --no-default-features --features sim,recording --example read_recording [FILE.mcap]
+//! cargo run -p yieldwall --no-default-features --features sim,recording --example read_recording [FILE.mcap]
 //! ```
 //!
 //! Without a file it records five seconds of a simulated rig and reads them. Reading alone needs the feature `recording` only.

@@ -1,7 +1,7 @@
 //! A rig on a bus: boots the drives and the force sensor on a CAN interface, runs the fixture for a while and stops.
 //!
 //! ```sh
-//! cargo run --release --no-default-features --features config,socketcan --example rig_on_bus -- RIG.yaml can0 10
+//! cargo run --release -p yieldwall --no-default-features --features config,socketcan --example rig_on_bus -- RIG.yaml can0 10
 //! ```
 //!
 //! **It moves real drives.** `yieldwall latency` and `yieldwall drill RIG.yaml --bus can0` come first: without their records the

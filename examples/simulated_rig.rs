@@ -1,7 +1,7 @@
 //! A simulated rig in twenty lines: drives and force sensor on a virtual CAN bus, arm and hand between them.
 //!
 //! ```sh
-//! cargo run --release --no-default-features --features sim --example simulated_rig
+//! cargo run --release -p yieldwall --no-default-features --features sim --example simulated_rig
 //! ```
 
 use std::error::Error;

@@ -186,17 +186,19 @@ impl<'de> Reader<'de> {
     }
 }
 
-/// A whole number of YAML 1.2: decimal without leading zeros, hexadecimal, octal or binary.
+/// A whole number of YAML 1.2: decimal without leading zeros, hexadecimal, octal or binary; `_` may stand between two digits.
 fn whole(text: &str) -> Option<i128> {
     let (sign, digits) = match text.strip_prefix('-') {
         Some(digits) => (-1, digits),
         None => (1, text.strip_prefix('+').unwrap_or(text)),
     };
-    let of = |prefix: &str, radix: u32| Some((digits.strip_prefix(prefix)?, radix));
-    let (digits, radix) = of("0x", 16).or(of("0o", 8)).or(of("0b", 2)).unwrap_or((digits, 10));
+    let lower = digits.to_ascii_lowercase();
+    let of = |prefix: &str, radix: u32| Some((lower.strip_prefix(prefix)?, radix));
+    let (digits, radix) = of("0x", 16).or(of("0o", 8)).or(of("0b", 2)).unwrap_or((&lower, 10));
     let is_padded = radix == 10 && digits.len() > 1 && digits.starts_with('0');
-    let is_digits = !is_padded && digits.chars().all(|digit| digit.is_digit(radix));
-    is_digits.then(|| i128::from_str_radix(digits, radix).ok()).flatten().map(|number| sign * number)
+    let is_digits =
+        !is_padded && digits.split('_').all(|part| !part.is_empty() && part.chars().all(|c| c.is_digit(radix)));
+    is_digits.then(|| i128::from_str_radix(&digits.replace('_', ""), radix).ok()).flatten().map(|number| sign * number)
 }
 
 fn signed(text: &str) -> Option<i64> {
@@ -501,6 +503,8 @@ mod tests {
         assert_eq!(read_with("{group: {radius: 1.5}}", "nothing").unwrap().choice, Choice::Nothing);
         assert_eq!(read_with("{group: {radius: 1.5}}", "{single: .5}").unwrap().choice, Choice::Single(0.5));
         assert_eq!(read_with("limit: ~", "limit: 7").unwrap().limit, Some(7));
+        assert_eq!(read_with("count: 0x1f", "count: 1_0_0").unwrap().count, 100);
+        assert_eq!(read_with("count: 0x1f", "count: 0X1_F").unwrap().count, 31);
         assert_eq!(read_with("name: a", "name: 'null'").unwrap().name, "null");
         assert_eq!(read_with("name: a", "name: 12").unwrap().name, "12");
         assert!(read_with("gain: 2", "gain: .nan").unwrap().gain.is_nan());
@@ -515,6 +519,8 @@ mod tests {
             ("count: 0x1f", "count: 256", "WrongType", "count"),
             ("count: 0x1f", "count: 007", "WrongType", "count"),
             ("count: 0x1f", "count: 0x-1", "WrongType", "count"),
+            ("count: 0x1f", "count: 1__0", "WrongType", "count"),
+            ("count: 0x1f", "count: _1", "WrongType", "count"),
             ("count: 0x1f", "count: 1.0", "WrongType", "count"),
             ("is_on: true", "is_on: yes", "WrongType", "is_on"),
             ("name: a", "name: null", "WrongType", "name"),
