@@ -3,13 +3,12 @@
 use std::time::Duration;
 
 use yieldwall::bus::ethercat::{
-    Acts, EthercatNetwork, EthernetOutbox, Mapped, ProcessData, SOURCE as MASTER, SegmentDrive, SegmentSetup,
-    StationSetup, StatusMasks,
+    Acts, EthercatNetwork, EthernetOutbox, Mapped, ProcessData, SegmentDrive, SegmentSetup, StationSetup, StatusMasks,
 };
 use yieldwall::bus::{CommandMode, Phase, Waits};
 use yieldwall::canopen::BusId;
 use yieldwall::config::{self, Loaded, Rig, shipped_profile};
-use yieldwall::ethercat::frame::{Command, FrameWriter, address};
+use yieldwall::ethercat::frame::{Command, FrameWriter, SOURCE, address};
 use yieldwall::ethercat::{Direction, Fmmu, sii::Sii};
 use yieldwall::guard::Device;
 use yieldwall::objects::{Address, ServedDevice};
@@ -20,7 +19,6 @@ use yieldwall::time::Time;
 use yieldwall_drives::profiles::{Identity, Quantity, Revisions};
 
 const PERIOD: Duration = Duration::from_millis(1);
-const SOURCE: [u8; 6] = [0x10; 6];
 /// Devices on it.
 pub const DEVICES: u16 = 3;
 /// Logical addresses of a device are so far from those of the next one.
@@ -85,7 +83,6 @@ pub fn setup() -> SegmentSetup {
     sensor.status_masks = StatusMasks { overload: 1 << 27, invalid: 1 << 5 };
     SegmentSetup {
         bus: BusId::FIRST,
-        source: MASTER,
         period: PERIOD,
         compute_at: Duration::from_micros(500),
         sync0_phase: Duration::from_micros(100),

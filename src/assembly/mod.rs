@@ -30,7 +30,7 @@ use yieldwall_drives::scaling::{AxisScaling, Direction};
 pub use buses::{bus_id, bus_plan, device_buses, segment_bus};
 pub use error::AssemblyError;
 pub use homing::HOMING_COMES_UP_S;
-pub use segment::{sampled_before, segment};
+pub use segment::{sampled_before, segment, segment_sensor};
 
 pub(crate) fn period_s(rig: &config::Rig) -> f64 {
     f64::from(rig.cycle.period_us) * 1e-6

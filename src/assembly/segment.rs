@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::error::AssemblyError;
 use super::{buses, drive_limits, profile, scaling, waits};
-use crate::bus::ethercat::{Acts, Mapped, ProcessData, SOURCE, SegmentDrive, SegmentSetup, StationSetup, StatusMasks};
+use crate::bus::ethercat::{Acts, Mapped, ProcessData, SegmentDrive, SegmentSetup, StationSetup, StatusMasks};
 use crate::bus::{BootError, HomingOrder};
 use crate::config;
 use crate::guard::Device;
@@ -73,7 +73,6 @@ pub(super) fn segment_of(rig: &config::Rig, homing: [Option<HomingOrder>; 2]) ->
     }
     Ok(SegmentSetup {
         bus: buses::bus_id(rig, &left.bus)?,
-        source: SOURCE,
         period,
         compute_at: Duration::from_micros(rig.cycle.compute_at_us.into()),
         sync0_phase: sampled_before(rig),
@@ -81,16 +80,16 @@ pub(super) fn segment_of(rig: &config::Rig, homing: [Option<HomingOrder>; 2]) ->
     })
 }
 
+/// What a force sensor on a segment has to say that it is.
+pub fn segment_sensor() -> Identity {
+    Identity { device_type: 0, vendor_id: 0x0000_0732, product_codes: vec![0x2648_3052], revisions: Revisions::Any }
+}
+
 /// A sensor with the objects of ATI's, by its own clock: 6000h counts, 6010h status, 6020h sample counter, 7010h control.
 fn sensor(sensor: &config::Sensor) -> Result<StationSetup, AssemblyError> {
     let not_here = || AssemblyError::Mismatch("`sensor` has no position on a segment".to_owned());
     let position = sensor.protocol.position().ok_or_else(not_here)?;
-    let identity = Identity {
-        device_type: 0,
-        vendor_id: 0x0000_0732,
-        product_codes: vec![0x2648_3052],
-        revisions: Revisions::Any,
-    };
+    let identity = segment_sensor();
     let mapped = |index, sub, quantity| Mapped { at: Address::new(index, sub), bits: 32, quantity };
     let channels = (1..).zip(Quantity::CHANNELS).map(|(sub, channel)| mapped(0x6000, sub, Some(channel)));
     let status = [mapped(0x6010, 0, Some(Quantity::Status)), mapped(0x6020, 0, Some(Quantity::SampleCounter))];

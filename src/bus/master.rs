@@ -17,6 +17,7 @@ use crate::objects::{ObjectAnswer, ObjectError, ObjectRequest};
 use crate::quantity::JointAngles;
 use crate::sensing::{SensingError, TareParameters, Wrench};
 use crate::time::Time;
+use yieldwall_drives::cia402::Goal;
 
 /// How long frames of another master are listened for on a segment: ten cycles of a slow one.
 pub const SEGMENT_LISTENING: Duration = Duration::from_millis(100);
@@ -80,6 +81,11 @@ impl Master {
     /// Has the second frame of a sample of a sensor on plain CAN come as late as this behind the first, whatever the setup says.
     pub fn set_pair_gap(&mut self, gap: Duration) {
         self.can.iter_mut().for_each(|can| can.set_pair_gap(gap));
+    }
+
+    /// Has the frames of a segment bear this source address, as [`EthercatNetwork::set_source`].
+    pub fn set_source(&mut self, source: [u8; 6]) {
+        self.segment.iter_mut().for_each(|segment| segment.set_source(source));
     }
 
     /// Has a segment take its clocks as they are: in lockstep time stands still between the cycles, and no grid can be moved.
@@ -533,6 +539,7 @@ impl Master {
             self.axes.iter_mut().for_each(Axis::request_fault_reset);
         }
         self.set_silent(self.last.directive.is_silent);
+        self.set_stopping(self.last.directive.goal);
         self.last
     }
 
@@ -548,7 +555,13 @@ impl Master {
         self.last.releases_brakes = false;
         self.can.iter_mut().for_each(CanNetwork::unmute);
         self.segment.iter_mut().for_each(|segment| segment.set_silent(false));
+        self.set_stopping(self.last.directive.goal);
         self.send_set_points(now, out);
+    }
+
+    fn set_stopping(&mut self, goal: Goal) {
+        let is_stopping = matches!(goal, Goal::QuickStop | Goal::SwitchOnDisabled);
+        self.segment.iter_mut().for_each(|segment| segment.set_stopping(is_stopping));
     }
 
     fn set_silent(&mut self, is_silent: bool) {

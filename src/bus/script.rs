@@ -148,6 +148,11 @@ impl Script {
         self.steps.get(self.next).map_or("start", |step| step.doing)
     }
 
+    /// Whether what comes next is to be seen once the device exchanges process data: some show their mode only then.
+    pub(super) fn is_late(&self) -> bool {
+        self.steps.get(self.next).is_some_and(|step| matches!(step.action, Action::Await { .. }))
+    }
+
     pub(super) fn is_done(&self) -> bool {
         self.next >= self.steps.len()
     }

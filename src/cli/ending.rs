@@ -185,7 +185,9 @@ pub(super) fn point_to_doctor(mut failure: Failure, error: &BootError, arguments
 fn boot_exit(failure: &BootFailure) -> Exit {
     let BootFailure::Segment(failure) = failure else { return Exit::DeviceMismatch };
     match **failure {
-        SegmentFailure::OtherMaster { .. } | SegmentFailure::NoReply { .. } => Exit::BusUnavailable,
+        SegmentFailure::OtherMaster { .. } | SegmentFailure::NoReply { .. } | SegmentFailure::CameBack { .. } => {
+            Exit::BusUnavailable
+        }
         SegmentFailure::Refused { .. } | SegmentFailure::NotReached { .. } => Exit::DeviceFault,
         _ => Exit::DeviceMismatch,
     }

@@ -140,7 +140,8 @@ impl Cycle {
         faults.observe_on(Fault::ErrorPassive, link.error_passive);
         faults.observe_on(Fault::BusOff, link.bus_off);
         faults.observe_on(Fault::LinkDown, link.send_failed);
-        faults.observe_on(Fault::DeviceState, link.device_state);
+        // Somebody else may have brought it there.
+        faults.observe_on(Fault::DeviceState, link.device_state.only_if(!link.intruder));
         faults.observe_on(Fault::ClockLost, link.clock_lost);
         faults.observe_on(Fault::PortErrors, link.port_errors);
     }

@@ -9,6 +9,7 @@
 //! ETG.1000.4, 5.3 and 5.4.
 
 use super::{EthercatError, u16_at};
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::ops::Range;
 
 /// Bytes before the first datagram: Ethernet header and EtherCAT header.
@@ -40,6 +41,19 @@ const MORE: u16 = 1 << 15;
 
 /// Set in the first byte of the source address by the first device that a frame passes.
 pub const PROCESSED: u8 = 0x02;
+/// Set in the first byte of the address of a group.
+const GROUP: u8 = 0x01;
+
+/// Source address of a master on a segment where nobody else can be: a simulated one in its own process.
+pub const SOURCE: [u8; 6] = [0x10; 6];
+
+/// The source address of a master on an interface, drawn by `random`: the address of one station, without the mark of devices.
+///
+/// Two masters with one address would take each other's frames for their own.
+pub const fn source(random: u64) -> [u8; 6] {
+    let [first, second, third, fourth, fifth, sixth, ..] = random.to_le_bytes();
+    [first & !(PROCESSED | GROUP), second, third, fourth, fifth, sixth]
+}
 
 /// What a datagram does, and how it is addressed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -87,6 +101,24 @@ impl Command {
     /// The command of a byte; `None` if the standard defines none.
     pub const fn from_byte(byte: u8) -> Option<Command> {
         if (byte as usize) < Self::ALL.len() { Some(Self::ALL[byte as usize]) } else { None }
+    }
+
+    /// Whether devices take over what the datagram holds, or what another device has put into it.
+    pub const fn writes(self) -> bool {
+        use Command::*;
+        matches!(self, Apwr | Aprw | Fpwr | Fprw | Bwr | Brw | Lwr | Lrw | Armw | Frmw)
+    }
+
+    /// Whether no device changes the data of the datagram.
+    const fn keeps_data(self) -> bool {
+        use Command::*;
+        matches!(self, Apwr | Fpwr | Bwr | Lwr)
+    }
+
+    /// Whether each device that the datagram passes counts its position up.
+    const fn counts_up(self) -> bool {
+        use Command::*;
+        matches!(self, Aprd | Apwr | Aprw | Brd | Bwr | Brw | Armw)
     }
 
     /// Name, as in the standard.
@@ -274,7 +306,8 @@ impl<'a> Iterator for Datagrams<'a> {
     }
 }
 
-/// Whether a frame is another one as it comes back: the same datagrams with the same addresses, but where devices count them up.
+/// Whether a frame is another one as it comes back: the same datagrams with the same addresses, but where devices count them up, and the
+/// same data where devices do not change them.
 ///
 /// Real-time: yes.
 pub fn answers(sent: &[u8], got: &[u8]) -> bool {
@@ -289,12 +322,37 @@ pub fn answers(sent: &[u8], got: &[u8]) -> bool {
 }
 
 fn is_same(sent: &Datagram<'_>, got: &Datagram<'_>) -> bool {
-    use Command::*;
-    let (is, was) = (&got.header, &sent.header);
-    let counts_up = matches!(Command::from_byte(was.command), Some(Aprd | Apwr | Aprw | Brd | Bwr | Brw | Armw));
-    let has_address = if counts_up { is.ado() == was.ado() } else { is.address == was.address };
-    let shape = |it: &DatagramHeader| (it.command, it.index, it.len, it.has_more);
-    has_address && shape(is) == shape(was) && !is.is_circulating
+    kept(sent) == kept(got) && !got.header.is_circulating
+}
+
+/// What devices leave of a datagram as it was sent.
+fn kept<'a>(datagram: &Datagram<'a>) -> (u8, u8, u32, u16, bool, &'a [u8]) {
+    let DatagramHeader { command, index, address, len, has_more, .. } = datagram.header;
+    let is = |of: fn(Command) -> bool| Command::from_byte(command).is_some_and(of);
+    let address = if is(Command::counts_up) { u32::from(datagram.header.ado()) } else { address };
+    let data = if is(Command::keeps_data) { datagram.data } else { &[] };
+    (command, index, address, len, has_more, data)
+}
+
+/// A number for what devices leave of a frame as it was sent. Frames that [`answers`] takes for one another have one number; other frames
+/// have it once in 2^64.
+///
+/// Real-time: yes.
+pub fn digest(frame: &[u8]) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    Datagrams::of(frame).into_iter().flatten().map_while(Result::ok).for_each(|each| kept(&each).hash(&mut hasher));
+    hasher.finish()
+}
+
+/// Whether a datagram of a frame writes into a device, and how often devices have processed its datagrams in all.
+///
+/// Real-time: yes.
+pub fn effect(frame: &[u8]) -> (bool, u32) {
+    let datagrams = Datagrams::of(frame).into_iter().flatten().map_while(Result::ok);
+    datagrams.fold((false, 0), |(writes, processed), each| {
+        let is_write = Command::from_byte(each.header.command).is_some_and(Command::writes);
+        (writes || is_write, processed + u32::from(each.working_counter))
+    })
 }
 
 /// Writes a frame into a buffer, datagram by datagram.

@@ -68,6 +68,10 @@ impl CanLink for Interfaces {
 }
 
 impl Wires for Interfaces {
+    fn source(&self) -> [u8; 6] {
+        self.segment.as_ref().map_or(crate::ethercat::frame::SOURCE, EthernetLink::source)
+    }
+
     fn receive_ethernet(&mut self, buffer: &mut [u8]) -> Option<EthernetArrival> {
         self.segment.as_mut()?.receive(buffer)
     }

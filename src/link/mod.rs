@@ -134,6 +134,11 @@ pub trait CanLink {
 /// One participant's access to all wires of a rig: to its CAN buses, and to its EtherCAT segment if it has one. [`CanLink::wait`] ends
 /// when something has come on any of them.
 pub trait Wires: CanLink {
+    /// The source address of frames over the segment; that of [`EthernetLink::source`] on an interface.
+    fn source(&self) -> [u8; 6] {
+        crate::ethercat::frame::SOURCE
+    }
+
     /// The next thing that has come over the segment, a frame in `buffer`; never waits.
     ///
     /// Real-time: yes; a caller in a cycle bounds how often it asks.

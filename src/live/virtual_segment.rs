@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use crate::config;
+use crate::ethercat::frame::SOURCE;
 use crate::link::{EthernetArrival, EthernetLink, EthernetReceived, SendError};
 use crate::rig::{RigError, SegmentServer};
 use crate::run::Pace;
@@ -47,6 +48,10 @@ impl VirtualSegment {
 impl EthernetLink for VirtualSegment {
     fn now(&self) -> Time {
         self.now
+    }
+
+    fn source(&self) -> [u8; 6] {
+        SOURCE
     }
 
     fn receive(&mut self, buffer: &mut [u8]) -> Option<EthernetArrival> {

@@ -98,6 +98,10 @@ impl<L: CanLink, M> CanLink for OnLink<L, M> {
 }
 
 impl<L: Wires, M> Wires for OnLink<L, M> {
+    fn source(&self) -> [u8; 6] {
+        self.link.source()
+    }
+
     fn receive_ethernet(&mut self, buffer: &mut [u8]) -> Option<EthernetArrival> {
         self.link.receive_ethernet(buffer)
     }

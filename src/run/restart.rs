@@ -4,7 +4,6 @@
 //! bring-up gave it (0010h, ETG.1000.4): it is asked for by its position.
 
 use crate::assembly::{AssemblyError, bus_id};
-use crate::bus::ethercat::SOURCE;
 use crate::canopen::{BusId, Frame, NmtState, nmt};
 use crate::config;
 use crate::ethercat::frame::{Command, Datagrams, FrameWriter, LONGEST, SHORTEST, address};
@@ -55,7 +54,7 @@ impl Restarts {
         for (joint, sign) in self.signs.into_iter().enumerate() {
             let Sign::NoAddress { position } = sign else { continue };
             let mut buffer = [0; SHORTEST];
-            let asked = FrameWriter::new(&mut buffer, SOURCE).and_then(|mut writer| {
+            let asked = FrameWriter::new(&mut buffer, wires.source()).and_then(|mut writer| {
                 // Each device that the datagram passes counts the address up; the one that finds 0 answers.
                 let position = position.wrapping_neg();
                 writer.push(Command::Aprd, joint as u8, address(position, STATION_ADDRESS), &[0; 2])?;

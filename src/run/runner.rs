@@ -157,7 +157,8 @@ impl<P: Place> Runner<P> {
     /// Where parts of the configuration do not fit together.
     pub fn new(rig: &config::Rig, fixture: &config::Fixture, place: P, pace: Pace) -> Result<Self, RunError> {
         let (started, suspended) = (place.now(), place.suspended());
-        let master = paced(master(rig, fixture)?, pace);
+        let mut master = paced(master(rig, fixture)?, pace);
+        master.set_source(place.source());
         let listening = master.listening();
         Ok(Self {
             master,

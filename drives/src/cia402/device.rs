@@ -119,7 +119,7 @@ impl StateMachine {
     }
 
     /// Takes a controlword, each time one arrives; the transition that it caused at once, if any. One controlword
-    /// causes at most one. A fault reset is the rising edge of bit 7 against the controlword before.
+    /// causes at most one, but Enable Operation in Ready To Switch On, which causes 3 and 4. A fault reset is the rising edge of bit 7 against the controlword before.
     pub fn apply(&mut self, controlword: u16) -> Option<Transition> {
         let rising = controlword & !self.controlword & controlword::FAULT_RESET != 0;
         self.controlword = controlword;
@@ -128,7 +128,10 @@ impl StateMachine {
             (State::Fault, Command::FaultReset) if rising => self.take(15, State::SwitchOnDisabled),
             (State::SwitchOnDisabled, Command::Shutdown) => self.take(2, State::ReadyToSwitchOn),
             (State::ReadyToSwitchOn, Command::SwitchOn) => self.take(3, State::SwitchedOn),
-            (State::SwitchedOn, Command::EnableOperation) => self.take(4, State::OperationEnabled),
+            // From Ready To Switch On by way of Switched On, at once.
+            (State::ReadyToSwitchOn | State::SwitchedOn, Command::EnableOperation) => {
+                self.take(4, State::OperationEnabled)
+            }
             (State::OperationEnabled, Command::SwitchOn) => self.slow_down(5, self.options.disable_operation),
             (State::SwitchedOn, Command::Shutdown) => self.take(6, State::ReadyToSwitchOn),
             (State::ReadyToSwitchOn, Command::QuickStop | Command::DisableVoltage) => {
@@ -286,7 +289,7 @@ mod tests {
         assert_eq!(fresh.state(), State::SwitchOnDisabled);
         assert_eq!(fresh.apply(0x07), None);
         assert_eq!(fresh.apply(0x06), Some(Transition(2)));
-        assert_eq!(fresh.apply(0x0f), None, "3 and 4 are not taken together");
+        assert_eq!(fresh.clone().apply(0x0f), Some(Transition(4)), "3 and 4 are taken together");
         assert_eq!(fresh.apply(0x02), Some(Transition(7)));
         assert_eq!(switched_on().apply(0x06), Some(Transition(6)));
         assert_eq!(switched_on().apply(0x00), Some(Transition(10)));

@@ -16,7 +16,7 @@ fn is_transition(Transition(number): Transition, from: State, to: State) -> bool
     match number {
         2 => (from, to) == (SwitchOnDisabled, ReadyToSwitchOn),
         3 => (from, to) == (ReadyToSwitchOn, SwitchedOn),
-        4 => (from, to) == (SwitchedOn, OperationEnabled),
+        4 => matches!(from, ReadyToSwitchOn | SwitchedOn) && to == OperationEnabled,
         5 => (from, to) == (OperationEnabled, SwitchedOn),
         6 => (from, to) == (SwitchedOn, ReadyToSwitchOn),
         7 => (from, to) == (ReadyToSwitchOn, SwitchOnDisabled),

@@ -102,7 +102,10 @@ fn play(bytes: &[u8]) -> f64 {
         let may_push = matches!(state, State::OperationEnabled | State::QuickStopActive | State::FaultReactionActive);
         assert!(torque == 0.0 || (may_push && is_powered), "{torque} N m in {state:?}");
         if state == State::OperationEnabled {
-            let is_legal = matches!(before, State::OperationEnabled | State::SwitchedOn | State::QuickStopActive);
+            let is_legal = matches!(
+                before,
+                State::OperationEnabled | State::ReadyToSwitchOn | State::SwitchedOn | State::QuickStopActive
+            );
             assert!(is_legal, "enabled from {before:?}");
         }
     }

@@ -2,6 +2,7 @@
 
 mod desk;
 mod drills;
+mod forged;
 mod processes;
 mod refused;
 mod rigs;

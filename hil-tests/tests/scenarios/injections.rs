@@ -444,6 +444,10 @@ fn with_bad_frames_in_each_twentieth_cycle_both_axes_stop_together_and_the_rig_i
         if session.machine.state().is_latched() {
             stops += 1;
             session.machine.set_injections(&[]).expect("nothing is always possible");
+            // A frame that is held and damaged would be that of another master while the segment is brought up.
+            for _ in 0..3 {
+                session.machine.run_cycle(Request::None).unwrap_or_else(|error| panic!("{what}: {error}"));
+            }
             session.machine.restart().unwrap_or_else(|error| panic!("{what}: {error}"));
         }
     }

@@ -24,7 +24,7 @@ run                  the loop: names assembly, link, record and what they name; 
 sim                  may name drives, canopen, linkage, sensing, setvalued, quantity; never cycle, guard, control, fixture
 injection            may name guard; named by config, rig, study, soak, cli
 explanation          faults and codes in words: names guard, injection, canopen, ethercat, objects, drives; named by report, host, cli
-link                 names canopen and bus; named by run, rig, host, live, service, cli
+link                 names canopen, ethercat and bus; named by run, rig, host, live, service, cli
 host                 the computer, and a rig on its interfaces: names run and what run names; named by cli
 analysis             what can be said of a rig before it runs: names rig and what rig names; named by study, cli
 report               what a run shows: names rig and what rig names; named by study, cli
@@ -97,7 +97,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "bus" => bus(),
         "injection" => vec!["guard"],
         "explanation" => [&engines[..], &["ethercat", "guard", "injection"]].concat(),
-        "link" => vec!["time", "canopen", "bus", "checkup"],
+        "link" => vec!["time", "canopen", "ethercat", "bus", "checkup"],
         "config" => [&stages[..], &engines, &["guard", "injection"]].concat(),
         "sim" => [&base[..], &engines, &["ethercat", "plain_can", "sensing", "linkage", "config"]].concat(),
         "record" => [&["elementary", "quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),

@@ -6,7 +6,7 @@
 //! know    SII of each device of the rig: mailboxes, identity; what its controller has, its ports
 //! ask     mailboxes, PRE-OP; objects, mapping, sync types
 //! clocks  receive times of one frame: delays and offsets
-//! open    sync managers, FMMUs, watchdog, SYNC0; SAFE-OP
+//! open    sync managers, FMMUs, watchdog, SYNC0; SAFE-OP, and there the mode in force
 //! ```
 
 use std::time::Duration;
@@ -69,6 +69,8 @@ enum Task {
     Describe,
     Mailboxes,
     Objects,
+    /// Objects that a device may show in SAFE-OP alone.
+    LateObjects,
     Latch,
     Times,
     Clocks,
@@ -91,7 +93,7 @@ impl Task {
             Task::Identify => "check its identity",
             Task::Describe => "look what its controller has",
             Task::Mailboxes => "set up its mailbox",
-            Task::Objects => "set its objects",
+            Task::Objects | Task::LateObjects => "set its objects",
             Task::Latch | Task::Times => "measure the delay to it",
             Task::Clocks => "set its clock",
             Task::Exchange => "set up its process data",
@@ -109,6 +111,7 @@ impl Task {
                 | Task::Identify
                 | Task::Mailboxes
                 | Task::Objects
+                | Task::LateObjects
                 | Task::Exchange
                 | Task::Sync0
         )
@@ -209,7 +212,7 @@ impl BringUp {
         self.tasks.extend((0..devices).map(|place| (Task::Times, place)));
         self.tasks.extend((0..devices).map(|place| (Task::Clocks, place)));
         for place in 0..stations {
-            let all = [Task::Exchange, Task::Sync0, Task::State(AlState::SafeOperational)];
+            let all = [Task::Exchange, Task::Sync0, Task::State(AlState::SafeOperational), Task::LateObjects];
             self.tasks.extend(all.map(|task| (task, place)));
         }
         self.tasks.push((Task::Reference, 0));
@@ -280,13 +283,13 @@ impl EthercatNetwork {
         let (task, place) = self.bring_up.task().filter(|_| self.phase == Phase::Configuring)?;
         let station = self.stations.get(place).filter(|_| task.is_of_station());
         let step = match (task, station) {
-            (Task::Objects, Some(station)) => station.script.doing(),
+            (Task::Objects | Task::LateObjects, Some(station)) => station.script.doing(),
             _ => task.doing(),
         };
         // A datagram that does not come back is given up after so long.
         let most = match (task, station) {
             (Task::State(_), Some(station)) => station.setup.waits.start,
-            (Task::Objects, Some(station)) => station.setup.waits.sdo,
+            (Task::Objects | Task::LateObjects, Some(station)) => station.setup.waits.sdo,
             _ => FRAME_WAIT * TRIES.into(),
         };
         let name = station.map_or("master", |station| &station.setup.name);
@@ -305,7 +308,7 @@ impl EthercatNetwork {
             (_, None) => format!("the device at position {place}"),
         };
         let step = match (task, self.stations.get(place)) {
-            (Task::Objects, Some(station)) => station.script.doing(),
+            (Task::Objects | Task::LateObjects, Some(station)) => station.script.doing(),
             _ => task.doing(),
         };
         self.fail(now, &name, step, failure);
@@ -384,6 +387,7 @@ impl EthercatNetwork {
                     // INIT takes back errors of former times.
                     let control =
                         if state == AlState::Init { AlControl::acknowledge(state) } else { AlControl::request(state) };
+                    station.is_led |= state != AlState::Init;
                     buffer.iter_mut().zip(control.0.to_le_bytes()).for_each(|(to, byte)| *to = byte);
                     return Ok(Some(Ask::new(Command::Fpwr, at(register::AL_CONTROL), 2)));
                 }
@@ -411,7 +415,7 @@ impl EthercatNetwork {
                 }
                 Ok(self.bring_up.write(station.address, buffer))
             }
-            Task::Objects => self.next_object(now, place),
+            Task::Objects | Task::LateObjects => self.next_object(now, place, task),
             Task::Exchange => {
                 if self.bring_up.writes.is_empty() {
                     let node =
@@ -438,9 +442,9 @@ impl EthercatNetwork {
     }
 
     /// Goes on with the objects of a device.
-    fn next_object(&mut self, now: Time, place: usize) -> Result<Option<Ask>, BootFailure> {
+    fn next_object(&mut self, now: Time, place: usize, task: Task) -> Result<Option<Ask>, BootFailure> {
         let Some(station) = self.stations.get_mut(place) else { return Ok(None) };
-        if self.bring_up.progress == 0 {
+        if self.bring_up.progress == 0 && task == Task::Objects {
             self.bring_up.progress = 1;
             let sii = station.sii.as_ref();
             let areas = sii.map_or([MailboxArea::default(); 2], |sii| [sii.receive_mailbox, sii.send_mailbox]);
@@ -463,7 +467,9 @@ impl EthercatNetwork {
                 return Ok(None);
             }
             station.script.again_at = Time::NEVER;
-            let Some(wanted) = station.script.wanted()? else {
+            let wanted =
+                if task == Task::Objects && station.script.is_late() { None } else { station.script.wanted()? };
+            let Some(wanted) = wanted else {
                 station.mailbox.forget();
                 self.bring_up.finish(now);
                 return Ok(None);
@@ -482,7 +488,7 @@ impl EthercatNetwork {
     pub(super) fn on_bring_up_loss(&mut self, now: Time) {
         let Some((task, place)) = self.bring_up.task() else { return };
         self.bring_up.tries += 1;
-        if let (Task::Objects, Some(station)) = (task, self.stations.get_mut(place)) {
+        if let (Task::Objects | Task::LateObjects, Some(station)) = (task, self.stations.get_mut(place)) {
             station.mailbox.on_loss();
         }
         // Which of the two steps of a read of the chip it was, nobody knows.
@@ -490,14 +496,18 @@ impl EthercatNetwork {
             self.bring_up.progress = 0;
         }
         if self.bring_up.tries >= TRIES {
-            self.fail_task(now, task, place, SegmentFailure::NoReply { tries: TRIES }.into());
+            let failure = match self.flight.counts.unprocessed {
+                0 => SegmentFailure::NoReply { tries: TRIES },
+                _ => SegmentFailure::CameBack { tries: TRIES },
+            };
+            self.fail_task(now, task, place, failure.into());
         }
     }
 
     /// The present datagram has come back.
     pub(super) fn on_bring_up(&mut self, now: Time, data: &[u8], working_counter: u16) {
         let Some((task, place)) = self.bring_up.task() else { return };
-        if let (Task::Objects, Some(station)) = (task, self.stations.get_mut(place)) {
+        if let (Task::Objects | Task::LateObjects, Some(station)) = (task, self.stations.get_mut(place)) {
             self.bring_up.tries = 0;
             if let Some(emergency) = station.mailbox.on_reply(now, data, working_counter) {
                 self.hear(now, place, emergency);
@@ -529,7 +539,8 @@ impl EthercatNetwork {
             Task::Count => return self.on_count(now, working_counter),
             Task::Look => {
                 let (status, code) = status();
-                if status.shows_master(code) && !self.is_ours {
+                let is_left = self.has_defended && status.state() == Some(AlState::SafeOperational);
+                if status.shows_master(code) && !self.is_ours && !is_left {
                     // What this master led itself stops by its watchdog now that nobody sends outputs.
                     if self.has_written && now < self.bring_up.since + LEFT_ALONE {
                         self.bring_up.wait_until = now + LOOK_AGAIN;
@@ -546,10 +557,16 @@ impl EthercatNetwork {
                 if is_first && working_counter != before {
                     return Err(SegmentFailure::Changed { before, now: working_counter }.into());
                 }
-                self.is_ours = true;
+                (self.is_ours, self.has_defended) = (true, false);
                 self.bring_up.progress += 1;
             }
-            Task::Address => self.bring_up.finish(now),
+            Task::Address => {
+                if let Some(station) = self.stations.iter_mut().find(|it| usize::from(it.setup.position) == place) {
+                    let bytes = station.address.to_le_bytes().to_vec();
+                    station.held.note(&[Write { register: register::STATION_ADDRESS, bytes, is_compared: true }]);
+                }
+                self.bring_up.finish(now);
+            }
             Task::State(state) => return self.on_state(now, place, state, status()),
             Task::Sii => return self.on_sii(now, place, data),
             Task::Describe => {
@@ -579,6 +596,7 @@ impl EthercatNetwork {
                 let is_set_up = !self.bring_up.writes.is_empty();
                 if is_set_up && time_ns < self.bring_up.sync0_from_ns {
                     self.bring_up.sync0_tries = 0;
+                    self.note_held(place);
                     self.bring_up.finish(now);
                     return Ok(());
                 }
@@ -592,7 +610,13 @@ impl EthercatNetwork {
             Task::Sync0 => {
                 self.bring_up.on_write(data)?;
             }
-            Task::Mailboxes | Task::Clocks | Task::Exchange => {
+            Task::Mailboxes | Task::Exchange => {
+                if self.bring_up.on_write(data)? {
+                    self.note_held(place);
+                    self.bring_up.finish(now);
+                }
+            }
+            Task::Clocks => {
                 if self.bring_up.on_write(data)? {
                     self.bring_up.finish(now);
                 }
@@ -608,9 +632,15 @@ impl EthercatNetwork {
                 }
                 self.grid.begin(Time(first));
             }
-            Task::Identify | Task::Objects => {}
+            Task::Identify | Task::Objects | Task::LateObjects => {}
         }
         Ok(())
+    }
+
+    /// The registers of a device are as they were written.
+    fn note_held(&mut self, place: usize) {
+        let Some(station) = self.stations.get_mut(place) else { return };
+        station.held.note(&self.bring_up.writes);
     }
 
     fn on_count(&mut self, now: Time, found: u16) -> Step {

@@ -20,7 +20,7 @@ use crate::ethercat::frame::{self, BYTE_NS, Command, DEVICE_NS};
 /// Time that is counted for the computation of a cycle and for a device to take its outputs over.
 const COMPUTING: Duration = Duration::from_micros(40);
 /// Length of a mailbox that is counted with. Devices say theirs when they are asked, up to 1486 bytes.
-const MAILBOX: usize = 128;
+pub(super) const MAILBOX: usize = 128;
 /// Short periods that can be an answer, us.
 const SHORT_PERIODS_US: [u64; 3] = [200, 250, 500];
 /// Bytes of the system time.

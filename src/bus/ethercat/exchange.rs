@@ -11,7 +11,9 @@ use std::time::Duration;
 
 use super::failure::SegmentFailure;
 use super::flight::Purpose;
+use super::held::Turn;
 use super::ports::Shown;
+use super::writes::Altered;
 use super::{Asked, EthercatNetwork, EthernetOutbox, Station, service_address};
 use crate::bus::axis::{Arrived, DriveOrders};
 use crate::bus::phase::Phase;
@@ -117,7 +119,8 @@ impl EthercatNetwork {
     pub(super) fn on_inputs(&mut self, now: Time, bytes: &[u8]) {
         let Ok(mut datagrams) = Datagrams::of(bytes) else { return };
         let mut next = || datagrams.next().and_then(Result::ok);
-        let is_running = self.phase == Phase::Operational;
+        // Where this master has asked a device to leave OP, that it does is nothing to report.
+        let is_running = self.phase == Phase::Operational && !self.is_defending();
         if self.reference.is_some()
             && let Some(time) = next()
         {
@@ -272,7 +275,7 @@ impl EthercatNetwork {
     /// At most one frame beside those of the cycle.
     fn send_service(&mut self, now: Time, out: &mut impl EthernetOutbox) {
         let is_due = self.ports.is_due();
-        if self.flight.is_out(Purpose::Service) {
+        if self.defend(now, out) || self.flight.is_out(Purpose::Service) {
             return;
         }
         let count = self.stations.len();
@@ -289,6 +292,9 @@ impl EthercatNetwork {
             let sent = self.flight.send(Purpose::Service, |to| self.ports.ask(first, to));
             return sent.into_iter().for_each(|bytes| out.push(bytes));
         }
+        if self.phase == Phase::Operational && self.held.is_due(now) && self.read_back(now, out) {
+            return;
+        }
         self.uncompared = self.uncompared.saturating_add(1);
         if self.uncompared >= COMPARED_AFTER && self.compare_clock(now, out) {
             return;
@@ -296,6 +302,9 @@ impl EthercatNetwork {
         for step in 0..count {
             let place = (self.turn + step) % count;
             let Some(station) = self.stations.get_mut(place) else { continue };
+            if self.phase == Phase::Operational {
+                station.check_limits(now);
+            }
             if station.mailbox.next_deadline() > now {
                 continue;
             }
@@ -308,6 +317,86 @@ impl EthercatNetwork {
             }
         }
         self.compare_clock(now, out);
+    }
+
+    /// Where somebody else has written to the devices: writes their addresses and watchdogs back at once, and asks those that are not there yet for
+    /// SAFE-OP while the drives are being stopped. Whether anything was sent.
+    fn defend(&mut self, now: Time, out: &mut impl EthernetOutbox) -> bool {
+        // Not in each cycle: somebody who never ends would keep the mailboxes from being asked.
+        let restores = self.restores && !self.has_restored;
+        self.restores &= !restores;
+        self.has_restored = restores;
+        let leaves = self.is_defending();
+        self.has_defended |= leaves;
+        self.stations.iter_mut().for_each(|station| station.disarm(now, leaves));
+        if !restores && self.stations.iter().all(|station| station.wanted.is_none()) {
+            return false;
+        }
+        if self.flight.give_up(Purpose::Service) {
+            self.on_service_loss(now);
+        }
+        let stations = &self.stations;
+        let sent = self.flight.send(Purpose::Service, |to| {
+            for station in stations {
+                let position = station.setup.position;
+                if restores {
+                    station.held.restore(position, to);
+                }
+                if let Some(state) = station.wanted {
+                    let request = AlControl::request(state).0.to_le_bytes();
+                    to.push(Command::Apwr, frame::address(position.wrapping_neg(), register::AL_CONTROL), &request);
+                }
+            }
+        });
+        let is_sent = sent.is_some();
+        sent.into_iter().for_each(|bytes| out.push(bytes));
+        if is_sent {
+            self.asked = Some((Asked::Defence, now));
+        }
+        is_sent
+    }
+
+    /// Whether devices are asked to leave OP since somebody else writes to them.
+    fn is_defending(&self) -> bool {
+        self.has_intruder && self.is_stopping
+    }
+
+    /// Reads registers of the next device; whether there are any.
+    fn read_back(&mut self, now: Time, out: &mut impl EthernetOutbox) -> bool {
+        let turn = self.held;
+        let Some(station) = self.stations.get(turn.place) else { return false };
+        let place = (station.setup.position, station.address);
+        let sent = self.flight.send(Purpose::Service, |to| turn.ask(&station.held, place, to));
+        let is_sent = sent.is_some();
+        sent.into_iter().for_each(|bytes| out.push(bytes));
+        if is_sent {
+            self.asked = Some((Asked::Held, now));
+        }
+        is_sent
+    }
+
+    /// Registers have come back.
+    pub(super) fn on_held(&mut self, bytes: &[u8]) {
+        let Ok(back) = Datagrams::of(bytes) else { return };
+        let turn = self.held;
+        let Some(station) = self.stations.get(turn.place) else { return };
+        let altered = self.held.take(&station.held, self.stations.len(), back);
+        let place = turn.place;
+        if let Some(altered) = altered {
+            self.note_altered(place, altered);
+        }
+    }
+
+    /// Notes that a device holds something else than this master has written.
+    pub(super) fn note_altered(&mut self, place: usize, altered: Altered) {
+        let is_watched = self.phase == Phase::Operational;
+        // A device that has restarted, or left OP, has forgotten it by itself.
+        let station = self.stations.get_mut(place).filter(|station| station.has_inputs && station.left.is_none());
+        if let Some(station) = station.filter(|_| is_watched) {
+            station.altered = station.altered.or(Some(altered));
+            self.events.intruder = true;
+            (self.has_intruder, self.restores) = (true, true);
+        }
     }
 
     /// Asks the next device for the difference of its clock; whether there is one to ask.
@@ -459,6 +548,7 @@ impl EthercatNetwork {
         match self.stations.iter().find(|station| !(station.has_status && station.status == operational)) {
             None => {
                 self.events = LinkEvents::default();
+                self.held = Turn::of(self.stations.iter().map(|station| &station.held));
                 self.enter(now, Phase::Operational);
             }
             Some(station) if waited >= station.setup.waits.start => {

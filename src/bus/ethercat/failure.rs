@@ -56,6 +56,15 @@ pub enum SegmentFailure {
         /// Frames that were sent.
         tries: u8,
     },
+    /// Frames come back, and no device has passed them on.
+    #[error(
+        "{tries} frames were sent and came back as they were sent: no device has processed them, so take out the plug that leads them back, or \
+         name the interface that the devices are at"
+    )]
+    CameBack {
+        /// Frames that were sent.
+        tries: u8,
+    },
     /// A device does not process a datagram.
     #[error(
         "no device processed {tries} datagrams for register {register:04X}h: the device is off, broken or not there any more"

@@ -1,6 +1,6 @@
 //! Frames on their way round the segment.
 
-use crate::ethercat::frame::{self, Command, FrameWriter, answers};
+use crate::ethercat::frame::{self, Command, FrameWriter, answers, digest, effect};
 use std::time::Duration;
 
 /// What a frame was sent for. One of each is on its way at most.
@@ -34,14 +34,41 @@ pub struct SegmentCounts {
     pub returned: u64,
     /// Frames that were given up.
     pub lost: u64,
-    /// Own frames that came back after they were given up, or changed on the way.
+    /// Own frames that came back after they were given up, and frames with the own source that write nothing and were not sent.
     pub late: u64,
     /// Own frames that came back once more.
     pub repeated: u64,
     /// Own frames that came back without having passed a device.
     pub unprocessed: u64,
-    /// EtherCAT frames of somebody else.
+    /// EtherCAT frames of somebody else: of another source, or with the own one if they write what was never sent.
     pub foreign: u64,
+}
+
+/// So many of the frames that were given up last are known when they come late.
+const GIVEN_UP: usize = 256;
+/// So many of the frames beside the cycle that have come back last are known when they come once more.
+const RETURNED: usize = 8;
+
+/// Digests of the last `N` frames.
+#[derive(Clone, Debug)]
+struct Remembered<const N: usize> {
+    digests: [Option<u64>; N],
+    next: usize,
+}
+
+impl<const N: usize> Remembered<N> {
+    const NONE: Self = Remembered { digests: [None; N], next: 0 };
+
+    fn note(&mut self, frame: &[u8]) {
+        if let Some(place) = self.digests.get_mut(self.next) {
+            *place = Some(digest(frame));
+        }
+        self.next = (self.next + 1) % N;
+    }
+
+    fn has(&self, digest: u64) -> bool {
+        self.digests.contains(&Some(digest))
+    }
 }
 
 /// What a frame that has come is.
@@ -49,7 +76,7 @@ pub struct SegmentCounts {
 pub(super) enum Taken {
     /// The one that was sent for this.
     Reply(Purpose),
-    /// An own one that nobody waits for any more.
+    /// One that nobody waits for any more, with the own source.
     Late,
     /// An own one that has come before.
     Again,
@@ -69,11 +96,20 @@ struct Row {
     bytes: Box<[u8; frame::LONGEST]>,
 }
 
+impl Row {
+    /// The frame as it was sent last.
+    fn sent(&self) -> &[u8] {
+        self.bytes.get(..self.len).unwrap_or_default()
+    }
+}
+
 /// The table of frames in flight: what comes back is taken only if it stands here, byte for byte but for what devices may change.
 #[derive(Clone, Debug)]
 pub(super) struct Flight {
     source: [u8; 6],
     rows: [Row; 3],
+    given_up: Remembered<GIVEN_UP>,
+    returned: Remembered<RETURNED>,
     /// Number of the next frame. Its low byte is the index of the first datagram, its high byte that of the others.
     number: u16,
     pub(super) counts: SegmentCounts,
@@ -82,7 +118,14 @@ pub(super) struct Flight {
 impl Flight {
     pub(super) fn new(source: [u8; 6]) -> Self {
         let row = || Row { is_out: false, has_come: false, len: 0, bytes: Box::new([0; frame::LONGEST]) };
-        Flight { source, rows: [row(), row(), row()], number: 0, counts: SegmentCounts::default() }
+        let (given_up, returned) = (Remembered::NONE, Remembered::NONE);
+        let counts = SegmentCounts::default();
+        Flight { source, rows: [row(), row(), row()], given_up, returned, number: 0, counts }
+    }
+
+    /// Has frames bear another source from now on.
+    pub(super) fn set_source(&mut self, source: [u8; 6]) {
+        self.source = source;
     }
 
     fn row(&self, purpose: Purpose) -> &Row {
@@ -109,10 +152,16 @@ impl Flight {
     }
 
     /// Gives a frame up that has not come back; whether there was one. It is late from now on.
+    ///
+    /// Real-time: yes.
     pub(super) fn give_up(&mut self, purpose: Purpose) -> bool {
-        let is_lost = std::mem::take(&mut self.row_mut(purpose).is_out);
-        self.counts.lost += u64::from(is_lost);
-        is_lost
+        if !std::mem::take(&mut self.row_mut(purpose).is_out) {
+            return false;
+        }
+        let place = purpose as usize;
+        self.rows.get(place).into_iter().for_each(|row| self.given_up.note(row.sent()));
+        self.counts.lost += 1;
+        true
     }
 
     /// Builds a frame of datagrams and gives it to be sent; one that is still on its way is given up. Without datagrams nothing is sent.
@@ -120,6 +169,10 @@ impl Flight {
     /// Real-time: yes.
     pub(super) fn send(&mut self, purpose: Purpose, add: impl FnOnce(&mut Datagramer<'_>)) -> Option<&[u8]> {
         self.give_up(purpose);
+        let [.., service] = &self.rows;
+        if purpose == Purpose::Service && service.has_come {
+            self.returned.note(service.sent());
+        }
         let (number, source) = (self.number, self.source);
         let row = self.row_mut(purpose);
         let mut to = Datagramer { writer: FrameWriter::new(&mut row.bytes[..], source).ok()?, number, count: 0 };
@@ -131,8 +184,7 @@ impl Flight {
         (row.is_out, row.has_come) = (true, false);
         self.number = self.number.wrapping_add(1);
         self.counts.sent += 1;
-        let row = self.row(purpose);
-        row.bytes.get(..row.len)
+        Some(self.row(purpose).sent())
     }
 
     /// Says what a frame is that has come.
@@ -146,28 +198,36 @@ impl Flight {
         let [first, others @ ..] = source;
         let [own_first, own_others @ ..] = self.source;
         let is_own = others == own_others && first & !frame::PROCESSED == own_first & !frame::PROCESSED;
-        let has_sent = self.counts.sent > 0;
-        if !is_own || !has_sent {
+        if !is_own || self.counts.sent == 0 {
             self.counts.foreign += 1;
             return Taken::Foreign(source);
         }
-        if source == self.source {
-            self.counts.unprocessed += 1;
-            return Taken::Nothing;
-        }
+        let is_marked = source != self.source;
         for purpose in [Purpose::Inputs, Purpose::Outputs, Purpose::Service] {
             let row = self.row_mut(purpose);
-            if row.is_out && answers(row.bytes.get(..row.len).unwrap_or_default(), bytes) {
+            if row.is_out && answers(row.sent(), bytes) {
+                // Some devices count up and do not mark what they pass on.
+                if !is_marked && effect(bytes).1 == 0 {
+                    self.counts.unprocessed += 1;
+                    return Taken::Nothing;
+                }
                 (row.is_out, row.has_come) = (false, true);
                 self.counts.returned += 1;
                 return Taken::Reply(purpose);
             }
         }
-        // What was given up has not come before.
-        let is_again = |row: &Row| row.has_come && answers(row.bytes.get(..row.len).unwrap_or_default(), bytes);
-        if self.rows.iter().any(is_again) {
+        if self.rows.iter().any(|row| row.has_come && answers(row.sent(), bytes)) {
             self.counts.repeated += 1;
             return Taken::Again;
+        }
+        let digest = digest(bytes);
+        if self.returned.has(digest) {
+            self.counts.repeated += 1;
+            return Taken::Again;
+        }
+        if effect(bytes).0 && !self.given_up.has(digest) {
+            self.counts.foreign += 1;
+            return Taken::Foreign(source);
         }
         self.counts.late += 1;
         Taken::Late
@@ -214,14 +274,18 @@ pub(super) const FRAME_WAIT: Duration = Duration::from_millis(10);
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ethercat::frame::address;
-
-    const SOURCE: [u8; 6] = [0x10; 6];
+    use crate::ethercat::frame::{SOURCE, address};
 
     fn reply(sent: &[u8]) -> Vec<u8> {
         let mut bytes = sent.to_vec();
         bytes[6] |= frame::PROCESSED;
         bytes
+    }
+
+    fn reply_source() -> [u8; 6] {
+        let [first, others @ ..] = SOURCE;
+        let [a, b, c, d, e] = others;
+        [first | frame::PROCESSED, a, b, c, d, e]
     }
 
     #[test]
@@ -265,8 +329,63 @@ mod tests {
             let fprd = |to: &mut Datagramer<'_>| to.read(Command::Fprd, address(0x1000, 0x0130), 6);
             let mut back = reply(flight.send(Purpose::Service, fprd).unwrap());
             back[at] ^= bits;
-            assert_eq!(flight.take(&back), Taken::Late, "byte {at}");
+            let writes = Command::from_byte(back[16]).is_some_and(Command::writes);
+            let expected = if writes { Taken::Foreign(reply_source()) } else { Taken::Late };
+            assert_eq!(flight.take(&back), expected, "byte {at}");
         }
+    }
+
+    #[test]
+    fn data_that_devices_leave_alone_come_back_as_they_were_sent() {
+        // Logical and physical writes keep their data; what devices read into, and what one gives to all others, changes.
+        for (command, is_kept) in [
+            (Command::Lwr, true),
+            (Command::Fpwr, true),
+            (Command::Apwr, true),
+            (Command::Bwr, true),
+            (Command::Lrw, false),
+            (Command::Frmw, false),
+            (Command::Fprd, false),
+        ] {
+            let mut flight = Flight::new(SOURCE);
+            let sent = |to: &mut Datagramer<'_>| to.push(command, address(0x1000, 0x0420), &[50, 0]);
+            let mut back = reply(flight.send(Purpose::Service, sent).unwrap());
+            back[26] = 0;
+            let expected = if is_kept { Taken::Foreign(reply_source()) } else { Taken::Reply(Purpose::Service) };
+            assert_eq!(flight.take(&back), expected, "{}", command.name());
+            assert_eq!(flight.is_out(Purpose::Service), is_kept, "the own frame is still waited for");
+        }
+    }
+
+    #[test]
+    fn what_writes_and_was_never_sent_is_foreign_and_what_was_given_up_is_late_once() {
+        let outputs = |target: u8| move |to: &mut Datagramer<'_>| to.push(Command::Lwr, 0x1_0000, &[0x0f, 0, target]);
+        let mut flight = Flight::new(SOURCE);
+        let old = reply(flight.send(Purpose::Outputs, outputs(1)).unwrap());
+        let new = reply(flight.send(Purpose::Outputs, outputs(2)).unwrap());
+        assert_eq!(flight.take(&new), Taken::Reply(Purpose::Outputs));
+        assert_eq!(flight.take(&old), Taken::Late, "it was given up when the next one was sent");
+        let mut forged = new.clone();
+        forged[17] = 0x77;
+        assert_eq!(flight.take(&forged), Taken::Foreign(reply_source()));
+        flight.send(Purpose::Outputs, outputs(3)).unwrap();
+        assert_eq!(flight.take(&new), Taken::Foreign(reply_source()), "outputs of a cycle before");
+        // A frame that reads alone moves nothing.
+        let mut read = forged;
+        read[16] = Command::Lrd as u8;
+        assert_eq!(flight.take(&read), Taken::Late);
+        let counts = SegmentCounts { sent: 3, returned: 1, lost: 1, late: 2, foreign: 2, ..SegmentCounts::default() };
+        assert_eq!(flight.counts, counts);
+    }
+
+    #[test]
+    fn a_device_that_counts_and_does_not_mark_has_processed_the_frame() {
+        let mut flight = Flight::new(SOURCE);
+        let brd = |to: &mut Datagramer<'_>| to.read(Command::Brd, address(0, 0x0130), 2);
+        let mut back = flight.send(Purpose::Service, brd).unwrap().to_vec();
+        assert_eq!(flight.take(&back), Taken::Nothing, "a plug that leads the frame back");
+        back[28] = 1;
+        assert_eq!(flight.take(&back), Taken::Reply(Purpose::Service));
     }
 
     #[test]

@@ -14,6 +14,8 @@ mod clock;
 mod exchange;
 mod failure;
 mod flight;
+mod held;
+mod limits;
 mod ports;
 mod setup;
 mod station;
@@ -46,7 +48,7 @@ use station::Station;
 pub use budget::{Advice, Budget, FrameBudget, PlannedDatagram, PlannedFrame, advise};
 pub use failure::{SegmentFailure, SegmentSign};
 pub use flight::{Purpose, SegmentCounts};
-pub use setup::{Acts, Mapped, ProcessData, SOURCE, SegmentDrive, SegmentSetup, StationSetup, StatusMasks};
+pub use setup::{Acts, Mapped, ProcessData, SegmentDrive, SegmentSetup, StationSetup, StatusMasks};
 
 /// Where frames go that are to be sent.
 pub trait EthernetOutbox {
@@ -110,6 +112,10 @@ enum Asked {
     Mailbox(usize),
     Difference(usize),
     Operational(usize),
+    /// Registers of a device.
+    Held,
+    /// Watchdogs of all devices were written back, and devices were asked to leave OP.
+    Defence,
     /// Devices from this position on.
     Ports(usize),
 }
@@ -146,6 +152,17 @@ pub struct EthercatNetwork {
     /// Devices behind a port that has lost its link since the network was started.
     cut_off: DeviceSet,
     told: LastTold,
+    /// Whose registers are read back next.
+    held: held::Turn,
+    /// Whether somebody else has written to the devices since the network was started, as far as it was seen.
+    has_intruder: bool,
+    /// Whether this master has asked the devices for SAFE-OP because of that.
+    has_defended: bool,
+    /// Whether the devices' watchdogs are to be written back, and whether they were in the cycle before.
+    restores: bool,
+    has_restored: bool,
+    /// Whether the drives are being stopped.
+    is_stopping: bool,
     /// Station whose turn it is to be asked beside the cycle.
     turn: usize,
     /// Station whose clock is compared next, and frames beside the cycle since one was.
@@ -184,7 +201,7 @@ impl EthercatNetwork {
             phase_since: Time(0),
             stations,
             reference: None,
-            flight: Flight::new(setup.source),
+            flight: Flight::new(frame::SOURCE),
             asked: None,
             bring_up: BringUp::new(),
             servo: GridServo::new(setup.period, setup.sync0_phase),
@@ -198,6 +215,12 @@ impl EthercatNetwork {
             ports: PortWatch::default(),
             cut_off: DeviceSet::NONE,
             told: LastTold::default(),
+            held: held::Turn::START,
+            has_intruder: false,
+            has_defended: false,
+            restores: false,
+            has_restored: false,
+            is_stopping: false,
             turn: 0,
             compared: 0,
             uncompared: 0,
@@ -225,9 +248,23 @@ impl EthercatNetwork {
         self.is_silent
     }
 
+    /// Whether the drives are being stopped. Where somebody else has written to the devices, they are asked for SAFE-OP then: there a drive
+    /// takes no outputs, whoever sends them.
+    ///
+    /// Real-time: yes.
+    pub(in crate::bus) fn set_stopping(&mut self, is_stopping: bool) {
+        self.is_stopping = is_stopping;
+    }
+
     /// Falls silent, or goes on when a person has the exchange go on.
     pub fn set_silent(&mut self, is_silent: bool) {
         self.is_silent = is_silent;
+    }
+
+    /// Has frames bear this source address. It has to be another one than that of any other master ([`frame::source`]); without a call it is
+    /// [`frame::SOURCE`], for a segment where there can be none.
+    pub fn set_source(&mut self, source: [u8; 6]) {
+        self.flight.set_source(source);
     }
 
     /// Takes the clocks as they are: the grid is not moved, and the phase that is seen first is the wanted one.
@@ -294,7 +331,8 @@ impl EthercatNetwork {
             let (inputs, outputs) = (station.inputs_missed, station.outputs_missed);
             format!("{}: inputs missing in {inputs} cycles, outputs not taken in {outputs}", station.title())
         });
-        left.chain(grid).chain(clocks).chain(links).chain(errors).chain(missed).collect()
+        let altered = self.stations.iter().filter_map(|station| Some(station.altered?.sentence(&station.title())));
+        altered.chain(left).chain(grid).chain(clocks).chain(links).chain(errors).chain(missed).collect()
     }
 
     /// Whether a device is on the segment.
@@ -317,7 +355,7 @@ impl EthercatNetwork {
             Phase::Off | Phase::Resetting | Phase::Failed(_) => return Err(ObjectError::NotBooted),
         }
         let station = self.stations.iter_mut().find(|station| station.setup.device == device);
-        station.ok_or(ObjectError::NoObjects)?.mailbox.ask(now, request)
+        station.ok_or(ObjectError::NoObjects)?.ask(now, request)
     }
 
     /// How what was asked of a device last has ended.
@@ -325,7 +363,7 @@ impl EthercatNetwork {
     /// Real-time: yes.
     pub fn answer(&self, device: Device) -> ObjectAnswer<'_> {
         match self.station(device) {
-            Some(station) => station.mailbox.answer(),
+            Some(station) => station.answer(),
             None => ObjectAnswer::Failed(ObjectError::NoObjects),
         }
     }
@@ -350,6 +388,7 @@ impl EthercatNetwork {
         self.events = LinkEvents::default();
         (self.clock_lost, self.is_silent) = (DeviceSet::NONE, false);
         (self.grid_off_ns, self.ports, self.cut_off) = (None, PortWatch::default(), DeviceSet::NONE);
+        (self.has_intruder, self.restores) = (false, false);
         self.enter(now, Phase::Configuring);
         self.poll(now, out);
     }
@@ -401,7 +440,8 @@ impl EthercatNetwork {
                     station.mailbox.on_loss();
                 }
             }
-            Some(Asked::Difference(_) | Asked::Operational(_) | Asked::Ports(_)) | None => {}
+            Some(Asked::Difference(_) | Asked::Operational(_) | Asked::Ports(_) | Asked::Held | Asked::Defence)
+            | None => {}
         }
     }
 
@@ -423,7 +463,10 @@ impl EthercatNetwork {
     fn on_foreign(&mut self, now: Time, source: [u8; 6]) {
         self.is_ours = false;
         match self.phase {
-            Phase::Operational => self.events.intruder = true,
+            Phase::Operational => {
+                self.events.intruder = true;
+                (self.has_intruder, self.restores) = (true, true);
+            }
             Phase::Failed(_) => {}
             Phase::Off | Phase::Resetting | Phase::Configuring | Phase::Starting => {
                 let (sign, has_written) = (SegmentSign::Frame(source), self.has_written);
@@ -444,15 +487,20 @@ impl EthercatNetwork {
                 self.poll_bring_up(now, out);
             }
             Asked::Mailbox(place) => {
-                let station = self.stations.get_mut(place);
-                if let Some(emergency) = station.and_then(|station| station.mailbox.on_reply(now, data, counter)) {
+                let Some(station) = self.stations.get_mut(place) else { return };
+                let emergency = station.mailbox.on_reply(now, data, counter);
+                if let Some(altered) = station.take_limit() {
+                    self.note_altered(place, altered);
+                }
+                if let Some(emergency) = emergency {
                     self.hear(now, place, emergency);
                 }
             }
             Asked::Difference(place) if counter > 0 => self.on_difference(place, data),
             Asked::Operational(place) if counter > 0 => self.grid.note_asked(place),
             Asked::Ports(first) => self.on_ports(first, bytes),
-            Asked::Difference(_) | Asked::Operational(_) => {}
+            Asked::Held => self.on_held(bytes),
+            Asked::Defence | Asked::Difference(_) | Asked::Operational(_) => {}
         }
     }
 
@@ -489,18 +537,18 @@ impl EthercatNetwork {
         self.stations.iter().fold(DeviceSet::NONE, |all, station| all | station.setup.device.set())
     }
 
-    /// Leaves the network: devices go to PRE-OP, where nobody waits for outputs. For a rig that was stopped, or did not come up.
+    /// Leaves the network: devices that were led farther than INIT go to PRE-OP, where nobody waits for outputs; where somebody else is on the
+    /// segment, those alone that are in SAFE-OP since this master has asked for it. For a rig that was stopped, or did not come up.
     pub fn leave(&mut self, out: &mut impl EthernetOutbox) {
-        let is_led = std::mem::take(&mut self.is_ours);
+        let is_ours = std::mem::take(&mut self.is_ours);
+        let is_left = |status: AlStatus| self.has_defended && status.state() == Some(AlState::SafeOperational);
+        self.stations.iter_mut().for_each(|station| station.is_led &= is_ours || is_left(station.status));
         self.phase = Phase::Off;
-        if !is_led {
-            return;
-        }
         self.asked = None;
         self.flight.give_up(Purpose::Service);
         let stations = &self.stations;
         let sent = self.flight.send(Purpose::Service, |to| {
-            for station in stations {
+            for station in stations.iter().filter(|station| station.is_led) {
                 let request = (AlState::PreOperational as u16).to_le_bytes();
                 let address = service_address(station.address, crate::ethercat::registers::AL_CONTROL);
                 to.push(Command::Fpwr, address, &request);

@@ -11,9 +11,6 @@ use std::time::Duration;
 use yieldwall_drives::cia402::CommandMode;
 use yieldwall_drives::profiles::{DeviceProfile, Identity, Pdo, Quantity};
 
-/// Source address of the frames, as many masters have it: nobody answers by it.
-pub const SOURCE: [u8; 6] = [0x10; 6];
-
 /// Objects that a mapping holds at most, and mappings that are exchanged.
 pub(super) const MOST_ENTRIES: u8 = 254;
 
@@ -22,8 +19,6 @@ pub(super) const MOST_ENTRIES: u8 = 254;
 pub struct SegmentSetup {
     /// The bus of the rig that it is.
     pub bus: BusId,
-    /// Source address of the frames.
-    pub source: [u8; 6],
     /// Cycle time, which is that of SYNC0 too.
     pub period: Duration,
     /// Time from the input frame to the computation.
@@ -244,7 +239,8 @@ impl StationSetup {
         bytes(&self.inputs)
     }
 
-    /// All objects that are read and written in PRE-OP, in their order: those of the device, its process data, its synchronisation.
+    /// All objects that are read and written, in their order: those of the device, its process data, its synchronisation in PRE-OP, its mode in
+    /// force in SAFE-OP.
     pub(super) fn script(&self) -> Vec<Step> {
         let mut steps = self.steps.clone();
         map(0x1c12, &self.outputs, &mut steps);
@@ -257,6 +253,8 @@ impl StationSetup {
             bytes: 2,
             action: Action::WriteAndVerify { value },
         }));
+        // Last, since they are looked at in SAFE-OP.
+        steps.sort_by_key(|step| matches!(step.action, Action::Await { .. }));
         steps
     }
 }

@@ -1,15 +1,21 @@
 //! What the master knows of one device of the rig, and where its process data lie.
 
 use super::failure::SegmentFailure;
+use super::held::Held;
+use super::limits::Limits;
 use super::setup::{Acts, MOST_ENTRIES, Mapped, ProcessData, StationSetup};
+use super::writes::Altered;
 use crate::bus::axis::{DriveOrders, DriveWords};
 use crate::bus::script::Script;
 use crate::ethercat::mailbox::MailboxClient;
 use crate::ethercat::sii::{MailboxArea, Sii};
 use crate::ethercat::{AlState, AlStatus, AlStatusCode};
 use crate::guard::DeviceSet;
+use crate::objects::{Address, ObjectAnswer, ObjectError, ObjectRequest};
 use crate::sensing::RawSample;
 use crate::time::Time;
+use std::time::Duration;
+use yieldwall_drives::cia402::State;
 use yieldwall_drives::profiles::Quantity;
 
 /// Station addresses of devices: this and their position.
@@ -17,6 +23,24 @@ pub(super) const FIRST_STATION: u16 = 0x1000;
 /// Logical addresses of devices are so far apart, and inputs from outputs half of that.
 const STRIDE: u32 = 0x1000;
 const FIRST_LOGICAL: u32 = 0x1_0000;
+/// Time for which an answer stays for whoever has asked, before limits are asked for.
+const ANSWER_STAYS: Duration = Duration::from_millis(200);
+
+/// Time for which a drive may be in Operation Enabled in SAFE-OP: its own stop takes less.
+const KEEPS_TORQUE: Duration = Duration::from_millis(300);
+const CONTROLWORD: Address = Address::new(0x6040, 0);
+
+/// How far a drive was brought that keeps its torque in SAFE-OP.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Disarming {
+    No,
+    /// It has been in Operation Enabled since then.
+    Seen(Time),
+    /// Disable Voltage was written.
+    Asked,
+    /// It is asked for PRE-OP.
+    Leaves,
+}
 
 /// A value in process data: its first byte, and its bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -87,6 +111,20 @@ pub(super) struct Station {
     pub(super) inputs: Area,
     pub(super) status: AlStatus,
     pub(super) code: AlStatusCode,
+    /// Its registers as they were set.
+    pub(super) held: Held,
+    /// Its objects as they were set.
+    limits: Limits,
+    /// Since when nothing that was asked is open.
+    answered_at: Option<Time>,
+    /// The first register or object that somebody else has set since the network was started.
+    pub(super) altered: Option<Altered>,
+    /// How far a drive was brought that keeps its torque in SAFE-OP.
+    disarming: Disarming,
+    /// The state that it is asked for, since it shall take no outputs any more; `None` if it is there.
+    pub(super) wanted: Option<AlState>,
+    /// Whether it was asked for more than INIT since the network was started.
+    pub(super) is_led: bool,
     /// Whether its status came in this cycle.
     pub(super) has_status: bool,
     /// Whether its status came with the last input frame that came back.
@@ -112,15 +150,25 @@ impl Station {
     pub(super) fn new(setup: &StationSetup) -> Result<Self, SegmentFailure> {
         let logical = FIRST_LOGICAL + STRIDE * u32::from(setup.position);
         let address = FIRST_STATION + setup.position;
+        let steps = setup.script();
+        let is_mapped = |at| setup.outputs.iter().flat_map(|pdo| &pdo.entries).any(|entry| entry.at == at);
+        let limits = Limits::of(&steps, is_mapped);
         Ok(Station {
             address,
             mailbox: MailboxClient::new(address, setup.waits.sdo),
-            script: Script::new(setup.identity.clone(), setup.waits.sdo, setup.script()),
+            script: Script::new(setup.identity.clone(), setup.waits.sdo, steps),
             sii: None,
             outputs: Area::new(logical, &setup.outputs)?,
             inputs: Area::new(logical + STRIDE / 2, &setup.inputs)?,
             status: AlStatus::new(AlState::Init, false),
             code: AlStatusCode::NONE,
+            held: Held::default(),
+            limits,
+            answered_at: None,
+            altered: None,
+            disarming: Disarming::No,
+            wanted: None,
+            is_led: false,
             has_status: false,
             was_there: false,
             left: None,
@@ -144,6 +192,10 @@ impl Station {
         (self.status, self.code) = (AlStatus::new(AlState::Init, false), AlStatusCode::NONE);
         (self.difference_ns, self.lost_ns) = (None, None);
         (self.was_there, self.left) = (false, None);
+        (self.altered, self.is_led, self.disarming, self.wanted) = (None, false, Disarming::No, None);
+        self.held.forget();
+        self.limits.restart();
+        self.answered_at = None;
         self.forget_missed();
         self.begin_cycle();
     }
@@ -151,6 +203,81 @@ impl Station {
     /// Counts anew what does not come or is not taken.
     pub(super) fn forget_missed(&mut self) {
         (self.outputs_missed, self.inputs_missed) = (0, 0);
+    }
+
+    /// Asks for an object or gives it a value, as somebody wishes.
+    pub(super) fn ask(&mut self, now: Time, request: ObjectRequest<'_>) -> Result<(), ObjectError> {
+        if std::mem::take(&mut self.limits.is_asked) {
+            self.mailbox.forget();
+        }
+        self.mailbox.ask(now, request)?;
+        if let ObjectRequest::Write(at, _) = request {
+            self.limits.note_write(at);
+        }
+        Ok(())
+    }
+
+    /// How that has ended.
+    ///
+    /// Real-time: yes.
+    pub(super) fn answer(&self) -> ObjectAnswer<'_> {
+        if self.limits.is_asked { ObjectAnswer::NotAsked } else { self.mailbox.answer() }
+    }
+
+    /// Has it leave OP, so that it takes no outputs any more. A drive that stays in Operation Enabled in SAFE-OP gets Disable Voltage through
+    /// the mailbox, and is asked for PRE-OP then.
+    ///
+    /// Real-time: yes.
+    pub(super) fn disarm(&mut self, now: Time, leaves: bool) {
+        let state = self.status.state().filter(|_| self.has_status);
+        if !leaves || state == Some(AlState::Operational) || state.is_none() {
+            self.wanted = leaves.then_some(AlState::SafeOperational);
+            return;
+        }
+        let is_enabled = state == Some(AlState::SafeOperational)
+            && self.words.statusword.is_some_and(|word| State::decode(word) == Some(State::OperationEnabled));
+        match self.disarming {
+            Disarming::No if is_enabled => self.disarming = Disarming::Seen(now),
+            Disarming::Seen(_) if !is_enabled => self.disarming = Disarming::No,
+            Disarming::Seen(since) if now.since(since) >= KEEPS_TORQUE => {
+                self.disarming = Disarming::Asked;
+                // Without an answer PRE-OP is what is left.
+                let _ = self.ask(now, ObjectRequest::Write(CONTROLWORD, &[0, 0]));
+            }
+            Disarming::Asked if self.answer() != ObjectAnswer::Pending => self.disarming = Disarming::Leaves,
+            _ => {}
+        }
+        let is_left = matches!(state, Some(AlState::PreOperational | AlState::Init));
+        self.wanted = (self.disarming == Disarming::Leaves && !is_left).then_some(AlState::PreOperational);
+    }
+
+    /// Asks for one of its limits, if one is due and nobody has asked for anything.
+    ///
+    /// Real-time: yes.
+    pub(super) fn check_limits(&mut self, now: Time) {
+        if self.mailbox.answer() == ObjectAnswer::Pending {
+            self.answered_at = None;
+            return;
+        }
+        let answered_at = *self.answered_at.get_or_insert(now);
+        if now.since(answered_at) >= ANSWER_STAYS
+            && !self.mailbox.is_busy()
+            && let Some(request) = self.limits.due(now)
+        {
+            self.limits.is_asked = self.mailbox.ask(now, request).is_ok();
+        }
+    }
+
+    /// What has become of one of its limits, when that has been read.
+    ///
+    /// Real-time: yes.
+    pub(super) fn take_limit(&mut self) -> Option<Altered> {
+        if !self.limits.is_asked || self.mailbox.answer() == ObjectAnswer::Pending {
+            return None;
+        }
+        let altered = self.limits.take(self.mailbox.answer());
+        self.mailbox.forget();
+        altered
     }
 
     /// Whether its clock is one that SYNC0 comes from.

@@ -8,6 +8,7 @@ use super::station::Station;
 use crate::ethercat::registers as register;
 use crate::ethercat::sii::Sii;
 use crate::ethercat::{Direction, Fmmu, SyncManager};
+use crate::objects::Address;
 
 /// Time from the moment at which SYNC0 is set up to its first pulse.
 const SYNC0_AHEAD: Duration = Duration::from_millis(100);
@@ -25,16 +26,64 @@ pub(super) struct Write {
     pub(super) is_compared: bool,
 }
 
-impl Write {
-    /// Whether what was written stands there; what a device sets itself does not count.
-    pub(super) fn is_held(&self, data: &[u8]) -> bool {
-        let managers = register::SYNC_MANAGER..register::SYNC_MANAGER + 16 * SyncManager::SIZE as u16;
-        let own = |at: usize| {
-            let at = (usize::from(self.register) + at) % SyncManager::SIZE;
-            managers.contains(&self.register) && matches!(at, SyncManager::STATUS | SyncManager::PDI_CONTROL)
+/// Where something stands in a device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Place {
+    /// The byte of a register.
+    Register(u16),
+    Object(Address),
+}
+
+/// A place that holds something else than this master has written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Altered {
+    pub(super) place: Place,
+    /// What was written.
+    pub(super) written: u32,
+    /// What stands there.
+    pub(super) is: u32,
+}
+
+impl Altered {
+    /// A sentence about the device of this name.
+    pub(super) fn sentence(&self, title: &str) -> String {
+        let Altered { place, written, is } = self;
+        let place = match place {
+            Place::Register(register) => format!("register {register:04X}h"),
+            Place::Object(at) => format!("object {:04X}h:{:02X}", at.index, at.sub),
         };
-        let mut pairs = self.bytes.iter().zip(data).enumerate();
-        data.len() == self.bytes.len() && pairs.all(|(at, (written, held))| own(at) || written == held)
+        format!("somebody else has set {place} of {title} to {is:X}h; this program had set it to {written:X}h")
+    }
+}
+
+impl Write {
+    /// The address behind the last byte.
+    pub(super) fn end(&self) -> usize {
+        usize::from(self.register) + self.bytes.len()
+    }
+
+    /// The first byte that is not as it was written; what a device sets itself, and what a mailbox needs to repeat, does not count.
+    ///
+    /// Real-time: yes.
+    pub(super) fn first_difference(&self, data: &[u8]) -> Option<Altered> {
+        let managers = register::SYNC_MANAGER..register::SYNC_MANAGER + 16 * SyncManager::SIZE as u16;
+        let counts = |register: u16| match usize::from(register) % SyncManager::SIZE {
+            _ if !managers.contains(&register) => u8::MAX,
+            SyncManager::STATUS | SyncManager::PDI_CONTROL => 0,
+            SyncManager::ACTIVATE => 1,
+            _ => u8::MAX,
+        };
+        let mut bytes = (self.register..).zip(self.bytes.iter().zip(data));
+        bytes.find_map(|(register, (written, is))| {
+            let place = Place::Register(register);
+            let altered = Altered { place, written: u32::from(*written), is: u32::from(*is) };
+            ((written ^ is) & counts(register) != 0).then_some(altered)
+        })
+    }
+
+    /// Whether what was written stands there.
+    pub(super) fn is_held(&self, data: &[u8]) -> bool {
+        data.len() == self.bytes.len() && self.first_difference(data).is_none()
     }
 }
 

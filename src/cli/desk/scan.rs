@@ -117,22 +117,35 @@ pub(super) fn identity_words(identity: [Option<u32>; 4]) -> Option<String> {
 
 /// The rig's entry for a node, and whether the device is one; without an entry the profile that it fits.
 pub(super) fn fit(desk: &Desk, found: &Found) -> String {
-    let entry = desk.entry(found.node).map(|entry| (entry.name.as_str(), entry.profile.as_deref()));
+    let entry = desk.entry(found.node);
+    let entry = entry.map(|entry| (entry.name.as_str(), entry.profile.as_deref().map(DeviceKind::of)));
     fit_of(entry, found.identity, found.device_type)
 }
 
-/// The same of an entry by its name and profile.
+/// What a device of a rig has to be, and what that is called.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct DeviceKind<'a> {
+    pub(super) identity: &'a Wanted,
+    pub(super) name: &'a str,
+}
+
+impl<'a> DeviceKind<'a> {
+    /// One for which the profile is.
+    pub(super) fn of(profile: &'a DeviceProfile) -> Self {
+        Self { identity: &profile.identity, name: profile.name() }
+    }
+}
+
+/// The same of an entry by its name and kind.
 pub(super) fn fit_of(
-    entry: Option<(&str, Option<&DeviceProfile>)>,
+    entry: Option<(&str, Option<DeviceKind<'_>>)>,
     identity: [Option<u32>; 4],
     device_type: Option<u32>,
 ) -> String {
     let is_one = |wanted: &Wanted| is_one(wanted, identity, device_type);
     match entry {
         Some((name, Some(_))) if identity == [None; 4] => format!("{name}, if it is one"),
-        Some((name, Some(profile))) if !is_one(&profile.identity) => {
-            format!("{name} is another device ({})", profile.name())
-        }
+        Some((name, Some(kind))) if !is_one(kind.identity) => format!("{name} is another device ({})", kind.name),
         Some((name, _)) => name.to_owned(),
         None => match ProfileName::shipped().find(|(_, profile)| is_one(&profile.identity)) {
             Some((name, _)) => format!("none; profile {name}"),

@@ -230,7 +230,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Bus,
         [once(QuickStop)],
         Stopped,
-        "somebody else sends NMT commands, SYNC, set-points or SDO downloads to our nodes on this bus",
+        "somebody else sends NMT commands, SYNC, set-points or SDO downloads to our nodes, or writes to devices of the segment",
         "a second master or a service tool is connected",
         "disconnect the other master"
     ),

@@ -96,6 +96,8 @@ pub(super) const ROWS: [Row; 11] = [
                 F::DriveLeftOperation,
                 F::DriveIgnoresCommand,
                 F::DriveWarning,
+                F::Intruder,
+                F::PortErrors,
             ],
             (QuickStop, ANY, Restart),
         ),

@@ -50,6 +50,9 @@ pub trait EthernetLink {
     /// Real-time: yes.
     fn now(&self) -> Time;
 
+    /// The source address of frames that leave by this link: another one for each master on an interface.
+    fn source(&self) -> [u8; 6];
+
     /// The next thing that has come, a frame in `buffer`; never waits.
     ///
     /// Real-time: yes; a caller in a cycle bounds how often it asks.
@@ -71,6 +74,10 @@ pub trait EthernetLink {
 impl<L: EthernetLink + ?Sized> EthernetLink for Box<L> {
     fn now(&self) -> Time {
         (**self).now()
+    }
+
+    fn source(&self) -> [u8; 6] {
+        (**self).source()
     }
 
     fn receive(&mut self, buffer: &mut [u8]) -> Option<EthernetArrival> {

@@ -1,6 +1,7 @@
 //! A packet socket of Linux.
 
 use std::fs;
+use std::hash::{BuildHasher, Hasher, RandomState};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
 use rustix::event::{PollFd, PollFlags};
@@ -10,6 +11,7 @@ use rustix::net::{AddressFamily, SendFlags, SocketFlags, SocketType, netdevice, 
 use super::error::EthernetError;
 use super::system::{self, Device};
 use super::{EthernetArrival, EthernetLink, EthernetReceived};
+use crate::ethercat::frame;
 use crate::link::clock::{monotonic, wait_for_any};
 use crate::link::hold::{Hold, NotHeld};
 use crate::link::{Role, SendError};
@@ -22,6 +24,7 @@ use crate::time::Time;
 pub struct PacketSocket {
     socket: OwnedFd,
     interface: String,
+    source: [u8; 6],
     /// It went down and was not seen up again.
     is_down: bool,
     _hold: Hold,
@@ -58,7 +61,8 @@ impl PacketSocket {
         let socket = socket_with(AddressFamily::PACKET, SocketType::RAW, flags, None);
         let socket = socket.map_err(|error| EthernetError::from_open(interface, error))?;
         system::bind(socket.as_fd(), index).map_err(failed("hear what comes over it"))?;
-        Ok(Self { socket, interface: interface.to_owned(), is_down: false, _hold: hold })
+        let source = frame::source(RandomState::new().build_hasher().finish());
+        Ok(Self { socket, interface: interface.to_owned(), source, is_down: false, _hold: hold })
     }
 
     /// Name of the interface.
@@ -88,6 +92,10 @@ impl AsFd for PacketSocket {
 impl EthernetLink for PacketSocket {
     fn now(&self) -> Time {
         monotonic()
+    }
+
+    fn source(&self) -> [u8; 6] {
+        self.source
     }
 
     fn receive(&mut self, buffer: &mut [u8]) -> Option<EthernetArrival> {

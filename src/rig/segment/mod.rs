@@ -13,7 +13,8 @@ use super::server::{GRACE, LAG};
 use super::world::{Body, World};
 use crate::canopen::{Frame, cob};
 use crate::config;
-use crate::ethercat::frame::{self, Command, Datagrams};
+use crate::ethercat::frame::{self, Command, Datagram, Datagrams};
+use crate::ethercat::registers::SII_CONTROL;
 use crate::injection::{Injection, Kind, Medium, Target};
 use crate::run::Pace;
 use crate::sim::ethercat::{Segment, SimulatedDevice};
@@ -32,8 +33,8 @@ const READ: u8 = 2;
 ///
 /// Without I/O, like every engine: frames and moments of the wall come in, and what comes back goes to a closure. Simulated time follows
 /// the wall. In lockstep it stands still from the frame that reads process data to the next one that reads the same, which is a period
-/// later, and follows the wall in whole periods before the first one, 2 s after the last one, when a master writes to all devices and after an
-/// NMT command; the clocks of devices do not drift then. A SYNC on CAN belongs to the same period as the frame that follows it. The hand takes the tool when all drives are in Operation Enabled, and lets go of it when none makes torque any more.
+/// later, and follows the wall in whole periods before the first one, 2 s after the last one, when a master writes to all devices or asks a memory chip
+/// and after an NMT command; the clocks of devices do not drift then. A SYNC on CAN belongs to the same period as the frame that follows it. The hand takes the tool when all drives are in Operation Enabled, and lets go of it when none makes torque any more.
 #[derive(Debug)]
 pub struct SegmentServer {
     far: FarEnd,
@@ -401,10 +402,16 @@ impl SegmentServer {
     }
 }
 
-/// Whether a frame is of a master that brings the segment up: it writes to all devices.
+/// Whether a frame is of a master that brings the segment up: it writes to all devices, or asks a memory chip, whose answer takes time.
 fn is_bring_up(bytes: &[u8]) -> bool {
     let Ok(mut datagrams) = Datagrams::of(bytes) else { return false };
-    datagrams.any(|datagram| datagram.is_ok_and(|it| it.header.command == Command::Bwr as u8))
+    datagrams.any(|datagram| {
+        datagram.is_ok_and(|Datagram { header, .. }| match Command::from_byte(header.command) {
+            Some(Command::Bwr) => true,
+            Some(Command::Apwr | Command::Fpwr) => header.ado() == SII_CONTROL,
+            _ => false,
+        })
+    })
 }
 
 #[cfg(test)]

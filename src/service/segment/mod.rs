@@ -17,7 +17,7 @@ use std::time::Duration;
 use thiserror::Error;
 
 use super::Bytes;
-use crate::bus::ethercat::{SOURCE, SegmentFailure, SegmentSign};
+use crate::bus::ethercat::{SegmentFailure, SegmentSign};
 use crate::ethercat::coe::CoeEmergency;
 use crate::ethercat::frame::{self, Command, FrameWriter, address, answers};
 use crate::ethercat::mailbox::MailboxClient;
@@ -75,6 +75,8 @@ pub struct SegmentService<L> {
     /// Index of the next datagram.
     index: u8,
     buffer: Box<[u8; frame::LONGEST]>,
+    /// Whether a frame came back that no device had marked.
+    has_come_back: bool,
     /// Of the devices whose objects were asked, by their positions.
     mailboxes: BTreeMap<u16, MailboxClient>,
     emergencies: Vec<(u16, CoeEmergency)>,
@@ -84,7 +86,8 @@ impl<L: EthernetLink> SegmentService<L> {
     /// A connection over a link. Waiting ends when `is_over` is set.
     pub fn new(link: L, is_over: Arc<AtomicBool>) -> Self {
         let (mailboxes, emergencies) = (BTreeMap::new(), Vec::new());
-        Self { link, is_over, index: 0, buffer: Box::new([0; frame::LONGEST]), mailboxes, emergencies }
+        let buffer = Box::new([0; frame::LONGEST]);
+        Self { link, is_over, index: 0, buffer, has_come_back: false, mailboxes, emergencies }
     }
 
     /// The link.
@@ -188,12 +191,15 @@ impl<L: EthernetLink> SegmentService<L> {
 
     /// A datagram as it comes back, with its working counter. One whose frame is lost is sent once more.
     fn datagram(&mut self, command: Command, address: u32, data: &[u8]) -> Result<(Bytes, u16), SegmentError> {
+        self.has_come_back = false;
         for _ in 0..TRIES {
             if let Some(back) = self.once(command, address, data)? {
                 return Ok(back);
             }
         }
-        Err(SegmentFailure::NoReply { tries: TRIES }.into())
+        let tries = TRIES;
+        Err(if self.has_come_back { SegmentFailure::CameBack { tries } } else { SegmentFailure::NoReply { tries } }
+            .into())
     }
 
     /// The same, sent once; `None` if it does not come back.
@@ -202,7 +208,7 @@ impl<L: EthernetLink> SegmentService<L> {
         self.index = self.index.wrapping_add(1);
         let mut sent = [0; frame::LONGEST];
         let too_long = |len| SegmentFailure::FrameTooLong { what: "next", len };
-        let mut writer = FrameWriter::new(&mut sent, SOURCE).map_err(|_| too_long(0))?;
+        let mut writer = FrameWriter::new(&mut sent, self.link.source()).map_err(|_| too_long(0))?;
         let place = writer.push(command, self.index, address, data).map_err(|_| too_long(data.len()))?;
         let sent: &[u8] = writer.finish();
         self.link.send(sent)?;
@@ -211,9 +217,14 @@ impl<L: EthernetLink> SegmentService<L> {
             while let Some(arrival) = self.link.receive(&mut self.buffer[..]) {
                 let EthernetReceived::Frame { length } = arrival.what else { continue };
                 let bytes = self.buffer.get(..length).unwrap_or_default();
-                let is_processed = bytes.get(6).is_some_and(|first| first & frame::PROCESSED != 0);
-                if is_processed && answers(sent, bytes) {
-                    let working_counter = u16_at(bytes, place.end);
+                let is_marked = bytes.get(6).is_some_and(|first| first & frame::PROCESSED != 0);
+                let working_counter = u16_at(bytes, place.end);
+                // Some devices count up and do not mark what they pass on.
+                if !answers(sent, bytes) {
+                    continue;
+                }
+                self.has_come_back |= !is_marked;
+                if is_marked || working_counter > 0 {
                     return Ok(Some((bytes.get(place).unwrap_or_default().to_vec(), working_counter)));
                 }
             }

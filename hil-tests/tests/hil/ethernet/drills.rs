@@ -23,7 +23,7 @@ const STOP_M: f64 = 0.02;
 const REST_M: f64 = 0.0005;
 
 /// A moment of up to so many milliseconds.
-fn pause(dice: &mut Dice, most_ms: u64) {
+pub(super) fn pause(dice: &mut Dice, most_ms: u64) {
     std::thread::sleep(Duration::from_millis(dice.below(most_ms)));
 }
 
@@ -106,7 +106,7 @@ fn foreign(dice: &mut Dice, devices: &Served) -> String {
 }
 
 /// What has to be so of drives that were enabled once, whatever was done to them.
-fn judge(seen: &Seen) {
+pub(super) fn judge(seen: &Seen) {
     let is_on = |states: &[State; 2]| states.contains(&State::OperationEnabled);
     let states =
         || seen.states.iter().map(|(_, states)| states).skip_while(|states| **states != [State::OperationEnabled; 2]);

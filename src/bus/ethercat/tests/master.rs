@@ -9,6 +9,22 @@ use crate::cycle::tests::position_cycle;
 use crate::guard::{Cause, Fault, Request, State};
 use yieldwall_drives::cia402;
 
+/// Places of the bytes of a frame that devices may have changed: data that they read into, and counters.
+fn filled(bytes: &[u8]) -> Vec<usize> {
+    let end = frame::end(bytes).unwrap();
+    let (mut next, mut filled) = (Some(frame::HEADER), Vec::new());
+    while let Some(at) = next {
+        let span = frame::datagram_at(bytes, at, end).unwrap();
+        let keeps = matches!(
+            Command::from_byte(span.header.command),
+            Some(Command::Apwr | Command::Fpwr | Command::Bwr | Command::Lwr)
+        );
+        filled.extend(if keeps { span.data.end } else { span.data.start }..span.end());
+        next = span.header.has_more.then_some(span.end());
+    }
+    filled
+}
+
 /// A master and a segment.
 struct Rig {
     master: Master,
@@ -99,10 +115,11 @@ impl Rig {
                     Fate::IsLost => continue,
                     Fate::IsLate(_) => self.late.push(bytes),
                     Fate::IsChanged(bits) => {
-                        // Up to four bits behind the addresses: another source is another master.
+                        // Up to four bits of what devices have written into it: another frame is that of another master.
+                        let filled = filled(&bytes);
                         for part in 0..1 + bits % 4 {
-                            let bit = (bits >> (8 + 12 * part)) as usize % (8 * (bytes.len() - 12));
-                            bytes[12 + bit / 8] ^= 1 << (bit % 8);
+                            let bit = (bits >> (8 + 12 * part)) as usize % (8 * filled.len());
+                            bytes[filled[bit / 8]] ^= 1 << (bit % 8);
                         }
                         self.master.on_ethernet(back, &bytes);
                     }

@@ -3,6 +3,7 @@
 mod budget;
 mod exchange;
 mod faults;
+mod intruders;
 mod master;
 mod refusals;
 
@@ -14,6 +15,7 @@ use crate::bus::axis::{Arrived, DriveOrders};
 use crate::bus::setup::Waits;
 use crate::canopen::BusId;
 use crate::config::shipped_profile;
+use crate::ethercat::frame::SOURCE;
 use crate::ethercat::{registers as register, u16_at};
 use crate::objects::{Address, ServedDevice};
 use crate::sim::ethercat::{Controller, ControllerSettings, Segment, SimulatedDevice, sii};
@@ -65,7 +67,6 @@ fn sensor_setup(position: u16) -> StationSetup {
 fn setup() -> SegmentSetup {
     SegmentSetup {
         bus: BusId::FIRST,
-        source: SOURCE,
         period: PERIOD,
         compute_at: COMPUTE_AT,
         sync0_phase: PHASE,
@@ -292,6 +293,16 @@ impl Bench {
         for _ in 0..count {
             self.cycle(orders);
         }
+    }
+
+    /// A frame of one datagram that passes the devices and does not come to the network; the data as they come back.
+    fn unseen(&mut self, command: Command, address: u32, data: &[u8]) -> Vec<u8> {
+        let mut buffer = [0; frame::LONGEST];
+        let mut writer = frame::FrameWriter::new(&mut buffer, SOURCE).unwrap();
+        let at = writer.push(command, 0, address, data).unwrap();
+        let frame = writer.finish();
+        self.segment.process(self.now, frame);
+        frame[at].to_vec()
     }
 
     fn al(&self, place: usize) -> String {

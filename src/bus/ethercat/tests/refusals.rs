@@ -263,14 +263,7 @@ fn a_plan_that_cannot_be_is_refused_at_once() {
 fn registers_hold_what_was_written() {
     let mut bench = Bench::usual();
     bench.start().unwrap();
-    let mut read = |ado, len: usize| {
-        let mut buffer = [0; 128];
-        let mut writer = frame::FrameWriter::new(&mut buffer, SOURCE).unwrap();
-        let at = writer.push(Command::Fprd, 0, frame::address(0x1000, ado), &[0; 16][..len]).unwrap();
-        let frame = writer.finish();
-        bench.segment.process(bench.now, frame);
-        frame[at].to_vec()
-    };
+    let mut read = |ado, len: usize| bench.unseen(Command::Fprd, frame::address(0x1000, ado), &[0; 16][..len]);
     assert_eq!(read(register::WATCHDOG_SYNC_MANAGER, 2), [50, 0], "5 ms");
     assert_eq!(read(register::DC_SYNC0_CYCLE, 4), 1_000_000u32.to_le_bytes());
     assert_eq!(read(register::DC_ACTIVATION, 1), [3]);

@@ -14,11 +14,12 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use yieldwall_drives::codes::ErrorCodes;
-use yieldwall_drives::profiles::DeviceProfile;
+use yieldwall_drives::profiles::{DeviceProfile, Identity};
 use yieldwall_drives::scaling::AxisScaling;
 
 use super::place::{Place, object_failure, placed};
-use crate::assembly::scaling;
+use super::scan::DeviceKind;
+use crate::assembly::{scaling, segment_sensor};
 use crate::bus::ethercat::{SegmentFailure, SegmentSign};
 use crate::cli::ending::rig_failure;
 use crate::cli::failure::{Exit, Failure};
@@ -40,6 +41,8 @@ pub(super) struct Entry {
     pub(super) name: String,
     pub(super) position: u16,
     pub(super) profile: Option<Arc<DeviceProfile>>,
+    /// Of the force sensor, which device it has to be.
+    pub(super) sensor: Option<Identity>,
     /// What its vendor's error codes mean.
     pub(super) codes: Option<Arc<ErrorCodes>>,
     /// Of a drive.
@@ -82,9 +85,11 @@ impl Device {
         }
     }
 
-    /// Name and profile of its entry in the rig.
-    pub(super) fn of_rig(&self) -> Option<(&str, Option<&DeviceProfile>)> {
-        self.entry.as_ref().map(|entry| (entry.name.as_str(), entry.profile.as_deref()))
+    /// Name and kind of its entry in the rig.
+    pub(super) fn of_rig(&self) -> Option<(&str, Option<DeviceKind<'_>>)> {
+        let entry = self.entry.as_ref()?;
+        let of_sensor = || entry.sensor.as_ref().map(|identity| DeviceKind { identity, name: "force sensor" });
+        Some((entry.name.as_str(), entry.profile.as_deref().map(DeviceKind::of).or_else(of_sensor)))
     }
 }
 
@@ -308,7 +313,7 @@ impl SegmentDesk {
     pub(super) fn failure(&self, device: &Device, doing: &str, error: SegmentError) -> Failure {
         let told = |error: &SegmentError| format!("{}: {doing}: {error}", device.words());
         match &error {
-            SegmentError::Failed(SegmentFailure::NoReply { .. })
+            SegmentError::Failed(SegmentFailure::NoReply { .. } | SegmentFailure::CameBack { .. })
             | SegmentError::Link(_)
             | SegmentError::Interrupted => self.segment_failure(error),
             error => Failure::new(Exit::DeviceMismatch, told(error), ""),
@@ -352,6 +357,7 @@ fn entries(rig: &Rig) -> Result<Vec<Entry>, Failure> {
             name: drive.name.clone(),
             position,
             profile: drive.profile.get().cloned(),
+            sensor: None,
             codes: drive.profile.error_codes().cloned(),
             scaling: Some(scaling(drive).map_err(|error| rig_failure(&error.into()))?),
         });
@@ -360,6 +366,7 @@ fn entries(rig: &Rig) -> Result<Vec<Entry>, Failure> {
         name: rig.sensor.name.clone(),
         position,
         profile: None,
+        sensor: Some(segment_sensor()),
         codes: None,
         scaling: None,
     }));

@@ -53,6 +53,16 @@ fn a_damaged_sii_names_word_and_meaning_and_leaves_the_others_legible() {
     insta::assert_snapshot!("segment-scan-damaged", scanned(&mut desk));
 }
 
+/// The master refuses what the desk would, by one identity.
+#[test]
+fn another_vendor_s_sensor_is_another_device() {
+    let mut desk = desk(|segment| {
+        segment.controller_mut(2).unwrap().sii_mut()[2 * 0x08..2 * 0x0a].copy_from_slice(&0x11d_u32.to_le_bytes());
+    });
+    let found = scanned(&mut desk);
+    assert!(found.contains("wrist is another device (force sensor)"), "{found}");
+}
+
 #[test]
 fn a_device_is_meant_by_position_name_or_role() {
     let mut desk = desk(|_| ());
