@@ -273,6 +273,20 @@ fn in_lockstep_a_slow_master_loses_no_time_and_the_same_frames_give_the_same_ans
     assert_eq!(bench.al(0), (0x14, 0x1b));
 }
 
+/// A master that comes right behind another one reads the memory chips, which are busy for a while.
+#[test]
+fn in_lockstep_a_memory_chip_answers_right_after_a_cycle() {
+    let mut bench = Bench::operational(Pace::Lockstep);
+    bench.cycle([(6, 0); 2], 8).unwrap();
+    bench.write(0, 0x0502, &[0, 1, 8, 0, 0, 0]);
+    let is_busy = |bench: &mut Bench| bench.ask(Command::Aprd, Bench::at(0, 0x0502), &[0; 2]).0[1] & 0x80 != 0;
+    let looks = (0..100).find(|_| {
+        bench.pass(Duration::from_millis(1));
+        !is_busy(&mut bench)
+    });
+    assert!(looks.is_some());
+}
+
 #[test]
 fn devices_that_are_not_here_are_no_part_of_the_segment() {
     let mut bench = Bench { server: server(Pace::Free, [false, true, true]), ..Bench::new(Pace::Free) };

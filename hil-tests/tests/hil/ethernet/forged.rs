@@ -102,7 +102,7 @@ fn watchdogs(devices: &Served) -> Vec<Vec<u8>> {
 #[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
 fn forged_frames_are_named_and_take_no_watchdog_away() {
     let slow = Slow::new("forged");
-    for seed in seeds(16) {
+    for seed in seeds(12) {
         println!(
             "round {seed}; alone: YIELDWALL_SEED={seed} hil-tests/veth cargo test -p hil-tests --test hil ethernet::forged -- --ignored \
              --nocapture"

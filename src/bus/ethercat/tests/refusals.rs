@@ -270,3 +270,23 @@ fn registers_hold_what_was_written() {
     assert_eq!(read(0x0810, 5), [0x00, 0x18, 6, 0, 0x64]);
     assert_eq!(read(0x0818, 5), [0x00, 0x1c, 6, 0, 0x20]);
 }
+
+/// Some drives show their mode (6061h) only while they exchange process data.
+#[test]
+fn the_mode_in_force_is_looked_at_in_safe_op() {
+    let mut bench = Bench::usual();
+    bench.keeps = true;
+    bench.start().unwrap();
+    let has = |frame: &[u8], bytes: &[u8]| frame.windows(bytes.len()).any(|part| part == bytes);
+    for station in [0x1000, 0x1001] {
+        let is_of_station = |frame: &&Vec<u8>| u16_at(frame, 18) == station;
+        let of = |is_wanted: &dyn Fn(&[u8]) -> bool| {
+            let mut frames = bench.sent.iter().filter(|frame| frame[16] == Command::Fpwr as u8).filter(is_of_station);
+            frames.position(|frame| is_wanted(frame)).unwrap()
+        };
+        let safe_op = of(&|frame| u16_at(frame, 20) == register::AL_CONTROL && frame[26] == 4);
+        let mode = of(&|frame| has(frame, &[0x40, 0x61, 0x60, 0]));
+        let limit = of(&|frame| has(frame, &[0x72, 0x60, 0]));
+        assert!(limit < safe_op && safe_op < mode, "{station:04x}h: {limit} {safe_op} {mode}");
+    }
+}
