@@ -207,7 +207,7 @@ impl Line {
             Kind::ClockJump => controller.jump_clock(now, injection.size as i64),
             Kind::Emergency => controller.send_emergency(emergency(device, false)),
             Kind::EmergencyWarning => controller.send_emergency(emergency(device, true)),
-            Kind::EmergencyInSdo => controller.interrupt_request(emergency(device, false)),
+            Kind::EmergencyInSdo => controller.interrupt_request(is_on.then(|| emergency(device, false))),
             kind => in_application(now, kind, injection.size, is_on, controller),
         }
     }

@@ -34,7 +34,7 @@ fn both() -> [Scenario; 2] {
 }
 
 /// Injections whose first sign does not come in their first cycle, or hangs on the motion.
-const SIGN_COMES_LATER: [Kind; 16] = [
+const SIGN_COMES_LATER: [Kind; 17] = [
     Kind::SensorDrift,
     Kind::SetPointsLost,
     Kind::NodeSilent,
@@ -51,6 +51,7 @@ const SIGN_COMES_LATER: [Kind; 16] = [
     Kind::CableOut,
     // A mailbox and ports are looked at now and then.
     Kind::Emergency,
+    Kind::EmergencyInSdo,
     Kind::FrameCorrupt,
 ];
 

@@ -149,10 +149,10 @@ pub(super) const ROWS: [Row; 11] = [
     ),
     row(
         (Kind::EmergencyInSdo, "emergency-in-sdo"),
-        DEVICES,
-        Once,
-        "the device sends an emergency between the next SDO request and its answer",
-        &[],
-        NOTHING,
+        DRIVES,
+        For(3.0),
+        "the drive sends an emergency between the next SDO request and its answer, such as that to a limit that is read back",
+        &[F::Emergency],
+        (QuickStop, STOPPED, Reset),
     ),
 ];

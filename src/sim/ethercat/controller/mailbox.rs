@@ -49,7 +49,7 @@ pub(super) struct Mailbox {
     answer: Vec<u8>,
     emergencies: [Option<CoeEmergency>; EMERGENCIES],
     /// Comes before the answer to the next request.
-    interruption: Option<CoeEmergency>,
+    pub(super) interruption: Option<CoeEmergency>,
     is_stuck: bool,
 }
 
@@ -112,10 +112,6 @@ impl Mailbox {
         if let Some(room) = self.emergencies.iter_mut().find(|room| room.is_none()) {
             *room = Some(emergency);
         }
-    }
-
-    pub(super) fn interrupt(&mut self, emergency: CoeEmergency) {
-        self.interruption = Some(emergency);
     }
 
     fn next_emergency(&mut self) -> Option<CoeEmergency> {

@@ -184,9 +184,9 @@ impl<D: EthercatApplication> Controller<D> {
         self.mailbox.queue(emergency);
     }
 
-    /// Has the device send an emergency between the next request that comes and its answer.
-    pub fn interrupt_request(&mut self, emergency: CoeEmergency) {
-        self.mailbox.interrupt(emergency);
+    /// Has the device send an emergency between the next request that comes and its answer, or none.
+    pub fn interrupt_request(&mut self, emergency: Option<CoeEmergency>) {
+        self.mailbox.interruption = emergency;
     }
 
     /// Has its clock be fast by so many parts per billion from now on.
