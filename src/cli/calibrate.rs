@@ -197,7 +197,7 @@ fn visit(
         use super::first_motion::at_rest;
         let place = ("calibrate kinematics", arguments.rig.as_str());
         let angles = at_rest(&arguments.on_bus, place, rig, output, |on_bus, terms, is_interrupted, output, tell| {
-            let mut typed = Typed::new(std::sync::Arc::clone(is_interrupted));
+            let typed = Typed::new(std::sync::Arc::clone(is_interrupted));
             let mut help = |task| typed.help(task);
             on_bus.visit(terms, points, &mut help, is_interrupted, |news| tell(output, news))
         })?;

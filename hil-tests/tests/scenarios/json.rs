@@ -4,7 +4,7 @@
 use std::fs::File;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Child, Command};
 
 use serde_json::Value;
 
@@ -164,9 +164,9 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
     }
 }
 
-/// A terminal of 80 columns on which a command runs: its exit code, and the lines that are left on it.
+/// A command that starts on a terminal of 80 columns, on which this was typed before, and the side of the person.
 #[cfg(target_os = "linux")]
-fn on_terminal(line: &str, folder: &Path, typed: &str) -> (Option<i32>, Vec<String>) {
+fn start_on_terminal(line: &str, folder: &Path, typed: &str) -> (Child, File) {
     use rustix::pty::{OpenptFlags, grantpt, ioctl_tiocgptpeer, openpt, unlockpt};
     use rustix::termios::{Winsize, tcsetwinsize};
 
@@ -179,10 +179,16 @@ fn on_terminal(line: &str, folder: &Path, typed: &str) -> (Option<i32>, Vec<Stri
     let [input, output, error] = [&slave; 3].map(|slave| slave.try_clone().unwrap());
     let mut program = Command::new(hil_tests::program());
     program.args(line.split(' ')).current_dir(folder).env("XDG_STATE_HOME", folder.join("state")).env("NO_COLOR", "1");
-    let mut child = program.stdin(input).stdout(output).stderr(error).spawn().unwrap();
-    drop((program, slave));
     let mut master = File::from(master);
     master.write_all(typed.as_bytes()).unwrap();
+    let child = program.stdin(input).stdout(output).stderr(error).spawn().unwrap();
+    (child, master)
+}
+
+/// A terminal of 80 columns on which a command runs: its exit code, and the lines that are left on it.
+#[cfg(target_os = "linux")]
+fn on_terminal(line: &str, folder: &Path, typed: &str) -> (Option<i32>, Vec<String>) {
+    let (mut child, mut master) = start_on_terminal(line, folder, typed);
     let mut seen = Vec::new();
     // It ends with an error once nobody has the other side open.
     let _ = master.read_to_end(&mut seen);
@@ -337,6 +343,34 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
     let of_answers = lines.iter().filter(|line| !line.contains('['));
     assert!(of_answers.clone().all(|line| line.chars().count() <= 80), "{}", lines.join("\n"));
     assert_eq!(lines.iter().filter(|line| line.contains("wrote asked")).count(), 3, "{}", lines.join("\n"));
+}
+
+/// A `yes` that was typed before the question was there is no answer to it, and neither is `y`: the program writes nothing to a chip.
+#[cfg(target_os = "linux")]
+#[test]
+fn only_a_yes_that_answers_the_question_counts() {
+    let folder = Folder(std::env::temp_dir().join(format!("yieldwall-asked-{}", std::process::id())));
+    std::fs::create_dir_all(&folder.0).unwrap();
+    let rig = "--rig builtin:paper-ethercat.yaml";
+    let (exit, lines) = on_terminal(&format!("sii read left --out left.sii {rig}"), &folder.0, "");
+    assert_eq!(exit, Some(0), "{}", lines.join("\n"));
+    let write = format!("sii write right left.sii {rig}");
+    for (typed, answer, code) in [("yes\n", "no\n", 2), ("", "y\n", 2), ("yes\nye", "yes\n", 0)] {
+        let (mut child, mut master) = start_on_terminal(&write, &folder.0, typed);
+        let (mut seen, mut bytes, mut answered) = (String::new(), [0; 256], 0);
+        // It ends with an error once nobody has the other side open.
+        while let Ok(count @ 1..) = master.read(&mut bytes) {
+            seen += &String::from_utf8_lossy(&bytes[..count]);
+            if seen.matches("ends: ").count() > answered {
+                answered += 1;
+                // An answer that comes at once does not count; the question comes again then.
+                std::thread::sleep(std::time::Duration::from_secs(1));
+                master.write_all(answer.as_bytes()).unwrap();
+            }
+        }
+        assert_ne!(answered, 0, "{typed:?} is no answer: {seen}");
+        assert_eq!(child.wait().unwrap().code(), Some(code), "{typed:?}, then {answer:?}: {seen}");
+    }
 }
 
 /// Each line is an event, and the last one what `--json` prints, on one line.

@@ -61,10 +61,10 @@ impl Person for AtTheTerminal {
         let question = "Switch the supply of both drives off, the logic supply too, and on again. Write yes once they are on; anything else \
                         leaves it out:";
         loop {
-            let answer = self.typed.ask_while(question, || {
+            let is_on = self.typed.agrees_while(question, || {
                 restarted();
             });
-            if !answer.is_some_and(|text| matches!(text.as_str(), "y" | "yes")) {
+            if !is_on {
                 return false;
             }
             let mut seen = [false; 2];

@@ -84,7 +84,8 @@ impl Reader {
             // Neither Ctrl-S nor Ctrl-Z: output that stands still and a process that is stopped would hear no key.
             at_once.input_modes.remove(InputModes::IXON);
             at_once.special_codes[SpecialCodeIndex::VSUSP] = 0;
-            tcsetattr(stdin(), OptionalActions::Now, &at_once).map_err(|error| failed(error.into()))?;
+            // Keys from before count for nothing.
+            tcsetattr(stdin(), OptionalActions::Flush, &at_once).map_err(|error| failed(error.into()))?;
         }
         let name = name.to_owned();
         let mut from = None;

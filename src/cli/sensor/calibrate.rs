@@ -37,7 +37,7 @@ pub(super) fn run(arguments: &Calibrate, rig: &Loaded<config::Rig>, output: &mut
         use crate::cli::at_the_arm::Typed;
         let place = ("sensor calibrate", arguments.rig.as_str());
         at_rest(&arguments.on_bus, place, rig, output, |on_bus, terms, is_interrupted, output, tell| {
-            let mut typed = Typed::new(std::sync::Arc::clone(is_interrupted));
+            let typed = Typed::new(std::sync::Arc::clone(is_interrupted));
             let mut help = |task| typed.help(task);
             on_bus.pulls(terms, force_n, &mut help, is_interrupted, |news| tell(output, news))
         })?
