@@ -1,5 +1,7 @@
 //! `yieldwall drill`: do the drives stop by themselves when the master falls silent?
 
+use std::io;
+
 use serde_json::json;
 
 use super::desk::journal::refuse_open;
@@ -17,6 +19,7 @@ use super::output::Output;
 use super::run::{check_buses, judge, settled_json, settled_text, watchdogs_json, watchdogs_text};
 use crate::config::{self, Source};
 use crate::host::{News, RigOnBus};
+use crate::record::trusted;
 use crate::run::{Drilled, Pace, RunError, Subject, watchdogs};
 
 #[derive(Debug, clap::Args)]
@@ -58,6 +61,11 @@ fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<
     }
     let rig = rig.value;
     let folder = state_folder("drills").ok_or_else(no_home)?;
+    let unkept = |error: io::Error| {
+        Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
+    };
+    // Before anything moves.
+    trusted::make_folder(&folder).map_err(unkept)?;
     let is_interrupted = on_interrupt()?;
     let interfaces = Interfaces::of(&rig, &arguments.bus)?;
     refuse_open(&rig, &arguments.rig, &interfaces)?;
@@ -89,9 +97,7 @@ fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<
         };
         with_told(failure, &told, &outcome.errors, &rig)
     })?;
-    let path = Subject::new(&rig, identities).store(&drilled, &folder).map_err(|error| {
-        Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
-    })?;
+    let path = Subject::new(&rig, identities).store(&drilled, &folder).map_err(unkept)?;
     let done = match drilled.findings.len() {
         1 => "the rig was enabled at rest for its watchdog and is stopped".to_owned(),
         several => format!("the rig was enabled at rest for each of {several} watchdogs and is stopped"),

@@ -22,6 +22,7 @@ use crate::host::{
 };
 use crate::link::{CobFilter, InterfaceFacts, Role, SocketCan, SocketCanSettings, Stamps};
 use crate::live::listen;
+use crate::record::trusted;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -119,7 +120,7 @@ fn measure(arguments: &Arguments, events: &Events, output: &mut Output) -> Resul
     }
     // What was found has to have a place before it is looked for, which may take a day.
     let folder = state_folder("latency").ok_or_else(no_home)?;
-    std::fs::create_dir_all(&folder).map_err(|error| cannot_keep(&folder, &error))?;
+    trusted::make_folder(&folder).map_err(|error| cannot_keep(&folder, &error))?;
     let period = Duration::from_micros(arguments.period_us.into());
     let cycles = (duration / period.as_secs_f64()).ceil() as u64;
     let is_interrupted = on_interrupt()?;

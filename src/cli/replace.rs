@@ -172,7 +172,13 @@ fn check_recording(path: &Path, head: &[u8]) -> Result<(), Failure> {
 /// # Errors
 /// If there is something else, which could block for ever.
 fn check_regular(path: &Path) -> Result<bool, Failure> {
-    let Ok(metadata) = fs::metadata(path) else { return Ok(false) };
+    let Ok(metadata) = fs::metadata(path) else {
+        if !fs::symlink_metadata(path).is_ok_and(|link| link.is_symlink()) {
+            return Ok(false);
+        }
+        let message = format!("{} is a link to nothing, which is not followed: nothing was written", path.display());
+        return Err(Failure::about_file(Exit::Usage, path, message, "name another file, or remove the link"));
+    };
     if metadata.is_file() || is_sink(&metadata) {
         return Ok(metadata.is_file());
     }
@@ -261,6 +267,16 @@ mod tests {
             assert_eq!(fs::read(&path).unwrap(), recording, "no recording is written over");
         }
         fs::remove_file(&path).unwrap();
+        #[cfg(unix)]
+        {
+            std::os::unix::fs::symlink(folder.join("elsewhere"), &path).unwrap();
+            for replace in [false, true].map(|force| Replace { force }) {
+                assert!(replace.check(&path, Written::BusLog).is_err(), "a link to nothing is not followed");
+                assert!(replace.write(&path, b"one").is_err());
+            }
+            assert!(!folder.join("elsewhere").exists());
+            fs::remove_file(&path).unwrap();
+        }
         Replace::default().write(&path, b"one").unwrap();
         assert!(Replace::default().write(&path, b"other").is_err());
         Replace { force: true }.write(&path, b"two").unwrap();

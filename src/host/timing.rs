@@ -10,6 +10,7 @@ use thiserror::Error;
 
 use super::latency::{Lateness, Tier};
 use crate::config;
+use crate::record::trusted;
 use crate::run::fnv1a;
 
 /// Greatest tool speed on a computer of tier B, m/s.
@@ -106,14 +107,10 @@ impl Measured {
             let other_proven = other.lateness.proven(self.period_us);
             other.computer == self.computer && other_proven < proven && tier <= other_proven
         };
-        if read(&path).as_ref().is_some_and(is_better) {
+        if read(&path).ok().flatten().as_ref().is_some_and(is_better) {
             return Ok(Stored { path, is_earlier: true });
         }
-        fs::create_dir_all(folder)?;
-        // Whole or not at all.
-        let unfinished = path.with_extension("unfinished");
-        fs::write(&unfinished, serde_json::to_string_pretty(self)?)?;
-        fs::rename(&unfinished, &path)?;
+        trusted::write(&path, serde_json::to_string_pretty(self)?.as_bytes())?;
         Ok(Stored { path, is_earlier: false })
     }
 
@@ -151,6 +148,14 @@ pub enum Untimely {
         period_us: u32,
         /// Where the records are.
         folder: PathBuf,
+    },
+    /// There may be a record, but others may have written it.
+    #[error("no record of how late this computer wakes up at a cycle of {period_us} us or below counts: {reason}")]
+    Unbelieved {
+        /// The rig's cycle in us.
+        period_us: u32,
+        /// Why, with the command that changes it.
+        reason: String,
     },
     /// The cycle is not kept.
     #[error(
@@ -194,10 +199,19 @@ impl Computer {
     pub fn check(&self, rig: &config::Rig, folder: &Path, now_unix_s: u64) -> Result<Kept, Untimely> {
         let period_us = rig.cycle.period_us;
         let files = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-        let own = files.filter_map(|path| read(&path));
-        let own = own.filter(|found| found.computer == *self && found.period_us <= period_us);
+        let mut unbelieved = None;
+        let found = files.filter_map(|path| {
+            read(&path).unwrap_or_else(|error| {
+                unbelieved.get_or_insert(error.to_string());
+                None
+            })
+        });
+        let own = found.filter(|found| found.computer == *self && found.period_us <= period_us);
         let Some(found) = own.max_by_key(|found| found.period_us) else {
-            return Err(Untimely::Missing { computer: self.clone(), period_us, folder: folder.to_owned() });
+            return Err(match unbelieved {
+                Some(reason) => Untimely::Unbelieved { period_us, reason },
+                None => Untimely::Missing { computer: self.clone(), period_us, folder: folder.to_owned() },
+            });
         };
         let (tier, shown) = (found.lateness.proven(period_us), found.shown(period_us, now_unix_s));
         let limits = [
@@ -216,8 +230,11 @@ impl Computer {
 }
 
 /// A record; `None` for what is none.
-fn read(path: &Path) -> Option<Measured> {
-    serde_json::from_str(&fs::read_to_string(path).ok()?).ok()
+///
+/// # Errors
+/// If it cannot be read or believed.
+fn read(path: &Path) -> io::Result<Option<Measured>> {
+    trusted::read(path).map(|text| serde_json::from_str(&text).ok())
 }
 
 fn ago(seconds: u64) -> String {
@@ -333,6 +350,24 @@ mod tests {
         assert!(computer().check(&reduced, &folder, NOW_S).is_ok());
         assert_eq!(look(501.0).store(&folder).unwrap(), stored);
         assert!(computer().check(&reduced, &folder, NOW_S).is_err());
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[cfg(all(feature = "ethernet", target_os = "linux"))]
+    #[test]
+    fn a_record_that_others_may_have_written_proves_nothing() {
+        let folder = folder("unbelieved");
+        let rig = rig("paper-admittance-5ms.yaml");
+        let path = measured(computer(), 5000, GOOD).store(&folder).unwrap().path;
+        for at in [&path, &folder] {
+            trusted::let_others_write(at);
+            let refused = computer().check(&rig, &folder, NOW_S).unwrap_err();
+            let command = format!("`chmod go-w {}`", at.display());
+            assert!(
+                matches!(refused, Untimely::Unbelieved { .. }) && refused.to_string().contains(&command),
+                "{refused}"
+            );
+        }
         fs::remove_dir_all(&folder).unwrap();
     }
 

@@ -7,6 +7,8 @@
 mod cycle;
 mod device;
 mod trace;
+#[cfg(feature = "config")]
+pub(crate) mod trusted;
 
 #[cfg(feature = "figures")]
 pub mod figure;

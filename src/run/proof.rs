@@ -1,6 +1,5 @@
 //! What a drill has shown, kept for the next runs with the same drives and the same configuration.
 
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -19,6 +18,7 @@ use crate::assembly::torque_limits_per_mille;
 use crate::config;
 use crate::guard::Device;
 use crate::objects::Address;
+use crate::record::trusted;
 use yieldwall_drives::watchdog::Watchdog;
 
 /// A drive as it says what it is.
@@ -222,11 +222,8 @@ impl Subject {
             version: env!("CARGO_PKG_VERSION").to_owned(),
         };
         let path = self.path(folder);
-        fs::create_dir_all(folder)?;
         // Whole or not at all: a drill that is cut off proves nothing.
-        let unfinished = path.with_extension("unfinished");
-        fs::write(&unfinished, serde_json::to_string_pretty(&record)?)?;
-        fs::rename(&unfinished, &path)?;
+        trusted::write(&path, serde_json::to_string_pretty(&record)?.as_bytes())?;
         Ok(path)
     }
 
@@ -237,7 +234,7 @@ impl Subject {
     pub fn check(&self, folder: &Path) -> Result<(), Unproven> {
         let path = self.path(folder);
         let unreadable = |reason: String| Unproven::Unreadable { path: path.clone(), reason };
-        let text = match fs::read_to_string(&path) {
+        let text = match trusted::read(&path) {
             Ok(text) => text,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Err(Unproven::Missing { path }),
             Err(error) => return Err(unreadable(error.to_string())),
@@ -277,6 +274,8 @@ pub(crate) fn fnv1a(bytes: &[u8]) -> u64 {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     fn rig() -> config::Rig {
@@ -326,6 +325,24 @@ mod tests {
         Subject::new(&other, drives(7)).check(&folder).unwrap();
         fs::write(&path, "{").unwrap();
         assert!(matches!(subject.check(&folder), Err(Unproven::Unreadable { .. })));
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[cfg(all(feature = "ethernet", target_os = "linux"))]
+    #[test]
+    fn a_record_that_others_may_have_written_enables_nothing() {
+        let folder = std::env::temp_dir().join(format!("yieldwall-proof-others-{}", std::process::id()));
+        let subject = Subject::new(&rig(), drives(7));
+        let path = subject.store(&drilled([5, 6, 40]), &folder).unwrap();
+        for at in [&path, &folder] {
+            trusted::let_others_write(at);
+            let refused = subject.check(&folder).unwrap_err();
+            let command = format!("`chmod go-w {}`", at.display());
+            assert!(
+                matches!(refused, Unproven::Unreadable { .. }) && refused.to_string().contains(&command),
+                "{refused}"
+            );
+        }
         fs::remove_dir_all(&folder).unwrap();
     }
 

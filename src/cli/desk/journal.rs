@@ -2,8 +2,8 @@
 //!
 //! A process that is killed leaves its journal open. Until it is closed no command that moves a rig goes to the same interfaces.
 
-use std::fs::{self, File};
-use std::io::{self, Write};
+use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -27,6 +27,7 @@ use crate::cli::output::Output;
 use crate::config::{Bus, Rig};
 use crate::ethercat::{AlState, AlStatus};
 use crate::objects::Address;
+use crate::record::trusted;
 use crate::service::{Error, Made, carry_out, number, plan, sheet_of};
 
 /// What tells a device from others of its kind and from other kinds: vendor, product, serial number.
@@ -251,14 +252,7 @@ fn folder() -> Result<PathBuf, Failure> {
 
 /// On disk, whole or not at all, before anything else is done.
 fn store(path: &Path, kept: &Kept) -> io::Result<()> {
-    let folder = path.parent().unwrap_or(Path::new("."));
-    fs::create_dir_all(folder)?;
-    let unfinished = path.with_extension("unfinished");
-    let mut file = File::create(&unfinished)?;
-    file.write_all(serde_json::to_string_pretty(kept)?.as_bytes())?;
-    file.sync_all()?;
-    fs::rename(&unfinished, path)?;
-    File::open(folder)?.sync_all()
+    trusted::write(path, serde_json::to_string_pretty(kept)?.as_bytes())
 }
 
 /// All journals of a folder, the oldest first.
@@ -267,7 +261,7 @@ fn all(folder: &Path) -> Result<Vec<Journal>, Failure> {
         let message = format!("the journal {}: {error}; it may be of devices that are to be restored", path.display());
         Failure::new(Exit::ConfigInvalid, message, "remove it once the devices are as they should be")
     };
-    let entries = match fs::read_dir(folder) {
+    let entries = match trusted::check(folder).and_then(|()| fs::read_dir(folder)) {
         Ok(entries) => entries,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
         Err(error) => return Err(unreadable(folder, &error)),
@@ -277,7 +271,7 @@ fn all(folder: &Path) -> Result<Vec<Journal>, Failure> {
         paths.filter(|path| path.extension().is_some_and(|extension| extension == "json")).collect();
     paths.sort();
     let read = |path: PathBuf| {
-        let text = fs::read_to_string(&path).map_err(|error| unreadable(&path, &error))?;
+        let text = trusted::read(&path).map_err(|error| unreadable(&path, &error))?;
         let kept = serde_json::from_str(&text).map_err(|error| unreadable(&path, &error))?;
         Ok(Journal { path, kept })
     };
@@ -433,6 +427,13 @@ mod tests {
         store(&folder.join("1-1.json"), &kept).unwrap();
         let journals = all(&folder).unwrap();
         assert_eq!((journals.len(), &journals[0].kept), (1, &kept));
+        #[cfg(all(feature = "ethernet", target_os = "linux"))]
+        {
+            trusted::let_others_write(&folder.join("1-1.json"));
+            let failure = all(&folder).unwrap_err();
+            assert!(failure.report.diagnostics[0].message.contains("`chmod go-w "), "{failure:?}");
+            store(&folder.join("1-1.json"), &kept).unwrap();
+        }
         fs::write(folder.join("2-1.json"), "{").unwrap();
         let failure = all(&folder).unwrap_err();
         assert!(failure.report.diagnostics[0].message.contains("2-1.json"), "{failure:?}");

@@ -12,6 +12,7 @@ use crate::cli::confirm::agreed;
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::keep::state_folder;
 use crate::objects::Address;
+use crate::record::trusted;
 use crate::service::sheet_of;
 
 /// By what commands name a device.
@@ -82,7 +83,7 @@ fn keep_file(device: Named, extension: &str, bytes: &[u8]) -> Result<PathBuf, Fa
     })?;
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let path = folder.join(format!("{}-{}.{extension}", device.words(), since.as_millis()));
-    let written = std::fs::create_dir_all(&folder).and_then(|()| std::fs::write(&path, bytes));
+    let written = trusted::write(&path, bytes);
     written.map_err(|error| {
         let message = format!("the backup {}: {error}; nothing was written to the device", path.display());
         Failure::new(Exit::Usage, message, "make the folder one that can be written")

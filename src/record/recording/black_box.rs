@@ -9,7 +9,7 @@ use super::about::About;
 use super::feed::Sink;
 use super::writer::{Writer, create_new};
 use crate::guard::{Cause, State};
-use crate::record::{AROUND_FAULT_S, CycleRecord, fault_severity};
+use crate::record::{AROUND_FAULT_S, CycleRecord, fault_severity, trusted};
 
 /// Files that are kept in one folder.
 const KEPT_FILES: usize = 20;
@@ -184,7 +184,7 @@ fn sanitised(name: &str) -> String {
 /// Makes the file with the next number in `folder`, and removes the oldest ones.
 fn next_file(folder: &Path, name: &str) -> io::Result<(PathBuf, File)> {
     let located = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", folder.display()));
-    fs::create_dir_all(folder).map_err(located)?;
+    trusted::make_private(folder).map_err(located)?;
     if fs::symlink_metadata(folder).map_err(located)?.is_symlink() {
         return Err(located(io::Error::other("is a link; links are not followed")));
     }

@@ -1,6 +1,5 @@
 //! What was identified of a rig on a bus, kept for the next runs with its configuration.
 
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -10,6 +9,7 @@ use thiserror::Error;
 
 use super::JointLoop;
 use crate::config;
+use crate::record::trusted;
 use crate::run::proof::fnv1a;
 
 /// What was identified of a joint, as far as its loop goes.
@@ -103,10 +103,7 @@ impl MeasuredLoop {
     /// If the file cannot be written.
     pub fn store(&self, folder: &Path) -> io::Result<PathBuf> {
         let path = path(&self.configuration, folder);
-        fs::create_dir_all(folder)?;
-        let unfinished = path.with_extension("unfinished");
-        fs::write(&unfinished, serde_json::to_string_pretty(self)?)?;
-        fs::rename(&unfinished, &path)?;
+        trusted::write(&path, serde_json::to_string_pretty(self)?.as_bytes())?;
         Ok(path)
     }
 
@@ -118,7 +115,7 @@ impl MeasuredLoop {
         let wanted = configuration(rig);
         let path = path(&wanted, folder);
         let unreadable = |reason: String| LoopUnreadable { path: path.clone(), reason };
-        let text = match fs::read_to_string(&path) {
+        let text = match trusted::read(&path) {
             Ok(text) => text,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             Err(error) => return Err(unreadable(error.to_string())),
@@ -166,6 +163,8 @@ fn path(configuration: &Value, folder: &Path) -> PathBuf {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]
@@ -179,7 +178,7 @@ mod tests {
         let measured = MeasuredLoop::new(&rig, [joint; 2], Some(force));
         assert_eq!(measured.force(&rig), Some(force));
         let path = measured.store(&folder).unwrap();
-        assert_eq!(MeasuredLoop::load(&rig, &folder).unwrap(), Some(measured));
+        assert_eq!(MeasuredLoop::load(&rig, &folder).unwrap(), Some(measured.clone()));
         let mut other = rig.clone();
         other.control.law = config::ControlLaw::Pid;
         other.sensor.sample_rate_hz = config::Positive::new(500.0).unwrap();
@@ -192,6 +191,13 @@ mod tests {
         earlier.as_object_mut().unwrap().remove("force").unwrap();
         fs::write(&path, earlier.to_string()).unwrap();
         assert_eq!(MeasuredLoop::load(&rig, &folder).unwrap().unwrap().force(&rig), None);
+        #[cfg(all(feature = "ethernet", target_os = "linux"))]
+        {
+            trusted::let_others_write(&path);
+            let refused = MeasuredLoop::load(&rig, &folder).unwrap_err();
+            assert!(refused.to_string().contains("`chmod go-w "), "{refused}");
+            measured.store(&folder).unwrap();
+        }
         fs::write(&path, "{").unwrap();
         assert!(MeasuredLoop::load(&rig, &folder).is_err());
         fs::remove_dir_all(&folder).unwrap();

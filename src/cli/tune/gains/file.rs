@@ -1,6 +1,7 @@
 //! Gains in the file of a rig: numbers in the place of numbers, and nothing else.
 
 use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::Change;
@@ -113,7 +114,9 @@ impl Edit {
         let beside = beside(&self.path);
         let io = |error: std::io::Error| refused(format!("{}: {error}", self.path.display()));
         let permissions = fs::metadata(&self.path).map_err(io)?.permissions();
-        let written = fs::write(&beside, &self.text).and_then(|()| fs::set_permissions(&beside, permissions));
+        let written = fs::File::create_new(&beside)
+            .and_then(|mut file| file.write_all(self.text.as_bytes()))
+            .and_then(|()| fs::set_permissions(&beside, permissions));
         let checked = written.map_err(io).and_then(|()| match load_rig(Source::disk(&beside)) {
             Ok(rig) if rig.value == self.wanted => Ok(()),
             Ok(_) => Err(refused(format!(
@@ -143,10 +146,8 @@ fn beside(path: &Path) -> PathBuf {
 pub(in crate::cli::tune) fn check_can_write(rig: &Loaded<Rig>) -> Result<(), Failure> {
     let path = disk_path(rig)?;
     let beside = beside(&path);
-    let tried = fs::File::create(&beside);
-    // It may not be there.
-    let _ = fs::remove_file(&beside);
-    tried.map(drop).map_err(|error| {
+    let tried = fs::File::create_new(&beside).and_then(|_| fs::remove_file(&beside));
+    tried.map_err(|error| {
         let message = format!("{}: {error}", path.display());
         Failure::about_file(
             Exit::Usage,
