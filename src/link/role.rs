@@ -31,13 +31,33 @@ impl fmt::Display for Role {
 pub struct Holder {
     /// Its number.
     pub pid: i32,
+    /// The user that it runs as, if that is another one than the caller.
+    pub user: Option<String>,
     /// Its command line, if the system tells.
     pub command: Option<String>,
+}
+
+impl Holder {
+    /// Which process has a role on an interface, and how a person ends it; the kernel may not show which one it is.
+    #[cfg(all(feature = "ethernet", target_os = "linux"))]
+    pub(super) fn told(holder: Option<&Self>, interface: &str) -> String {
+        let Some(Self { pid, user, .. }) = holder else {
+            return format!(
+                "another process of this computer, which `sudo ss -xap | grep yieldwall/{interface}/` names. End it"
+            );
+        };
+        let by = user.as_ref().map_or("", |_| ", as that user or as root,");
+        let holder = holder.map_or_else(String::new, ToString::to_string);
+        format!("{holder} of this computer. End it{by} with `kill -INT {pid}`, or with `kill -KILL {pid}` if it hangs")
+    }
 }
 
 impl fmt::Display for Holder {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "process {}", self.pid)?;
+        if let Some(user) = &self.user {
+            write!(f, " of the user {user}")?;
+        }
         self.command.as_ref().map_or(Ok(()), |command| write!(f, " (`{command}`)"))
     }
 }

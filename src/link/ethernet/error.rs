@@ -50,9 +50,8 @@ pub enum EthernetError {
     },
     /// Another process of this computer does on the interface what only one may do.
     #[error(
-        "{role} is on this wire; nothing was sent: on `{interface}` it is {} of this computer. End it, or name another \
-         interface with --bus",
-        .holder.as_ref().map_or_else(|| "another process".to_owned(), ToString::to_string)
+        "{role} is on this wire; nothing was sent: on `{interface}` it is {}, or name another interface with --bus",
+        Holder::told(.holder.as_ref(), .interface)
     )]
     Held {
         /// Name of the interface.
@@ -162,11 +161,17 @@ mod tests {
 
     #[test]
     fn a_segment_that_is_served_already_is_named() {
-        let holder = Holder { pid: 42, command: Some("yieldwall sim rig.yaml --bus veth1".to_owned()) };
+        let holder = Holder {
+            pid: 42,
+            user: Some("guest (1001)".to_owned()),
+            command: Some("yieldwall sim rig.yaml --bus veth1".to_owned()),
+        };
         let role = Role::Segment;
         let held = EthernetError::Held { interface: "veth1".to_owned(), role, holder: Some(holder) }.to_string();
         assert!(
-            held.starts_with("an EtherCAT segment is on this wire; nothing was sent: on `veth1` it is process 42 (`"),
+            held.starts_with(
+                "an EtherCAT segment is on this wire; nothing was sent: on `veth1` it is process 42 of the user guest (1001) (`"
+            ) && held.contains("End it, as that user or as root, with `kill -INT 42`"),
             "{held}"
         );
     }

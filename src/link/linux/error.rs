@@ -97,13 +97,8 @@ pub enum LinkError {
     },
     /// Another process of this computer does on the interface what only one may do.
     #[error(
-        "{role} is on this bus; nothing was sent: on `{interface}` it is {} of this computer. {}, or name another interface \
-         with --bus",
-        .holder.as_ref().map_or_else(|| "another process".to_owned(), ToString::to_string),
-        .holder.as_ref().map_or_else(
-            || "End it".to_owned(),
-            |holder| format!("End it with `kill -INT {pid}`, or with `kill -KILL {pid}` if it hangs", pid = holder.pid)
-        )
+        "{role} is on this bus; nothing was sent: on `{interface}` it is {}, or name another interface with --bus",
+        Holder::told(.holder.as_ref(), .interface)
     )]
     Held {
         /// Name of the interface.
@@ -301,7 +296,7 @@ mod tests {
     #[test]
     fn who_is_there_already_is_named() {
         let held = |role, holder| LinkError::Held { interface: "can0".to_owned(), role, holder }.to_string();
-        let holder = Holder { pid: 42, command: Some("yieldwall run rig.yaml --bus can0".to_owned()) };
+        let holder = Holder { pid: 42, user: None, command: Some("yieldwall run rig.yaml --bus can0".to_owned()) };
         assert_eq!(
             held(Role::Master, Some(holder)),
             "a master is on this bus; nothing was sent: on `can0` it is process 42 (`yieldwall run rig.yaml --bus can0`) of \
@@ -310,8 +305,8 @@ mod tests {
         );
         assert_eq!(
             held(Role::Node(1), None),
-            "node 1 is on this bus; nothing was sent: on `can0` it is another process of this computer. End it, or name \
-             another interface with --bus"
+            "node 1 is on this bus; nothing was sent: on `can0` it is another process of this computer, which \
+             `sudo ss -xap | grep yieldwall/can0/` names. End it, or name another interface with --bus"
         );
     }
 
