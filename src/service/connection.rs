@@ -47,6 +47,9 @@ pub enum Error {
     /// More bytes than a transfer takes.
     #[error("{0} bytes are more than a transfer takes")]
     TooLong(usize),
+    /// More objects than any device has: it answers whatever it is asked for.
+    #[error("it answers for more than {0} objects: it says yes to whatever it is asked for")]
+    Boundless(usize),
     /// Somebody wishes to end.
     #[error("interrupted")]
     Interrupted,

@@ -24,6 +24,9 @@ const DOMAIN: u16 = 0x0f;
 const U8: u16 = 0x05;
 /// How long a device may take to answer that it has LSS.
 const LSS_ANSWER: Duration = Duration::from_millis(200);
+/// Entries that are looked for at most, and bytes of their values: more than a device with the largest dictionary has.
+const MOST_ENTRIES: usize = 16_384;
+const MOST_BYTES: usize = 16 << 20;
 /// Objects whose reading empties them, or takes for ever: a program, an error log of the vendor.
 const PROGRAMS: std::ops::Range<u16> = 0x1f50..0x1f60;
 
@@ -42,7 +45,8 @@ pub struct Missed {
 /// tells, so that all are taken to be. `progress` is told the share that is done, 0 to 1.
 ///
 /// # Errors
-/// [`Error::Link`], [`Error::Interrupted`], and [`Error::NoAnswer`] if the device falls silent.
+/// [`Error::Link`], [`Error::Interrupted`], [`Error::NoAnswer`] if the device falls silent, and [`Error::Boundless`] if it answers for more
+/// objects than there can be.
 pub fn inventory<L: CanLink>(
     service: &mut Service<L>,
     node: NodeId,
@@ -64,6 +68,7 @@ pub fn inventory_of(
     mut progress: impl FnMut(f64),
 ) -> Result<(Eds, Vec<Missed>), Error> {
     let mut missed = Vec::new();
+    let (mut entries, mut bytes) = (0, 0);
     // Below 1000h are types, not objects.
     let listed = objects.indices()?.map(|listed| listed.into_iter().filter(|index| *index >= 0x1000).collect());
     let indices: Vec<u16> = listed.unwrap_or_else(|| RANGES.into_iter().flatten().collect());
@@ -75,7 +80,12 @@ pub fn inventory_of(
             continue;
         }
         if let Some(object) = object(objects, node_id, index, &mut missed)? {
+            entries += object.entries.len();
+            bytes += object.entries.values().map(size).sum::<usize>();
             eds.objects.insert(index, object);
+        }
+        if entries + missed.len() > MOST_ENTRIES || bytes > MOST_BYTES {
+            return Err(Error::Boundless(entries));
         }
     }
     let count = |from: u16| eds.objects.range(from..from + 0x200).count() as u16;
@@ -134,6 +144,15 @@ fn object(
     let kind = if has_more { Kind::Record } else { Kind::Variable };
     let name = if has_more { format!("object-{index:04x}") } else { name };
     Ok(Some(Object { name, kind, entries, line: 0 }))
+}
+
+/// Bytes of a value that is not a number.
+fn size(entry: &Entry) -> usize {
+    match &entry.value {
+        Some(Value::Text(text)) => text.len(),
+        Some(Value::Bytes(bytes)) => bytes.len(),
+        _ => 0,
+    }
 }
 
 fn entry(at: Address, bytes: &[u8], node_id: u8) -> Entry {
@@ -262,4 +281,32 @@ fn sheet<L: CanLink>(service: &mut Service<L>, node: NodeId) -> Result<Eds, Erro
         ..DeviceInfo::default()
     };
     Ok(Eds { device, node: Some(Node { id: node.raw(), ..Node::default() }), ..Eds::default() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A device that has a value of so many bytes wherever it is asked for one.
+    struct Agreeable(usize);
+
+    impl ObjectAccess for Agreeable {
+        fn read(&mut self, _: Address) -> Result<Vec<u8>, Error> {
+            Ok(vec![8; self.0])
+        }
+
+        fn write(&mut self, _: Address, _: &[u8]) -> Result<(), Error> {
+            Err(Error::NoAnswer)
+        }
+    }
+
+    #[test]
+    fn a_device_that_answers_for_everything_is_given_up() {
+        for length in [1, 100, 100_000] {
+            let end = inventory_of(&mut Agreeable(length), 1, Eds::default(), |_| ());
+            let Err(Error::Boundless(entries)) = end else { panic!("{length}: {:?}", end.map(|_| ())) };
+            assert!(entries <= MOST_ENTRIES + 0x100, "{length}: {entries}");
+            assert!(length == 1 || entries * length <= MOST_BYTES + length, "{length}: {entries}");
+        }
+    }
 }

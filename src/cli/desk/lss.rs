@@ -182,7 +182,10 @@ fn taken(desk: &mut Desk, arguments: &SetId, new: crate::canopen::NodeId) -> Res
     let answer = desk.service.read(new, Address::new(0x1000, 0));
     match answer {
         Err(Error::NoAnswer) => Ok(None),
-        Ok(_) | Err(Error::Refused(_) | Error::Senseless(_) | Error::MayBeWritten | Error::TooLong(_)) => {
+        Ok(_)
+        | Err(
+            Error::Refused(_) | Error::Senseless(_) | Error::MayBeWritten | Error::TooLong(_) | Error::Boundless(_),
+        ) => {
             let message = format!("a device has the node id {} already; nothing was set", arguments.node_id);
             Ok(Some(Failure::new(
                 Exit::Usage,

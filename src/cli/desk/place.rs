@@ -174,7 +174,7 @@ impl Desk {
     ) -> Result<Self, Failure> {
         use crate::bus::{LISTENING, Signs};
         use crate::cli::on_bus::{link_failure, other_master};
-        use crate::link::{Role, SocketCan, SocketCanSettings};
+        use crate::link::{Role, SocketCan, SocketCanSettings, is_ethernet};
         use crate::live::listen;
 
         let (named, interface) = argument.split_once('=').map_or((None, argument), |(name, rest)| (Some(name), rest));
@@ -202,6 +202,14 @@ impl Desk {
                 ));
             }
         };
+        if is_ethernet(interface) {
+            let message = format!("this is for CAN, and `{interface}` is an Ethernet interface");
+            let help = format!(
+                "name a CAN interface with --bus; on EtherCAT `yieldwall scan --bus {interface}` lists the devices and `yieldwall state all --bus {interface}` \
+                 shows their states"
+            );
+            return Err(Failure::new(Exit::Usage, message, help));
+        }
         let name = rig.and_then(|rig| rig.buses.keys().nth(bus.index()).cloned()).unwrap_or_default();
         let bit_rate =
             rig.and_then(|rig| rig.buses.get(&name)).and_then(Bus::canopen).map(|bus| bus.bit_rate_bit_per_s);
@@ -316,6 +324,11 @@ pub(super) fn object_failure(message: String, error: Error, silent: String) -> F
         Error::Senseless(_) => {
             Failure::new(Exit::DeviceMismatch, message, "the device breaks the protocol: report it to its maker")
         }
+        Error::Boundless(_) => Failure::new(
+            Exit::DeviceMismatch,
+            message,
+            "give its data sheet with --eds: only what is in it is asked for",
+        ),
         Error::TooLong(_) => Failure::new(Exit::Usage, message, ""),
         Error::Link(_) => Failure::new(Exit::BusUnavailable, message, ""),
         Error::Interrupted => Failure::new(Exit::Interrupted, message, ""),

@@ -26,7 +26,11 @@ pub(in crate::cli) struct Arguments {
 const LISTENING: Duration = Duration::from_secs(3);
 
 pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    if let Some(desk) = SegmentDesk::open(&arguments.place, output)? {
+    let segment = match arguments.listen {
+        true => SegmentDesk::only_listening(&arguments.place, output)?,
+        false => SegmentDesk::open(&arguments.place, output)?,
+    };
+    if let Some(desk) = segment {
         return segment::scan::run(arguments.listen, desk, output);
     }
     let mut desk = match arguments.listen {

@@ -27,7 +27,7 @@ pub struct PacketSocket {
     source: [u8; 6],
     /// It went down and was not seen up again.
     is_down: bool,
-    _hold: Hold,
+    _hold: Option<Hold>,
 }
 
 impl PacketSocket {
@@ -36,6 +36,18 @@ impl PacketSocket {
     /// # Errors
     /// What is wrong with it or who has the role, and what to try next.
     pub fn open(interface: &str, role: Role) -> Result<Self, EthernetError> {
+        Self::opened(interface, Some(role))
+    }
+
+    /// The same for whoever sends nothing: takes no role, so that another process may have it.
+    ///
+    /// # Errors
+    /// What is wrong with it, and what to try next.
+    pub fn listening(interface: &str) -> Result<Self, EthernetError> {
+        Self::opened(interface, None)
+    }
+
+    fn opened(interface: &str, role: Option<Role>) -> Result<Self, EthernetError> {
         let failed = |step| {
             let interface = interface.to_owned();
             move |source| EthernetError::System { interface, step, source }
@@ -51,10 +63,13 @@ impl PacketSocket {
         if !device.is_up {
             return Err(EthernetError::Down { interface: interface.to_owned() });
         }
-        let hold = Hold::take(interface, role).map_err(|error| match error {
-            NotHeld::Taken(holder) => EthernetError::Held { interface: interface.to_owned(), role, holder },
-            NotHeld::System(source) => failed("keep it for one process")(source),
-        })?;
+        let hold = role.map(|role| {
+            Hold::take(interface, role).map_err(|error| match error {
+                NotHeld::Taken(holder) => EthernetError::Held { interface: interface.to_owned(), role, holder },
+                NotHeld::System(source) => failed("keep it for one process")(source),
+            })
+        });
+        let hold = hold.transpose()?;
         let index = netdevice::name_to_index(&asking, interface).map_err(|error| failed("find it")(error.into()))?;
         // Of no type yet: a socket that is not bound hears those of its type on all interfaces.
         let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;

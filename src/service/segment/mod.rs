@@ -29,6 +29,8 @@ pub use counters::{ClockFacts, Counters, PortCounters};
 pub use objects::DeviceObjects;
 pub use present::Present;
 
+/// Devices that are asked at most, as many as a rig's master takes.
+const MOST_DEVICES: u16 = 64;
 /// Time after which a frame is given up. Frames go round in microseconds; what takes time is a computer that does not look.
 const FRAME_WAIT: Duration = Duration::from_millis(50);
 /// How often a datagram is sent whose frame is lost, or that no device processes.
@@ -126,9 +128,13 @@ impl<L: EthernetLink> SegmentService<L> {
     /// Devices that answer.
     ///
     /// # Errors
-    /// If no frame comes back.
+    /// If no frame comes back, and if more than 64 devices would answer.
     pub fn devices(&mut self) -> Result<u16, SegmentError> {
-        Ok(self.datagram(Command::Brd, address(0, register::AL_STATUS), &[0; 2])?.1)
+        let found = self.datagram(Command::Brd, address(0, register::AL_STATUS), &[0; 2])?.1;
+        match found {
+            0..=MOST_DEVICES => Ok(found),
+            _ => Err(SegmentFailure::TooMany { found, most: MOST_DEVICES }.into()),
+        }
     }
 
     /// State and AL status code of a device.

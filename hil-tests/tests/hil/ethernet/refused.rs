@@ -204,6 +204,25 @@ fn an_interface_that_cannot_be_used() {
 
 #[test]
 #[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn commands_for_can_name_those_for_ethercat_and_a_scan_that_listens_needs_no_role() {
+    let near = "veth0";
+    let _master = PacketSocket::open(near, Role::Master).expect("nobody else has it");
+    let start = |line: &str| Running::start(&line.split(' ').chain(["--bus", near, "--json"]).collect::<Vec<_>>());
+    for line in ["nmt 1 reset", "lss find", "monitor --for 1", "drive adopt --node 1 --dry-run"] {
+        let (code, message, help) = refusal(start(line));
+        assert_eq!(code, 2, "{line}: {message}");
+        assert!(message.contains("is an Ethernet interface"), "{line}: {message}");
+        assert!(help.contains(&format!("`yieldwall state all --bus {near}`")), "{line}: {help}");
+    }
+    let (code, document) = start("scan --listen").document();
+    assert!(code == OK && document["heard"].is_null(), "{document:#}");
+    let (code, message, _) = refusal(start("scan"));
+    assert_eq!(code, BUS_UNAVAILABLE, "{message}");
+    assert!(message.contains(&format!("process {}", std::process::id())), "{message}");
+}
+
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
 fn drives_whose_watchdog_nobody_has_tried() {
     let slow = Slow::new("untried");
     let state = std::env::temp_dir().join(format!("yieldwall-untried-wire-{}", std::process::id()));

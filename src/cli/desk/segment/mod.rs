@@ -65,6 +65,8 @@ pub(super) struct SegmentDesk {
     /// What any other command needs to come to the same devices, with a space before.
     pub(super) arguments: String,
     pub(super) is_simulated: bool,
+    /// What was heard of another master.
+    pub(super) heard: Option<SegmentSign>,
 }
 
 /// How a place is opened.
@@ -74,6 +76,8 @@ struct Opening {
     is_for_segments: bool,
     /// Whether frames of another master are no reason not to.
     is_forced: bool,
+    /// Whether nothing will be sent.
+    is_silent: bool,
 }
 
 impl Device {
@@ -102,6 +106,11 @@ impl SegmentDesk {
     /// The same; where `is_forced`, though frames of another master are heard.
     pub(super) fn taking_over(place: &Place, is_forced: bool, output: &mut Output) -> Result<Option<Self>, Failure> {
         Self::at_place(place, Opening { is_forced, ..Opening::default() }, output)
+    }
+
+    /// The same for whoever sends nothing, also beside a master that runs.
+    pub(super) fn only_listening(place: &Place, output: &mut Output) -> Result<Option<Self>, Failure> {
+        Self::at_place(place, Opening { is_silent: true, ..Opening::default() }, output)
     }
 
     /// The segment on an interface, whatever rig its devices belong to.
@@ -155,6 +164,7 @@ impl SegmentDesk {
             place: format!("simulated devices of {}; those of a segment with --bus INTERFACE", rig.value.rig.name),
             arguments: String::new(),
             is_simulated: true,
+            heard: None,
         })
     }
 
@@ -184,7 +194,10 @@ impl SegmentDesk {
             }
             _ => {}
         }
-        let link = PacketSocket::open(interface, Role::Master);
+        let link = match opening.is_silent {
+            true => PacketSocket::listening(interface),
+            false => PacketSocket::open(interface, Role::Master),
+        };
         let link: AnyWire = Box::new(link.map_err(|error| Failure::new(Exit::BusUnavailable, error.to_string(), ""))?);
         let mut desk = Self {
             service: SegmentService::new(link, is_over),
@@ -192,10 +205,11 @@ impl SegmentDesk {
             place: format!("devices on {interface}"),
             arguments: String::new(),
             is_simulated: false,
+            heard: None,
         };
-        let heard = desk.service.listen(SEGMENT_LISTENING).map_err(|error| desk.segment_failure(error))?;
-        match heard {
-            Some(sign) if !opening.is_forced => Err(desk.other_master(sign)),
+        desk.heard = desk.service.listen(SEGMENT_LISTENING).map_err(|error| desk.segment_failure(error))?;
+        match desk.heard {
+            Some(sign) if !opening.is_forced && !opening.is_silent => Err(desk.other_master(sign)),
             _ => Ok(Some(desk)),
         }
     }
@@ -340,7 +354,7 @@ impl SegmentDesk {
             SegmentSign::State { .. } => {
                 let way_out = format!("yieldwall state all init --take-over{}", self.arguments);
                 format!(
-                    "end the other master; if there is none any more, `{way_out}` takes the devices out of its hands"
+                    "end the other master; if there is none any more, or `yieldwall state` has put the device there, `{way_out}` takes the devices back"
                 )
             }
         };

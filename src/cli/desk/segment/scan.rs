@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::super::scan::{fit_of, identity_words};
-use super::super::words::{table, wrapped_behind};
+use super::super::words::{table, wrapped, wrapped_behind};
 use super::SegmentDesk;
 use crate::cli::failure::Failure;
 use crate::cli::output::Output;
@@ -21,12 +21,18 @@ pub(in crate::cli::desk) fn run(is_listening: bool, mut desk: SegmentDesk, outpu
     }
     if output.is_json() {
         let devices: Vec<Value> = found.iter().map(|present| document(&desk, present)).collect();
-        return output.report(json!({ "place": desk.place, "simulated": desk.is_simulated, "devices": devices }));
+        let heard = desk.heard.map(|sign| sign.to_string());
+        return output.report(json!({
+            "place": desk.place, "simulated": desk.is_simulated, "devices": devices, "heard": heard,
+        }));
     }
     output.result(&text(&desk, &found))
 }
 
 pub(super) fn text(desk: &SegmentDesk, found: &[Present]) -> String {
+    if let Some(sign) = desk.heard.filter(|_| found.is_empty()) {
+        return wrapped(&format!("a master is on this segment: {sign}. Nothing was sent, and no device was asked"));
+    }
     if found.is_empty() {
         return "no device is heard: devices on EtherCAT send nothing by themselves, and no master was heard\n"
             .to_owned();

@@ -3,6 +3,7 @@
 use super::*;
 use crate::ethercat::AlStatusCode;
 use crate::injection::{Injection, Kind, Target};
+use crate::link::{EthernetArrival, EthernetLink, EthernetReceived, SendError};
 use crate::sim::ethercat::{Segment, SimulatedDevice};
 use crate::time::Time;
 
@@ -21,6 +22,7 @@ fn at(link: VirtualSegment) -> SegmentDesk {
         place: String::new(),
         arguments: String::new(),
         is_simulated: true,
+        heard: None,
     }
 }
 
@@ -80,6 +82,66 @@ fn a_device_is_meant_by_position_name_or_role() {
     assert_eq!(missing.exit, Exit::DeviceMismatch);
     let message = &missing.report.diagnostics[0].message;
     assert!(message.contains("3 devices answer, and this one would be the one at position 3"), "{message}");
+}
+
+/// A wire on which each datagram comes back with a working counter of 65 535.
+struct Many(VirtualSegment);
+
+impl EthernetLink for Many {
+    fn now(&self) -> Time {
+        self.0.now()
+    }
+
+    fn receive(&mut self, buffer: &mut [u8]) -> Option<EthernetArrival> {
+        let arrival = self.0.receive(buffer)?;
+        if let EthernetReceived::Frame { .. } = arrival.what {
+            // The counter of the one datagram is behind its data.
+            let data = usize::from(u16::from_le_bytes([buffer[22], buffer[23]]) & 0x7ff);
+            buffer[26 + data..28 + data].copy_from_slice(&[0xff; 2]);
+        }
+        Some(arrival)
+    }
+
+    fn send(&mut self, frame: &[u8]) -> Result<(), SendError> {
+        self.0.send(frame)
+    }
+
+    fn wait(&mut self, until: Time) -> bool {
+        self.0.wait(until)
+    }
+}
+
+#[test]
+fn more_devices_than_a_segment_has_are_not_asked_one_by_one() {
+    let mut desk = at(link());
+    desk.service = SegmentService::new(Box::new(Many(link())), Arc::new(AtomicBool::new(false)));
+    let failure = desk.devices_of(None).unwrap_err();
+    let message = &failure.report.diagnostics[0].message;
+    assert_eq!(
+        (failure.exit, message.as_str()),
+        (Exit::BusUnavailable, "65535 devices answer, of which at most 64 can be there")
+    );
+}
+
+#[test]
+fn whoever_has_put_a_device_into_safe_op_is_offered_the_way_out() {
+    let desk = desk(|_| ());
+    let status = AlStatus::new(AlState::SafeOperational, false);
+    let failure = desk.other_master(SegmentSign::State { position: 0, status });
+    let help = failure.report.diagnostics[0].help.clone().unwrap();
+    assert!(
+        help.contains("or `yieldwall state` has put the device there, `yieldwall state all init --take-over`"),
+        "{help}"
+    );
+}
+
+#[test]
+fn a_scan_that_listens_beside_a_master_names_it() {
+    let mut desk = desk(|_| ());
+    assert!(scan::text(&desk, &[]).starts_with("no device is heard"));
+    desk.heard = Some(SegmentSign::Frame([2, 0, 0, 0, 0, 1]));
+    let text = scan::text(&desk, &[]);
+    assert!(text.contains("an EtherCAT frame came from 02:00:00:00:00:01"), "{text}");
 }
 
 #[test]
