@@ -2,6 +2,15 @@
 
 use std::borrow::Cow;
 
+/// The text in one line, with all characters that a terminal obeys written as escapes: names that a device gives itself.
+pub(super) fn one_line(text: &str) -> Cow<'_, str> {
+    if !text.contains(char::is_control) {
+        return Cow::Borrowed(text);
+    }
+    let escaped = |one: char| if one.is_control() { one.escape_debug().to_string() } else { one.to_string() };
+    Cow::Owned(text.chars().map(escaped).collect())
+}
+
 /// The text with characters that a terminal obeys written as escapes: names of files and texts of devices may have them.
 pub(super) fn printable(text: &str) -> Cow<'_, str> {
     let is_obeyed = |one: char| one.is_control() && !matches!(one, '\n' | '\t');

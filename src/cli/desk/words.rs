@@ -1,5 +1,7 @@
 //! Objects and their values for a person.
 
+use std::borrow::Cow;
+
 use serde_json::{Value as Json, json};
 use yieldwall_drives::cia402::{OperationMode, Statusword};
 use yieldwall_drives::eds::{Eds, Value};
@@ -7,6 +9,7 @@ use yieldwall_drives::scaling::AxisScaling;
 
 use crate::canopen::{EmcyCode, NmtState};
 use crate::cli::failure::{Exit, Failure};
+use crate::cli::printable::one_line;
 use crate::config::nearest_word;
 use crate::explanation::state_name;
 use crate::objects::Address;
@@ -112,7 +115,7 @@ pub(super) fn value(at: Address, data_type: Option<u16>, bytes: &[u8], scaling: 
             format!("{value} ({word:0digits$X}h)")
         }
         Value::Real(value) => format!("{value}"),
-        Value::Text(text) => format!("\"{text}\""),
+        Value::Text(text) => format!("\"{}\"", one_line(text)),
         Value::OfNode(_) | Value::Bytes(_) => {
             let shown = bytes.iter().take(24).map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ");
             if bytes.len() > 24 { format!("{shown} .. ({} bytes)", bytes.len()) } else { shown }
@@ -252,15 +255,16 @@ pub(super) fn change(old: &str, new: &str) -> String {
     if line.chars().count() <= COLUMNS { format!("{line}\n") } else { format!("    {old}\n    -> {new}\n") }
 }
 
-/// A table: columns as wide as their widest cell, the last as long as it is.
+/// A table: columns as wide as their widest cell, the last as long as it is. A cell stays in its row, whatever characters it has.
 pub(super) fn table<const N: usize>(rows: &[[String; N]]) -> String {
     let mut widths = [0; N];
-    for row in rows {
+    let rows: Vec<[Cow<'_, str>; N]> = rows.iter().map(|row| row.each_ref().map(|cell| one_line(cell))).collect();
+    for row in &rows {
         for (width, cell) in widths.iter_mut().zip(row) {
             *width = (*width).max(cell.chars().count());
         }
     }
-    let line = |row: &[String; N]| {
+    let line = |row: &[Cow<'_, str>; N]| {
         let cells: Vec<String> = row.iter().zip(widths).map(|(cell, width)| format!("{cell:width$}")).collect();
         cells.join("  ").trim_end().to_owned() + "\n"
     };
@@ -316,5 +320,13 @@ mod tests {
         assert_eq!(means(0x6080, 7, &[0xb8, 0x0b, 0, 0]).means.as_deref(), Some("3000 r/min"));
         assert_eq!(means(0x6064, 4, &[0xff; 4]), Shown { raw: "-1 (FFFFFFFFh)".into(), means: None });
         assert_eq!(value(Address::new(0x2000, 0), None, &[1, 2, 3], None).raw, "01 02 03");
+    }
+
+    #[test]
+    fn a_name_that_a_device_gives_itself_stays_in_its_line() {
+        let shown = value(Address::new(0x1008, 0), Some(9), b"drive\n2  Operational\x1b[2J", None);
+        assert_eq!(shown.raw, r#""drive\n2  Operational\u{1b}[2J""#);
+        let rows = [["node", "name"], ["1", "a\nb\tc\u{85}"]].map(|row| row.map(str::to_owned));
+        assert_eq!(table(&rows), "node  name\n1     a\\nb\\tc\\u{85}\n");
     }
 }
