@@ -262,8 +262,12 @@ impl CoeClient {
         }
         let is_heard = match (Service::of(message), self.kind) {
             _ if !self.is_busy() => false,
-            (Some(Service::SdoRequest | Service::SdoResponse), Kind::Read { .. } | Kind::Write { .. }) => {
-                wire::response(message).is_some_and(|response| self.take(response))
+            (Some(service @ (Service::SdoRequest | Service::SdoResponse)), Kind::Read { .. } | Kind::Write { .. }) => {
+                // An abort is a request by its service. Any other request is this client's own, sent back.
+                let response = wire::response(message);
+                let response = response
+                    .filter(|response| service == Service::SdoResponse || matches!(response, Response::Abort { .. }));
+                response.is_some_and(|response| self.take(response))
             }
             (Some(Service::Information), Kind::Information { operation, wanted }) => {
                 information::decode(message).is_some_and(|part| self.take_information(part, operation, wanted))

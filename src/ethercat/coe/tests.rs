@@ -211,6 +211,34 @@ fn what_stays_away_or_is_foreign_does_not_hang() {
     assert_eq!(*client.answer(), CoeAnswer::Failed(ObjectError::NoAnswer));
 }
 
+/// A device that sends back what it was sent: of a download the request is no answer either, in one part or in segments.
+#[test]
+fn a_request_that_comes_back_is_no_answer_and_an_abort_is_one() {
+    let at = Address::new(0x6040, 0);
+    let long = [7; 200];
+    let requests = [
+        CoeRequest::Read { at, complete: false },
+        CoeRequest::Write { at, complete: false, data: &[6, 0] },
+        CoeRequest::Write { at, complete: false, data: &long },
+        CoeRequest::Object(0x6040),
+    ];
+    for request in requests {
+        let mut client = CoeClient::new(Duration::from_millis(10));
+        client.start(Time(0), request).unwrap();
+        let mut message = [0; 64];
+        let len = client.message(&mut message);
+        assert_eq!(client.on_message(Time(0), &message[..len]), Heard::Foreign, "{request:?}");
+        client.poll(client.next_deadline());
+        assert_eq!(*client.answer(), CoeAnswer::Failed(ObjectError::NoAnswer), "{request:?}");
+    }
+    let mut client = CoeClient::new(Duration::from_millis(10));
+    client.start(Time(0), requests[0]).unwrap();
+    client.message(&mut [0; 64]);
+    let abort = [0, 0x20, 0x80, 0x40, 0x60, 0, 0, 0, 2, 6];
+    assert_eq!(client.on_message(Time(0), &abort), Heard::Answer);
+    assert_eq!(*client.answer(), CoeAnswer::Failed(ObjectError::Aborted(AbortCode::NO_OBJECT)));
+}
+
 #[test]
 fn parts_without_data_that_are_not_the_last_end_the_request() {
     let general = CoeAnswer::Failed(ObjectError::Aborted(AbortCode::GENERAL));
