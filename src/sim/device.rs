@@ -94,7 +94,8 @@ pub(super) fn mark() -> impl Iterator<Item = Object> {
     let mark = objects::SIMULATION_MARK;
     let words = (mark.sub..).zip(objects::SIMULATED_DEVICE);
     let words = words.map(move |(sub, word)| declare(mark.at(sub), word.into()).access(Access::ReadOnly));
-    std::iter::once(Object::highest_sub(mark.index, objects::SIMULATED_DEVICE.len() as u8)).chain(words)
+    std::iter::once(Object::highest_sub(mark.index, objects::SIMULATED_DEVICE.len() as u8).named(mark.name))
+        .chain(words)
 }
 
 /// The mapped objects of a PDO as the dictionary takes them.

@@ -1,5 +1,7 @@
 //! The object dictionary of a drive.
 
+use std::collections::BTreeMap;
+
 use yieldwall_drives::cia402::OptionCodes;
 use yieldwall_drives::objects as cia;
 use yieldwall_drives::profiles::{Entry, Servo, SetPointWatch, Setting, SyncWatch};
@@ -159,7 +161,16 @@ fn of_profile(builder: Builder, servo: &Servo) -> Builder {
     own.sort_by_key(|entry| (entry.index, entry.sub));
     own.dedup_by_key(|entry| (entry.index, entry.sub));
     own.retain(|entry| !builder.has(entry.index, entry.sub));
-    builder.objects(own.into_iter().map(plain))
+    // A record says how many entries it has, whether the profile names that one or not.
+    let mut highest: BTreeMap<u16, u8> = own.iter().map(|entry| (entry.index, entry.sub)).collect();
+    highest
+        .retain(|index, _| !builder.has(*index, 0) && !own.iter().any(|entry| (entry.index, entry.sub) == (*index, 0)));
+    let named = |index: u16, object: Object| match index == cia::ERROR_BEHAVIOUR.index {
+        true => object.named(cia::ERROR_BEHAVIOUR.name),
+        false => object,
+    };
+    let counts = highest.into_iter().map(|(index, most)| named(index, Object::highest_sub(index, most)));
+    builder.objects(counts).objects(own.into_iter().map(|entry| named(entry.index, plain(entry))))
 }
 
 /// All that is set at each start by the word of the profile.

@@ -328,3 +328,15 @@ fn the_sensor_samples_by_its_own_clock_with_32_bits() {
     let (zeroed, _) = bench.ask(Command::Aprd, 0, 0x1c00, &[0; 32]);
     assert_eq!(crate::ethercat::u32_at(&zeroed, 0), 2);
 }
+
+#[test]
+fn each_record_says_how_many_entries_it_has_and_those_of_the_simulation_have_names() {
+    let drive = drive();
+    let has = |index, sub| drive.od().describe(Address::new(index, sub)).is_ok();
+    for index in 0x1000..=u16::MAX {
+        assert!(!has(index, 1) || has(index, 0), "{index:04X}h:0");
+    }
+    for index in [0x1029, 0x2012] {
+        assert!(!drive.od().describe(Address::new(index, 0)).unwrap().name.is_empty(), "{index:04X}h");
+    }
+}
