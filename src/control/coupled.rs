@@ -8,17 +8,18 @@
 //! At a fixed pose everything between two events is linear and known in closed form, so the loop is followed event by
 //! event, with no approximation of a delay or a hold. In one cycle of length `T`, counted from SYNC:
 //!
-//! 1. *Felt.* The sensor takes the force of the hand, `-(K_h y + B_h y' + m_h y'')` at the tool, at moments of its own
-//!    clock. A sensor that SYNC clocks feels it at SYNC, before the new effort acts.
+//! 1. *Felt.* The sensor takes the force of the hand less that of the handle, `-(K_h y + B_h y' + (m_h + m_H) y'')` at the tool, at
+//!    moments of its own clock. A sensor that SYNC clocks feels it at SYNC, before the new effort acts.
 //! 2. *SYNC.* Encoders are read. What the cycle before computed is applied: an effort, or the target of a line.
-//! 3. *Computed.* The newest sample that has come passes the low pass, if it is new. The fixture steps,
+//! 3. *Computed.* If the newest sample that has come is new, it gets the force that the reference's acceleration asks of the handle,
+//!    `m_H (r1 - 2 r2 + r3)/T^2`, and passes the low pass. The fixture steps,
 //!    `M (r - 2 r1 + r2)/T^2 + b (r - r1)/T = h`, and a servo of the host turns `r` and the encoders of this SYNC into efforts.
 //! 4. *In the drive*, if the loop closes there: at SYNC and every period of its own from there on, the servo samples angle and
 //!    rate, compares them with the line from the last target to the present one, and holds a torque.
 //! 5. *Between all these* arm and hand move by `exp(A t)` under a held effort.
 //!
-//! The state at SYNC is: position and rate of the arm, the effort that acts, the two last references, the force that the fixture
-//! holds, samples that are on their way, and the servo's own (last error, sum of errors, efforts on their way; or integral and
+//! The state at SYNC is: position and rate of the arm, the effort that acts, the three last references, the force that the
+//! fixture holds, samples that are on their way, and the servo's own (last error, sum of errors, efforts on their way; or integral and
 //! line). With a sensor at `N T = m T_s` the state after `N` cycles is a matrix times the state before, and the loop is stable
 //! if no eigenvalue of that matrix lies on or outside the unit circle. A sensor with its own clock drifts through all phases,
 //! so it is looked at right behind SYNC, where a sample has just missed its cycle, and at phases between.
@@ -129,12 +130,16 @@ pub struct Outer {
     pub low_pass: Option<(f64, f64)>,
     /// Damping `b` of the proxy in N s/m.
     pub damping_n_s_per_m: f64,
+    /// Mass `m_H` of the handle in kg, not negative: a part of the tool that lies beyond the sensor. The reference's acceleration stands
+    /// for that of the tool where its inertia is taken out of the reading.
+    pub handle_kg: f64,
 }
 
 impl Outer {
     fn checked(&self) -> Result<&Self, ControlError> {
         positive("period", self.period_s)?;
         not_negative("damping of the proxy", self.damping_n_s_per_m)?;
+        not_negative("mass of the handle", self.handle_kg)?;
         if let Some((cut_off_hz, interval_s)) = self.low_pass {
             positive("low-pass cut-off", cut_off_hz)?;
             positive("interval of the low pass", interval_s)?;
@@ -200,7 +205,8 @@ pub fn lag_s(follower: &Follower, pose: &Pose, grip: &Grip, outer: &Outer) -> Re
 ///
 /// # Source
 /// Derived for a continuous servo without viscous friction: with `G = 1 - J s^2 D` and the compliance `D` of the servo, the
-/// real part of `s (G/(M s^2) + D)` is not negative from `M = J` on. Keemink, van der Kooij, Stienen, *Admittance control
+/// real part of `s (G/(M s^2) + D)` is not negative from `M = J` on. With a handle that is a part of `J` it is that of
+/// `(1 + (M - J - m_H) x)/((M - m_H J x) s)` with `x = s^2 D`, which has the same limit. Keemink, van der Kooij, Stienen, *Admittance control
 /// for physical human-robot interaction* (2018), has the same limit for a velocity servo of high gain.
 pub fn passive_mass_kg(pose: &Pose) -> Result<f64, ControlError> {
     let inverse = inverse_jacobian(pose)?;

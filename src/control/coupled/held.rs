@@ -26,21 +26,22 @@ const BEHIND: f64 = 1e-6;
 const POSITION: usize = 0;
 const RATE: usize = 2;
 const EFFORT: usize = 4;
-/// The last reference and the one before.
+/// The last reference and the two before.
 const LAST: usize = 6;
 const EARLIER: usize = 8;
+const EARLIEST: usize = 10;
 /// What the fixture is given.
-const FORCE: usize = 10;
+const FORCE: usize = 12;
 /// Of a servo of the host: encoders of this SYNC, last error, sum of errors; efforts on their way follow at the end.
-const ENCODER: usize = 12;
-const ERROR: usize = 14;
-const SUM: usize = 16;
+const ENCODER: usize = 14;
+const ERROR: usize = 16;
+const SUM: usize = 18;
 /// Of a servo of the drive: ends of its line, and its integral.
-const FROM: usize = 12;
-const TO: usize = 14;
-const INTEGRAL: usize = 16;
+const FROM: usize = 14;
+const TO: usize = 16;
+const INTEGRAL: usize = 18;
 /// Samples that were felt, the newest first.
-const SAMPLES: usize = 18;
+const SAMPLES: usize = 20;
 
 /// What happens at a moment. Of one moment, in this order.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
@@ -66,6 +67,7 @@ pub struct HeldLoop {
     gains: Gains,
     period_s: f64,
     damping_n_s_per_m: f64,
+    handle_kg: f64,
     /// `alpha` of the low pass.
     taken: f64,
     forward_mass: Matrix2<f64>,
@@ -116,7 +118,8 @@ impl HeldLoop {
         rates.fixed_view_mut::<2, 2>(2, 2).copy_from(&(-mobility * damping));
         rates.fixed_view_mut::<2, 2>(2, 4).copy_from(&mobility);
         // `J^-1 F`: what the reference takes, in the coordinates of the controllers, in which the hand is the same everywhere.
-        let mut felt = rates.fixed_view::<2, 4>(2, 0).into_owned() * grip.mass_kg;
+        let beyond_kg = grip.mass_kg + outer.handle_kg;
+        let mut felt = rates.fixed_view::<2, 4>(2, 0).into_owned() * beyond_kg;
         felt += Matrix2x4::from_fn(|row, column| match column {
             _ if row != column % 2 => 0.0,
             0 | 1 => grip.stiffness_n_per_m,
@@ -127,11 +130,12 @@ impl HeldLoop {
             gains,
             period_s: outer.period_s,
             damping_n_s_per_m: outer.damping_n_s_per_m,
+            handle_kg: outer.handle_kg,
             taken: 1.0 - outer.remembered(),
             forward_mass: pose.forward_mass,
             forward_viscous: pose.forward_viscous,
             felt: -felt,
-            felt_by_effort: -mobility * grip.mass_kg,
+            felt_by_effort: -mobility * beyond_kg,
             events: Vec::new(),
             propagators: Vec::new(),
             samples: 1,
@@ -292,9 +296,11 @@ impl HeldLoop {
                 Event::Act => put(state, EFFORT, pair(state, self.size - 2)),
                 Event::Compute { behind, is_new } => {
                     if is_new {
-                        let sample = pair(state, SAMPLES + 2 * behind);
+                        let [last, earlier, earliest] = [LAST, EARLIER, EARLIEST].map(|place| pair(state, place));
+                        let acceleration = (last - earlier * 2.0 + earliest) / (self.period_s * self.period_s);
+                        let hand = pair(state, SAMPLES + 2 * behind) + acceleration * self.handle_kg;
                         let force = pair(state, FORCE);
-                        put(state, FORCE, force + (sample - force) * self.taken);
+                        put(state, FORCE, force + (hand - force) * self.taken);
                     }
                     self.compute(mass_kg, state);
                 }
@@ -323,6 +329,7 @@ impl HeldLoop {
         let (last, earlier) = (pair(state, LAST), pair(state, EARLIER));
         let inert = mass_kg + self.damping_n_s_per_m * t;
         let next = last + (last - earlier) * (mass_kg / inert) + pair(state, FORCE) * (t * t / inert);
+        put(state, EARLIEST, earlier);
         put(state, EARLIER, last);
         put(state, LAST, next);
         let Follower::Host { .. } = self.follower else { return };

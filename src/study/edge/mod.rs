@@ -304,6 +304,47 @@ mod tests {
         assert!(!bench.is_stable(printed.least_kg / TOO_HEAVY).unwrap(), "{printed:?} is too heavy");
     }
 
+    /// Paper's rigs with a heavier handle, and with a low pass or in position mode.
+    const HANDLES: [(&str, Option<f64>, &[(f64, f64)]); 3] = [
+        ("paper-admittance.yaml", None, &[(0.0, 0.585), (0.1, 0.748), (0.2, 0.915), (0.3, 1.083), (0.45, 1.336)]),
+        ("paper-admittance.yaml", Some(40.0), &[(0.0, 0.232), (0.3, 0.434), (0.45, 0.533)]),
+        ("paper-admittance-csp.yaml", None, &[(0.0, 0.180), (0.3, 0.495), (0.45, 0.652)]),
+    ];
+
+    /// The rig and its hand, with a handle.
+    fn with_handle(name: &str, low_pass_hz: Option<f64>, handle_kg: f64) -> (config::Rig, config::Scene, Grip) {
+        let (mut rig, scene) = shipped(name).unwrap();
+        rig.sensor.handle_mass_kg = crate::study::drawn::not_negative(handle_kg);
+        rig.sensor.low_pass_hz = low_pass_hz.and_then(config::Positive::new);
+        let grip = crate::analysis::hand_of(&scene);
+        (rig, scene, grip)
+    }
+
+    /// Computed by another program, event by event, with the handle on the sensor and its inertia taken out of the reading.
+    #[test]
+    fn a_heavy_handle_asks_for_more_mass() {
+        for (name, low_pass_hz, known) in HANDLES {
+            for &(handle_kg, exact_kg) in known {
+                let (rig, _, grip) = with_handle(name, low_pass_hz, handle_kg);
+                let printed = held_masses(&rig, &[grip], 1.0).unwrap().unwrap()[0].masses.unwrap().least_kg;
+                let ratio = printed / exact_kg;
+                assert!((0.99..1.01).contains(&ratio), "{name}, {low_pass_hz:?}, {handle_kg} kg: {printed}");
+            }
+        }
+    }
+
+    #[test]
+    fn runs_with_a_heavy_handle_swing_below_what_is_printed_and_not_above() {
+        for (name, low_pass_hz, _) in HANDLES {
+            let (rig, scene, grip) = with_handle(name, low_pass_hz, 0.3);
+            let rig = on_ideal_buses(&rig);
+            let printed = held_masses(&rig, &[grip], 1.0).unwrap().unwrap()[0].masses.unwrap();
+            let mut bench = Bench::new(&rig, &scene, &grip, printed.least_at_m, PHASES);
+            assert!(bench.is_stable(TOO_LIGHT * printed.least_kg).unwrap(), "{name}: {printed:?} is too light");
+            assert!(!bench.is_stable(printed.least_kg / 1.05).unwrap(), "{name}: {printed:?} is too heavy");
+        }
+    }
+
     #[test]
     fn runs_swing_below_what_is_printed_and_not_above() {
         for number in crate::sample::share(0..8, 3) {

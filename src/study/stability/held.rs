@@ -159,6 +159,7 @@ impl Setting {
             sampling: Sampling { interval_s, oldest_s: (self.delay as f64 - 1.0) * PERIOD_S + interval_s, phases: 1 },
             low_pass: self.low_pass_hz.map(|cut_off_hz| (cut_off_hz, interval_s)),
             damping_n_s_per_m: self.damping_n_s_per_m,
+            handle_kg: 0.0,
         };
         let grip =
             Grip { stiffness_n_per_m: hand_n_per_m, damping_n_s_per_m: self.hand_n_s_per_m, mass_kg: self.hand_kg };

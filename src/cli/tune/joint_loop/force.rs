@@ -50,7 +50,8 @@ pub(super) fn advice(found: &[&JointLoop], rig: &Rig) -> Vec<String> {
     if (is - file).abs() > SAME_KG.max(SAME_SHARE * file) {
         lines.push(format!(
             "`sensor.handle_mass_kg` has {file}, and {is:.3} kg move beyond the sensor: write that, unless a weight was put there to measure; the \
-             inertia above has a weight too, so measure the gains without it"
+             inertia above has a weight too, so measure the gains without it; the virtual masses below count with {file}, and a heavier handle needs \
+             heavier ones: `yieldwall tune fixture` prints them"
         ));
     }
     lines
