@@ -92,6 +92,10 @@ impl EthernetLink for Many {
         self.0.now()
     }
 
+    fn source(&self) -> [u8; 6] {
+        crate::ethercat::frame::SOURCE
+    }
+
     fn receive(&mut self, buffer: &mut [u8]) -> Option<EthernetArrival> {
         let arrival = self.0.receive(buffer)?;
         if let EthernetReceived::Frame { .. } = arrival.what {
