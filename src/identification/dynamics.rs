@@ -37,7 +37,7 @@ pub struct Response {
 /// What was identified of a joint.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dynamics {
-    /// Inertia that the joint feels at its pose, kg m^2.
+    /// Mean inertia that the joint feels over its travel, kg m^2.
     pub inertia_kg_m2: Estimate,
     /// Viscous friction, N m s/rad. Far less certain than that of slow travels.
     pub viscous_n_m_s_per_rad: Estimate,

@@ -349,7 +349,7 @@ fn joint_text(joint: &JointLoop, rig: &Rig) -> String {
     match &joint.dynamics {
         Ok(dynamics) => {
             lines.push(format!(
-                "inertia   {} kg m^2, with the links at {left:.1} and {right:.1} deg",
+                "inertia   {} kg m^2, mean over the travel about {left:.1} and {right:.1} deg",
                 plus_minus(&dynamics.inertia_kg_m2, 1.0, 4)
             ));
             lines.push(format!(

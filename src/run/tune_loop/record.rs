@@ -15,7 +15,7 @@ use crate::run::proof::fnv1a;
 /// What was identified of a joint, as far as its loop goes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JointFound {
-    /// Inertia, kg m^2.
+    /// Mean inertia over the travel, kg m^2.
     pub inertia_kg_m2: f64,
     /// The angles of both joints at which it was, rad.
     pub pose_rad: [f64; 2],
