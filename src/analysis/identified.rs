@@ -112,11 +112,13 @@ mod tests {
         let loaded = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap();
         let rig = &loaded.value;
         let mass = rig.control.feed_forward.inertia.as_ref().unwrap().mass_model();
-        let (found, hand) = (found(rig, &mass), hand_of(&loaded.scene().unwrap().value));
+        let scene = loaded.scene().unwrap().value;
+        let (found, hand) = (found(rig, &mass), hand_of(&scene));
         let least_kg = |force: Option<&ForceFound>| {
-            held_masses_identified(rig, (&found, force), &[hand], 2.0).unwrap().unwrap()[0].masses.unwrap().least_kg
+            let holdings = held_masses_identified((rig, &scene), (&found, force), &[hand], 2.0).unwrap().unwrap();
+            holdings[0].masses.unwrap().least_kg
         };
-        let by_file = held_masses(rig, &[hand], 2.0).unwrap().unwrap()[0].masses.unwrap().least_kg;
+        let by_file = held_masses(rig, &scene, &[hand], 2.0).unwrap().unwrap()[0].masses.unwrap().least_kg;
         let old = ForceFound { between_s: [9.8e-3, 10.2e-3], mass_kg: 0.3 };
         let (known, older) = (least_kg(None), least_kg(Some(&old)));
         assert!((known / by_file - 1.0).abs() < 0.01 && older > 1.5 * known, "{by_file} {known} {older}");

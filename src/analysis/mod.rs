@@ -13,7 +13,8 @@ pub use gains::{
     LEAST_MARGINS, PROPOSED_MARGINS, RateMargins, has_margins, proposed_gains, proposed_rate_gain, rate_margins,
 };
 pub use held::{
-    Coupled, HeldMasses, Holding, coupled_device, hand_of, held_masses, held_masses_identified, stiffer, usual_hands,
+    Coupled, DriveLimits, HeldMasses, Holding, coupled_device, drive_limits, hand_of, held_masses,
+    held_masses_identified, stiffer, unmodelled, usual_hands,
 };
 pub use identified::{identified_margins, identified_models};
 pub use margins::{Margin, PoseMargins, pose_margins};

@@ -69,8 +69,8 @@ impl Remedy {
 ///
 /// # Errors
 /// As [`held_masses`].
-pub fn remedies(rig: &config::Rig, hand: &Grip, mass_kg: f64) -> Result<Vec<Remedy>, RigError> {
-    let masses = held_masses(rig, std::slice::from_ref(hand), mass_kg)?.and_then(|found| found.first()?.masses);
+pub fn remedies(rig: &config::Rig, scene: &config::Scene, hand: &Grip, mass_kg: f64) -> Result<Vec<Remedy>, RigError> {
+    let masses = held_masses(rig, scene, std::slice::from_ref(hand), mass_kg)?.and_then(|found| found.first()?.masses);
     let low_pass = rig.sensor.low_pass_hz.map(|cut_off_hz| cut_off_hz.get());
     let own_clock_hz = Some(rig.sensor.sample_rate_hz.get()).filter(|_| !is_sampled_at_sync(rig));
     let period_us = rig.cycle.period_us;
@@ -97,7 +97,7 @@ pub fn remedies(rig: &config::Rig, hand: &Grip, mass_kg: f64) -> Result<Vec<Reme
         let config::Coupling::Admittance { mass_kg } = rig.fixture.coupling else { return false };
         let is_stable = |held: Held| held.is_stable(&remedy.of_hand(hand), mass_kg.get());
         // What the model cannot be built with is no remedy.
-        Held::of(&rig).ok().flatten().is_some_and(|held| is_stable(held).unwrap_or(false))
+        Held::of(&rig, scene).ok().flatten().is_some_and(|held| is_stable(held).unwrap_or(false))
     };
     Ok(kinds.into_iter().filter_map(|kind| kind.into_iter().find(bears)).collect())
 }

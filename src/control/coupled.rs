@@ -16,9 +16,9 @@
 //!    `M (r - 2 r1 + r2)/T^2 + b (r - r1)/T = h`, and a servo of the host turns `r` and the encoders of this SYNC into efforts.
 //! 4. *In the drive*, if the loop closes there: at SYNC and every period of its own from there on, the servo samples angle and
 //!    rate, compares them with the line from the last target to the present one, and holds a torque.
-//! 5. *Between all these* arm and hand move by `exp(A t)` under a held effort.
+//! 5. *Between all these* arm and hand move by `exp(A t)` under a held effort. With elastic gears motors and links do.
 //!
-//! The state at SYNC is: position and rate of the arm, the effort that acts, the three last references, the force that the
+//! The state at SYNC is: position and rate of the arm, and of its links behind elastic gears, the effort that acts, the three last references, the force that the
 //! fixture holds, samples that are on their way, and the servo's own (last error, sum of errors, efforts on their way; or integral and
 //! line). With a sensor at `N T = m T_s` the state after `N` cycles is a matrix times the state before, and the loop is stable
 //! if no eigenvalue of that matrix lies on or outside the unit circle. A sensor with its own clock drifts through all phases,
@@ -54,6 +54,19 @@ pub struct Pose {
     pub forward_mass: Matrix2<f64>,
     /// Viscous feed-forward: effort per rate of the set-point, as `viscous`; zero for none. Of a servo of the host alone.
     pub forward_viscous: Matrix2<f64>,
+    /// Elastic gears; `None` for rigid joints.
+    pub gears: Option<Gears>,
+}
+
+/// Elastic gears between motors and links. Efforts, encoders and viscous friction are on the motors' side, the hand is on the links'.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gears {
+    /// Inertia of the motors before the springs, a part of [`Pose::mass`], in kg m^2, or kg.
+    pub motor: Matrix2<f64>,
+    /// Stiffness in N m/rad, or N/m.
+    pub stiffness: Matrix2<f64>,
+    /// Damping in N m s/rad, or N s/m.
+    pub damping: Matrix2<f64>,
 }
 
 /// Who holds the tool: a mass at the tool, beyond the force sensor, with a spring and a damper to a point at rest, the same
@@ -86,6 +99,15 @@ pub enum Follower {
         /// Its period in s, not above that of the fixture. It begins anew at each SYNC.
         period_s: f64,
     },
+    /// In the drives, on the integral of a rate. A cycle computes the rate `(r - r1)/T + k (r - encoder)`, which acts from the next SYNC on.
+    Rate {
+        /// Gains of the loop, with the true rate of the joint.
+        gains: Gains,
+        /// Its period in s, as that of [`Follower::Drive`].
+        period_s: f64,
+        /// `k` in 1/s, positive.
+        gain_per_s: f64,
+    },
 }
 
 impl Follower {
@@ -94,7 +116,7 @@ impl Follower {
 
     fn gains(&self) -> Gains {
         match self {
-            Self::Host { gains, .. } | Self::Drive { gains, .. } => *gains,
+            Self::Host { gains, .. } | Self::Drive { gains, .. } | Self::Rate { gains, .. } => *gains,
         }
     }
 }
@@ -173,7 +195,8 @@ impl Outer {
 /// The mean age of the force, its low pass and the way to the end of the line, less one cycle, since the fixture steps with the
 /// force of the same step. Without an integral the viscous friction of the joints adds a drag. With one it adds none, but
 /// the servo gives way to the hand by `1/L` of the hand's force times the time, so that a hand lags the more the stiffer it is:
-/// by `K_h/L` with `L` at the tool, in its softest direction.
+/// by `K_h/L` with `L` at the tool, in its softest direction. A servo that follows a rate has a second integral, of the position error that
+/// the cycle sees: with an integral of its own it adds nothing, and without one `K_h/(K k)`.
 ///
 /// # Errors
 /// [`ControlError::OutOfRange`] for what is not finite or outside its range.
@@ -184,14 +207,15 @@ pub fn lag_s(follower: &Follower, pose: &Pose, grip: &Grip, outer: &Outer) -> Re
     let age_s = sampling.oldest_s - 0.5 * (sampling.interval_s - period_s).max(0.0);
     let filter_s = outer.low_pass.map_or(0.0, |(_, interval_s)| interval_s * kept / (1.0 - kept));
     let way_s = match follower {
-        Follower::Host { .. } => -period_s,
+        Follower::Host { .. } | Follower::Rate { .. } => -period_s,
         Follower::Drive { .. } => period_s,
     };
-    let servo_s = if integral > 0.0 {
-        let softness = pose.jacobian * pose.jacobian.transpose();
-        grip.stiffness_n_per_m * softness.symmetric_eigenvalues().max() / integral
-    } else {
-        pose.viscous.symmetric_eigenvalues().max() / stiffness
+    let given_way = grip.stiffness_n_per_m * (pose.jacobian * pose.jacobian.transpose()).symmetric_eigenvalues().max();
+    let servo_s = match follower {
+        Follower::Rate { .. } if integral > 0.0 => 0.0,
+        Follower::Rate { gain_per_s, .. } => given_way / (stiffness * gain_per_s),
+        _ if integral > 0.0 => given_way / integral,
+        _ => pose.viscous.symmetric_eigenvalues().max() / stiffness,
     };
     Ok(age_s + filter_s + way_s + servo_s)
 }
@@ -260,17 +284,27 @@ pub fn stable_masses(loops: &[HeldLoop]) -> Option<StableMasses> {
         found.greatest_kg = edge(first, found.greatest_kg, mass_at(to + 1));
     }
     for (number, other) in loops.iter().enumerate().skip(1) {
-        found = found.narrowed(number, other)?;
+        found = found.within(number, other)?;
     }
-    if found.greatest_kg >= MASSES_KG[1] {
-        found.greatest_kg = f64::INFINITY;
-    }
-    Some(found)
+    Some(found.unbounded())
 }
 
 impl StableMasses {
-    /// What of this range is stable in another loop too.
-    fn narrowed(mut self, number: usize, other: &HeldLoop) -> Option<Self> {
+    /// The part of this range that is stable in another loop too, which gets this number where it sets an end; `None` if there is none.
+    pub fn narrowed(self, number: usize, other: &HeldLoop) -> Option<Self> {
+        let bounded = Self { greatest_kg: self.greatest_kg.min(MASSES_KG[1]), ..self };
+        bounded.within(number, other).map(Self::unbounded)
+    }
+
+    /// Infinity for the greatest of [`MASSES_KG`].
+    fn unbounded(mut self) -> Self {
+        if self.greatest_kg >= MASSES_KG[1] {
+            self.greatest_kg = f64::INFINITY;
+        }
+        self
+    }
+
+    fn within(mut self, number: usize, other: &HeldLoop) -> Option<Self> {
         // A hole within the range leaves its longer side.
         for point in 1..=INNER_POINTS {
             let share = point as f64 / (INNER_POINTS + 1) as f64;

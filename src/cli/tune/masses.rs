@@ -6,8 +6,8 @@ use serde_json::{Value, json};
 
 use self::measured::Measured;
 use crate::analysis::{
-    HeldMasses, Holding, Remedy, UnevenSamples, hand_of, held_masses, held_masses_identified, remedies, stiffer,
-    uneven_samples, usual_hands,
+    DriveLimits, HeldMasses, Holding, Remedy, UnevenSamples, drive_limits, hand_of, held_masses,
+    held_masses_identified, remedies, stiffer, uneven_samples, unmodelled, usual_hands,
 };
 use crate::cli::bus::{Plan, plans};
 use crate::config::{Coupling, Diagnostic, Loaded, Rig, Scene, Severity};
@@ -16,11 +16,11 @@ use crate::report::{Overrides, replay};
 use crate::rig::RigError;
 use crate::run::{ForceFound, JointFound};
 
-/// What to do where the loop is not known.
-const UNKNOWN: &str = "least virtual mass: not known, since the velocity loop closes in the drives; try masses by `yieldwall run`, with \
-                       the stiffest hand (`hand.stiffness_n_per_m` of the scene): it tells a rig that swings by its energy";
+/// What to do where the loop closes in the drives, of which nothing was identified.
+const UNKNOWN: &str = "least virtual mass: not known by these measurements, since the loop closes in the drives; `yieldwall tune fixture` prints it \
+                       by the loop of the simulated drives";
 /// What the numbers leave out.
-const LEFT_OUT: &str = "dry friction, torque limits and elastic joints are left out: try the numbers in a run";
+const LEFT_OUT: &str = "dry friction, torque limits and counts are left out: try the numbers in a run";
 
 /// What a bus adds where the sensor's clock is its own; the figures are those of `yieldwall study edge`.
 const SYNC_WAITS: &str = "SYNC waits for frames that the sensor sends by its own clock, which is left out: at some of its phases the rig \
@@ -34,6 +34,10 @@ pub(in crate::cli) struct Masses {
     configured_kg: f64,
     has_scene_hand: bool,
     uneven: Option<UnevenSamples>,
+    /// Parts of the scene that the masses leave out.
+    unmodelled: Vec<String>,
+    /// Limits of drives that close a loop of their own.
+    drives: Option<DriveLimits>,
     /// What was measured on a bus, if that stands in place of the rig file's word.
     measured: Option<Measured>,
     /// `None` where the loop is not known.
@@ -62,8 +66,8 @@ impl Masses {
         force: Option<&ForceFound>,
         others: impl Fn(&Grip) -> Vec<Grip>,
     ) -> Result<Self, RigError> {
-        let held = |rig: &Rig, hands: &[Grip], configured_kg| {
-            held_masses_identified(rig, (found, force), hands, configured_kg)
+        let held = |rig: &Rig, scene: &Scene, hands: &[Grip], configured_kg| {
+            held_masses_identified((rig, scene), (found, force), hands, configured_kg)
         };
         Self::with(rig, others, held)
     }
@@ -72,7 +76,7 @@ impl Masses {
     fn with(
         rig: &Loaded<Rig>,
         others: impl Fn(&Grip) -> Vec<Grip>,
-        held: impl Fn(&Rig, &[Grip], f64) -> Result<Option<Vec<Holding>>, RigError>,
+        held: impl Fn(&Rig, &Scene, &[Grip], f64) -> Result<Option<Vec<Holding>>, RigError>,
     ) -> Result<Self, RigError> {
         let scene = rig.scene().map_err(|_| RigError::Mismatch("the scene cannot be read".into()))?;
         let hand = hand_of(&scene.value);
@@ -85,12 +89,14 @@ impl Masses {
             Coupling::Admittance { mass_kg } => mass_kg.get(),
             Coupling::Impedance { .. } => return Err(RigError::Mismatch("a rig needs an admittance".into())),
         };
-        let holdings = held(&rig.value, &hands, configured_kg)?;
+        let holdings = held(&rig.value, &scene.value, &hands, configured_kg)?;
         Ok(Self {
             name: rig.value.rig.name.clone(),
             configured_kg,
             has_scene_hand,
             uneven: uneven_samples(&rig.value),
+            unmodelled: unmodelled(&scene.value),
+            drives: drive_limits(&rig.value, &scene.value, configured_kg)?,
             measured: None,
             holdings,
         })
@@ -109,7 +115,8 @@ impl Masses {
                 format!("{} at {} N/m{whose}", range_words(holding.masses.as_ref()), holding.grip.stiffness_n_per_m)
             })
             .collect();
-        format!("stable virtual masses by stiffness of the hand, worst pose: {}", masses.join(", "))
+        let further: String = self.beside().iter().map(|words| format!("; {words}")).collect();
+        format!("stable virtual masses by stiffness of the hand, worst pose: {}{further}", masses.join(", "))
     }
 
     /// What to say of a rig whose mass its scene's hand does not allow.
@@ -135,6 +142,30 @@ impl Masses {
         let see =
             [("control.gains", "the servo's gains"), ("sensor.low_pass_hz", "the low pass"), ("scene", "the hand")];
         Some(rig.finding(Severity::Warning, "fixture.coupling.admittance.mass_kg", message, help, &see))
+    }
+
+    /// Limits of this rig and parts of its scene that the numbers leave out.
+    fn beside(&self) -> Vec<String> {
+        let mut beside = Vec::new();
+        if let Some(drives) = &self.drives {
+            let DriveLimits { saturating_n, count_n_m, torque_limit_n_m: limit, is_saturated_soon } = drives;
+            if *is_saturated_soon {
+                let of = self.configured_kg;
+                beside.push(format!(
+                    "with {of} kg a force of {saturating_n:.2} N has the drives' loop ask for the torque limit of {limit} N m, beyond which the masses \
+                     do not hold"
+                ));
+            }
+            if let Some(count_n_m) = count_n_m.filter(|_| drives.is_coarse()) {
+                beside.push(format!(
+                    "one count of the target has the drives' loop ask for {count_n_m:.1} N m of {limit} N m"
+                ));
+            }
+        }
+        if !self.unmodelled.is_empty() {
+            beside.push(format!("the masses leave out of the scene: {}", self.unmodelled.join("; ")));
+        }
+        beside
     }
 
     /// What the bus adds to the numbers.
@@ -183,7 +214,8 @@ impl Masses {
         if let Some(measured) = &self.measured {
             text += &format!("  {}\n", measured.words());
         }
-        for words in self.bus_words().into_iter().chain([LEFT_OUT]) {
+        let beside = self.beside();
+        for words in self.bus_words().into_iter().chain([LEFT_OUT]).chain(beside.iter().map(String::as_str)) {
             text += &format!("  {words}\n");
         }
         text
@@ -216,7 +248,11 @@ impl Masses {
         });
         let note = if hands.is_none() { Some(UNKNOWN) } else { self.bus_words() };
         let measured = self.measured.map(Measured::to_json);
-        json!({ "configured_kg": self.configured_kg, "reserve": reserve, "hands": hands, "note": note, "measured": measured })
+        let drives = self.drives.map(|drives| {
+            json!({ "saturating_force_n": drives.saturating_n, "target_count_n_m": drives.count_n_m, "torque_limit_n_m": drives.torque_limit_n_m })
+        });
+        json!({ "configured_kg": self.configured_kg, "reserve": reserve, "hands": hands, "note": note, "unmodelled": self.unmodelled, "drives": drives,
+            "measured": measured })
     }
 }
 
@@ -230,18 +266,18 @@ fn is_same(one: &Grip, other: &Grip) -> bool {
 pub(in crate::cli) fn advice(rig: &Rig, scene: &Scene) -> String {
     let Coupling::Admittance { mass_kg } = rig.fixture.coupling else { return String::new() };
     let hand = hand_of(scene);
-    match held_masses(rig, &[hand], mass_kg.get()).ok().flatten().as_deref() {
+    match held_masses(rig, scene, &[hand], mass_kg.get()).ok().flatten().as_deref() {
         Some([holding, ..]) if !holding.is_configured_stable => remedy_words(rig, scene, &hand, mass_kg.get()),
-        Some(_) => "the rig's own linear model finds its mass stable with this hand, and leaves out dry friction, torque limits, elastic \
-                    joints and encoders: look there, and at the figure of the run (`--figure`)"
+        Some(_) => "the rig's own linear model finds its mass stable with this hand, and leaves out dry friction, torque limits and \
+                    encoders: look there, and at the figure of the run (`--figure`)"
             .to_owned(),
-        None => "the velocity loop closes in the drives and is not known: try a heavier virtual mass and a softer hand".to_owned(),
+        None => "the rig's own loop is not known: try a heavier virtual mass and a softer hand".to_owned(),
     }
 }
 
 /// What makes a mass stable with a hand: what was tried in the rig's own linear model, and as a rig that is accepted.
 fn remedy_words(rig: &Rig, scene: &Scene, hand: &Grip, mass_kg: f64) -> String {
-    let found = remedies(rig, hand, mass_kg).unwrap_or_default();
+    let found = remedies(rig, scene, hand, mass_kg).unwrap_or_default();
     let is_tried = |remedy: &Remedy| remedy.is_of_hand() || is_accepted(&remedy.of_rig(rig), scene);
     let words: Vec<String> =
         found.into_iter().filter(is_tried).map(|remedy| one_remedy_words(rig, hand, remedy)).collect();
@@ -451,10 +487,55 @@ mod tests {
     #[test]
     fn where_the_loop_is_not_known_the_next_step_is_named() {
         let velocity = load_rig(builtin("paper-admittance-csv.yaml")).unwrap();
-        let masses = Masses::of(&velocity, &[]).unwrap();
-        assert!(masses.line().contains("`yieldwall run`"), "{}", masses.line());
+        let joint = |pose_rad| JointFound { inertia_kg_m2: 0.34, pose_rad, delay_s: 1e-3, viscous_n_m_s_per_rad: 0.5 };
+        let joints = [[2.2, 0.69], [2.1, 0.79]].map(joint);
+        let masses = Masses::of_identified(&velocity, &joints, None, |_| Vec::new()).unwrap();
+        assert!(masses.line().contains("`yieldwall tune fixture`"), "{}", masses.line());
         assert_eq!(masses.to_json(2.0)["note"], masses.line());
         assert!(Masses::of(&rig(&[]), &[]).unwrap().to_json(2.0)["note"].is_null());
+    }
+
+    #[test]
+    fn limits_of_stiff_drives_stand_beside_the_masses() {
+        let mut rig = load_rig(builtin("paper-admittance-csp.yaml")).unwrap();
+        let shipped = Masses::of_scene(&rig).unwrap();
+        assert!(!shipped.line().contains("torque limit"), "{}", shipped.line());
+        let of_shipped = shipped.to_json(2.0)["drives"].clone();
+        (rig.value.cycle.period_us, rig.value.cycle.compute_at_us) = (250, 150);
+        let servo = &mut rig.value.simulation.as_mut().unwrap().drive_position_loop;
+        servo.stiffness_n_m_per_rad = crate::config::Positive::new(1.35e6).unwrap();
+        servo.damping_n_m_s_per_rad = crate::config::NotNegative::new(1232.0).unwrap();
+        rig.value.fixture.coupling = Coupling::Admittance { mass_kg: crate::config::Positive::new(0.8).unwrap() };
+        let stiff = Masses::of_scene(&rig).unwrap();
+        let (text, json) = (stiff.text(2.0), stiff.to_json(2.0)["drives"].clone());
+        // 2 pi/800 000 counts of 1232 N m s/rad in 0.25 ms.
+        assert!(text.contains("one count of the target has the drives' loop ask for 38.7 N m of 60 N m"), "{text}");
+        assert!(stiff.line().contains("has the drives' loop ask for the torque limit of 60 N m"), "{}", stiff.line());
+        let force_n = |json: &Value| json["saturating_force_n"].as_f64().unwrap();
+        // The lever is the same, M T B are not.
+        let expected = force_n(&of_shipped) * (0.8 / 2.0) * (150.0 / 1232.0) * (1000.0 / 250.0);
+        assert!((force_n(&json) / expected - 1.0).abs() < 1e-9 && (30.0..60.0).contains(&force_n(&json)), "{json}");
+    }
+
+    #[test]
+    fn what_of_a_scene_the_masses_leave_out_stands_beside_them() {
+        let source = builtin("scenes/circle-tour.yaml").read().unwrap();
+        let of = |scene: &str| {
+            let names = ["paper-admittance-csp.yaml", "paper-admittance.yaml", "simulations/paper-arm.yaml"];
+            let files = names.map(|name| (name.into(), builtin(name).read().unwrap()));
+            let scene: [(std::path::PathBuf, _); 1] = [("scenes/circle-tour.yaml".into(), scene.to_owned().into())];
+            let rig = load_rig(Source::among(names[0], files.into_iter().chain(scene))).unwrap();
+            Masses::of_scene(&rig).unwrap()
+        };
+        let plain = of(&source);
+        assert!(!plain.line().contains("leave out") && plain.to_json(2.0)["unmodelled"] == json!([]));
+        let ideal = of(&source.replace("tracking: rigid", "tracking: ideal"));
+        let defective = of(&(source.to_string() + "defects: [{defect: backlash, drive: left}]\n"));
+        for (masses, part) in [(ideal, "`model.tracking: ideal`"), (defective, "`backlash`")] {
+            let text = masses.text(2.0);
+            assert!(masses.line().contains(part) && text.contains(part), "{part}: {text}");
+            assert!(masses.to_json(2.0)["unmodelled"][0].as_str().unwrap().contains(part), "{part}");
+        }
     }
 
     #[test]
@@ -498,12 +579,13 @@ mod tests {
         let help = finding.help.unwrap();
         assert!(help.contains("`mass_kg: 0.71`") && help.contains("a hand that damps 12 N s/m"), "{help}");
         let hand = hand_of(&rig.scene().unwrap().value);
-        let found = remedies(&rig.value, &hand, 2.0).unwrap();
+        let scene = rig.scene().unwrap().value;
+        let found = remedies(&rig.value, &scene, &hand, 2.0).unwrap();
         assert!(found.len() >= 4, "{found:?}");
         for remedy in found {
             let (changed, hand) = (remedy.of_rig(&rig.value), remedy.of_hand(&hand));
             let Coupling::Admittance { mass_kg } = changed.fixture.coupling else { panic!("{changed:?}") };
-            let holding = held_masses(&changed, &[hand], mass_kg.get()).unwrap().unwrap()[0];
+            let holding = held_masses(&changed, &scene, &[hand], mass_kg.get()).unwrap().unwrap()[0];
             assert!(holding.is_configured_stable, "{remedy:?}");
         }
         assert_eq!(damped_warnings(&braced("20.0")), 0);

@@ -1,12 +1,12 @@
 //! One loop at one pose and one phase of the sensor, followed from event to event.
 
 use crate::elementary;
-use nalgebra::{DMatrix, Matrix2, Matrix2x4, Matrix4x2, SMatrix, Schur, Vector2, Vector4};
+use nalgebra::{DMatrix, Matrix2, Matrix6, SMatrix, SVector, Schur, Vector2};
 
 use super::super::error::{ControlError, not_negative, positive};
 use super::super::{Gains, principal_inertias};
 use super::exponential::exponential;
-use super::{Follower, Grip, Outer, Pose, Sampling, inverse_jacobian};
+use super::{Follower, Gears, Grip, Outer, Pose, Sampling, inverse_jacobian};
 
 /// Most cycles after which sensor and cycle have to be together again.
 const MOST_CYCLES: usize = 32;
@@ -22,7 +22,8 @@ const MOMENT_S: f64 = 1e-12;
 /// How far behind an event a sample is that sees what the event did, in phases of a cycle.
 const BEHIND: f64 = 1e-6;
 
-/// Places of the state, two components each. The first three are moved on together.
+/// Places of the state, two components each. The first three are moved on together, with elastic gears position and rate of the links too,
+/// which follow on the samples.
 const POSITION: usize = 0;
 const RATE: usize = 2;
 const EFFORT: usize = 4;
@@ -40,6 +41,9 @@ const SUM: usize = 18;
 const FROM: usize = 14;
 const TO: usize = 16;
 const INTEGRAL: usize = 18;
+/// Of a servo of the drive that follows a rate: encoders of this SYNC, its set-point and its integral; the rates that is computed and that
+/// acts are at the end.
+const SETPOINT: usize = 16;
 /// Samples that were felt, the newest first.
 const SAMPLES: usize = 20;
 
@@ -72,12 +76,8 @@ pub struct HeldLoop {
     taken: f64,
     forward_mass: Matrix2<f64>,
     forward_viscous: Matrix2<f64>,
-    /// Force that is felt by position and rate, and by effort, in the coordinates of the controllers.
-    felt: Matrix2x4<f64>,
-    felt_by_effort: Matrix2<f64>,
+    body: Body,
     events: Vec<Event>,
-    /// Position and rate later, by both and by the effort in between.
-    propagators: Vec<(Matrix4, Matrix4x2<f64>)>,
     samples: usize,
     /// Efforts that are on their way.
     waiting: usize,
@@ -86,19 +86,141 @@ pub struct HeldLoop {
     size: usize,
 }
 
-type Matrix4 = nalgebra::Matrix4<f64>;
+/// How arm and hand move between two events under a held effort.
+#[derive(Clone, Debug)]
+enum Body {
+    /// Position, rate, effort.
+    Rigid(Box<Motion<6>>),
+    /// Position, rate, effort, and position and rate of the links.
+    Elastic(Box<Motion<10>>),
+}
+
+#[derive(Clone, Debug)]
+struct Motion<const N: usize> {
+    rates: SMatrix<f64, N, N>,
+    /// Force that is felt, `J^-1 F`: what the reference takes, in the coordinates of the controllers, in which the hand is the same
+    /// everywhere.
+    felt: SMatrix<f64, 2, N>,
+    /// The state after each of the lengths that there are between events.
+    after: Vec<SMatrix<f64, N, N>>,
+}
+
+impl<const N: usize> Motion<N> {
+    /// The place behind which the sensor is, with its rate next to it.
+    fn new(rates: SMatrix<f64, N, N>, grip: &Grip, handle_kg: f64, place: usize) -> Self {
+        let mut felt = rates.fixed_view::<2, N>(place + 2, 0) * -(grip.mass_kg + handle_kg);
+        for axis in 0..2 {
+            felt[(axis, place + axis)] -= grip.stiffness_n_per_m;
+            felt[(axis, place + 2 + axis)] -= grip.damping_n_s_per_m;
+        }
+        Self { rates, felt, after: Vec::new() }
+    }
+
+    fn push(&mut self, length_s: f64) {
+        self.after.push(exponential(&(self.rates * length_s)));
+    }
+}
+
+impl Body {
+    fn new(pose: &Pose, grip: &Grip, handle_kg: f64) -> Result<Self, ControlError> {
+        let not_definite = ControlError::NotPositiveDefinite { least: 0.0, asymmetry: 0.0 };
+        let weight = pose.jacobian.tr_mul(&pose.jacobian);
+        let [spring, damper, hand] =
+            [grip.stiffness_n_per_m, grip.damping_n_s_per_m, grip.mass_kg].map(|size| weight * size);
+        let Some(Gears { motor, stiffness, damping }) = pose.gears else {
+            let mobility = (pose.mass + hand).try_inverse().ok_or(not_definite)?;
+            let mut rates = Matrix6::zeros();
+            let mut put =
+                |row, column, block: Matrix2<f64>| rates.fixed_view_mut::<2, 2>(row, column).copy_from(&block);
+            put(POSITION, RATE, Matrix2::identity());
+            put(RATE, POSITION, -mobility * spring);
+            put(RATE, RATE, -mobility * (pose.viscous + damper));
+            put(RATE, EFFORT, mobility);
+            return Ok(Self::Rigid(Box::new(Motion::new(rates, grip, handle_kg, POSITION))));
+        };
+        principal_inertias(&motor)?;
+        principal_inertias(&(pose.mass - motor))?;
+        let of_motor = motor.try_inverse().ok_or(not_definite)?;
+        let of_link = (pose.mass - motor + hand).try_inverse().ok_or(not_definite)?;
+        let mut rates = SMatrix::<f64, 10, 10>::zeros();
+        let mut put = |row, column, block: Matrix2<f64>| rates.fixed_view_mut::<2, 2>(row, column).copy_from(&block);
+        let (link, link_rate) = (EFFORT + 2, EFFORT + 4);
+        put(POSITION, RATE, Matrix2::identity());
+        put(RATE, POSITION, -of_motor * stiffness);
+        put(RATE, RATE, -of_motor * (pose.viscous + damping));
+        put(RATE, EFFORT, of_motor);
+        put(RATE, link, of_motor * stiffness);
+        put(RATE, link_rate, of_motor * damping);
+        put(link, link_rate, Matrix2::identity());
+        put(link_rate, POSITION, of_link * stiffness);
+        put(link_rate, RATE, of_link * damping);
+        put(link_rate, link, -of_link * (stiffness + spring));
+        put(link_rate, link_rate, -of_link * (damping + damper));
+        Ok(Self::Elastic(Box::new(Motion::new(rates, grip, handle_kg, link))))
+    }
+
+    fn push(&mut self, length_s: f64) {
+        match self {
+            Self::Rigid(motion) => motion.push(length_s),
+            Self::Elastic(motion) => motion.push(length_s),
+        }
+    }
+
+    /// Entries of the state beside the first six.
+    fn further(&self) -> usize {
+        match self {
+            Self::Rigid(_) => 0,
+            Self::Elastic(_) => 4,
+        }
+    }
+
+    /// Moves a state on, whose further entries begin at `link`.
+    fn advance(&self, number: usize, link: usize, state: &mut [f64]) {
+        match self {
+            Self::Rigid(motion) => {
+                let after = motion.after[number] * SVector::<f64, 6>::from_column_slice(&state[..6]);
+                state[..6].copy_from_slice(after.as_slice());
+            }
+            Self::Elastic(motion) => {
+                let after = motion.after[number] * with_links(link, state);
+                state[..6].copy_from_slice(&after.as_slice()[..6]);
+                state[link..link + 4].copy_from_slice(&after.as_slice()[6..]);
+            }
+        }
+    }
+
+    fn feel(&self, link: usize, state: &[f64]) -> Vector2<f64> {
+        match self {
+            Self::Rigid(motion) => motion.felt * SVector::<f64, 6>::from_column_slice(&state[..6]),
+            Self::Elastic(motion) => motion.felt * with_links(link, state),
+        }
+    }
+}
+
+fn with_links(link: usize, state: &[f64]) -> SVector<f64, 10> {
+    SVector::from_fn(|place, _| state[if place < 6 { place } else { link + place - 6 }])
+}
 
 impl HeldLoop {
     /// The loop at `phase` of those of [`Sampling::phases`]: 0 has samples right behind SYNC, the last one samples as old as they
     /// may be.
     ///
-    /// Exact for rigid joints without dry friction and efforts without limit, but that the interval of a sensor is bent by
+    /// Exact for joints without dry friction and efforts without limit, but that the interval of a sensor is bent by
     /// up to a thousandth where it fits no small number of cycles.
     ///
     /// # Errors
     /// [`ControlError::OutOfRange`] for what is not finite or outside its range; [`ControlError::NotPositiveDefinite`] for a
     /// mass matrix or a Jacobian that is none.
     pub fn new(follower: &Follower, pose: &Pose, grip: &Grip, outer: &Outer, phase: u32) -> Result<Self, ControlError> {
+        let phases = outer.checked()?.sampling.phases;
+        Self::at(follower, pose, grip, outer, f64::from(phase % phases) / f64::from(phases - 1).max(1.0))
+    }
+
+    /// The loop at any share of the way from the first phase, 0, to the last one, 1; all the same where there is one phase.
+    ///
+    /// # Errors
+    /// As [`HeldLoop::new`].
+    pub fn at(follower: &Follower, pose: &Pose, grip: &Grip, outer: &Outer, share: f64) -> Result<Self, ControlError> {
         let gains = follower.gains().checked()?;
         positive("stiffness of the hand", grip.stiffness_n_per_m)?;
         not_negative("damping of the hand", grip.damping_n_s_per_m)?;
@@ -106,25 +228,6 @@ impl HeldLoop {
         principal_inertias(&pose.mass)?;
         let outer = outer.checked()?;
         inverse_jacobian(pose)?;
-        let weight = pose.jacobian.tr_mul(&pose.jacobian);
-        let mobility = (pose.mass + weight * grip.mass_kg)
-            .try_inverse()
-            .ok_or(ControlError::NotPositiveDefinite { least: 0.0, asymmetry: 0.0 })?;
-        // Rates of position, rate and effort.
-        let mut rates = SMatrix::<f64, 6, 6>::zeros();
-        rates.fixed_view_mut::<2, 2>(0, 2).copy_from(&Matrix2::identity());
-        rates.fixed_view_mut::<2, 2>(2, 0).copy_from(&(-mobility * weight * grip.stiffness_n_per_m));
-        let damping = pose.viscous + weight * grip.damping_n_s_per_m;
-        rates.fixed_view_mut::<2, 2>(2, 2).copy_from(&(-mobility * damping));
-        rates.fixed_view_mut::<2, 2>(2, 4).copy_from(&mobility);
-        // `J^-1 F`: what the reference takes, in the coordinates of the controllers, in which the hand is the same everywhere.
-        let beyond_kg = grip.mass_kg + outer.handle_kg;
-        let mut felt = rates.fixed_view::<2, 4>(2, 0).into_owned() * beyond_kg;
-        felt += Matrix2x4::from_fn(|row, column| match column {
-            _ if row != column % 2 => 0.0,
-            0 | 1 => grip.stiffness_n_per_m,
-            _ => grip.damping_n_s_per_m,
-        });
         let mut one = Self {
             follower: *follower,
             gains,
@@ -134,16 +237,14 @@ impl HeldLoop {
             taken: 1.0 - outer.remembered(),
             forward_mass: pose.forward_mass,
             forward_viscous: pose.forward_viscous,
-            felt: -felt,
-            felt_by_effort: -mobility * beyond_kg,
+            body: Body::new(pose, grip, outer.handle_kg)?,
             events: Vec::new(),
-            propagators: Vec::new(),
             samples: 1,
             waiting: 0,
             acts_between: false,
             size: 0,
         };
-        one.plan(outer.sampling, phase, &rates)?;
+        one.plan(outer.sampling, share)?;
         Ok(one)
     }
 
@@ -185,7 +286,7 @@ impl HeldLoop {
     }
 
     /// Puts the events of the common period in order.
-    fn plan(&mut self, sampling: Sampling, phase: u32, rates: &SMatrix<f64, 6, 6>) -> Result<(), ControlError> {
+    fn plan(&mut self, sampling: Sampling, share: f64) -> Result<(), ControlError> {
         let period_s = self.period_s;
         let (cycles, interval_s) = common_period(period_s, sampling.interval_s);
         let end_s = cycles as f64 * period_s;
@@ -193,16 +294,13 @@ impl HeldLoop {
         // has samples right behind SYNC, where what is applied shakes the hand's mass, and the one whose oldest sample has just
         // missed its cycle.
         let apart_s = interval_s / cycles as f64;
-        let last = sampling.phases - 1;
-        let phase = phase % sampling.phases;
-        let age_s = if last == 0 {
+        let age_s = if sampling.phases == 1 {
             sampling.oldest_s
-        } else if phase == last {
+        } else if share >= 1.0 {
             // One that is taken in the moment of SYNC sees what SYNC did.
             sampling.oldest_s - BEHIND * apart_s
         } else {
-            let share = f64::from(phase) / f64::from(last) + BEHIND;
-            let age_s = ((sampling.oldest_s / apart_s + BEHIND).floor() - share) * apart_s;
+            let age_s = ((sampling.oldest_s / apart_s + BEHIND).floor() - share - BEHIND) * apart_s;
             if age_s <= sampling.oldest_s - apart_s { age_s + apart_s } else { age_s }
         };
         let least_age_s = sampling.oldest_s - interval_s;
@@ -222,6 +320,10 @@ impl HeldLoop {
             (self.waiting, self.acts_between) = (delay_cycles.ceil() as usize, share > 0.0);
             acts_s = self.acts_between.then_some(share * period_s);
         }
+        if let Follower::Rate { gain_per_s, .. } = self.follower {
+            positive("rate gain", gain_per_s)?;
+            self.waiting = 2;
+        }
         let newest_at = |time_s: f64| ((time_s + age_s) / interval_s + 1e-9).floor() as i64;
         let mut events: Vec<(f64, Event)> = Vec::new();
         let mut sample = newest_at(-2.0 * MOMENT_S - 1e-9 * interval_s) + 1;
@@ -239,7 +341,7 @@ impl HeldLoop {
             events.push((compute_s, Event::Compute { behind, is_new: used != used_in(cycle - 1) }));
             // What is computed late in a cycle cannot act before.
             events.extend(acts_s.map(|since_s| ((sync_s + since_s).max(compute_s), Event::Act)));
-            if let Follower::Drive { period_s: tick_s, .. } = self.follower {
+            if let Follower::Drive { period_s: tick_s, .. } | Follower::Rate { period_s: tick_s, .. } = self.follower {
                 positive("period of the drives' loop", tick_s)?;
                 let ticks = (period_s / tick_s - 1e-9).ceil().max(1.0) as u32;
                 let left_s = period_s - f64::from(ticks - 1) * tick_s;
@@ -261,9 +363,7 @@ impl HeldLoop {
             if time_s - now_s > MOMENT_S {
                 let length_s = time_s - now_s;
                 let number = lengths_s.iter().position(|known| is_same(*known, length_s)).unwrap_or_else(|| {
-                    let over = exponential(&(rates * length_s));
-                    let free = over.fixed_view::<4, 4>(0, 0).into_owned();
-                    self.propagators.push((free, over.fixed_view::<4, 2>(0, 4).into_owned()));
+                    self.body.push(length_s);
                     lengths_s.push(length_s);
                     lengths_s.len() - 1
                 });
@@ -272,24 +372,19 @@ impl HeldLoop {
             }
             self.events.extend(event);
         }
-        self.size = SAMPLES + 2 * (self.samples + self.waiting);
+        self.size = SAMPLES + 2 * (self.samples + self.waiting) + self.body.further();
         Ok(())
     }
 
     /// Moves a state on by the common period.
     fn follow(&self, mass_kg: f64, state: &mut [f64]) {
+        let link = SAMPLES + 2 * self.samples;
         for event in &self.events {
             match *event {
-                Event::Advance(number) => {
-                    let (free, forced) = &self.propagators[number];
-                    let motion = free * Vector4::from_column_slice(&state[..4]) + forced * pair(state, EFFORT);
-                    state[..4].copy_from_slice(motion.as_slice());
-                }
+                Event::Advance(number) => self.body.advance(number, link, state),
                 Event::Feel => {
-                    let felt =
-                        self.felt * Vector4::from_column_slice(&state[..4]) + self.felt_by_effort * pair(state, EFFORT);
-                    let end = SAMPLES + 2 * self.samples;
-                    state.copy_within(SAMPLES..end - 2, SAMPLES + 2);
+                    let felt = self.body.feel(link, state);
+                    state.copy_within(SAMPLES..link - 2, SAMPLES + 2);
                     put(state, SAMPLES, felt);
                 }
                 Event::Sync => self.apply(state),
@@ -321,6 +416,10 @@ impl HeldLoop {
                 put(state, FROM, pair(state, TO));
                 put(state, TO, pair(state, LAST));
             }
+            Follower::Rate { .. } => {
+                put(state, ENCODER, pair(state, POSITION));
+                put(state, self.size - 2, pair(state, self.size - 4));
+            }
         }
     }
 
@@ -332,7 +431,14 @@ impl HeldLoop {
         put(state, EARLIEST, earlier);
         put(state, EARLIER, last);
         put(state, LAST, next);
-        let Follower::Host { .. } = self.follower else { return };
+        match self.follower {
+            Follower::Host { .. } => {}
+            Follower::Drive { .. } => return,
+            Follower::Rate { gain_per_s, .. } => {
+                let rate = (next - last) / t + (next - pair(state, ENCODER)) * gain_per_s;
+                return put(state, self.size - 4, rate);
+            }
+        }
         let Gains { stiffness, damping, integral } = self.gains;
         let error = next - pair(state, ENCODER);
         let change = error - pair(state, ERROR);
@@ -358,11 +464,18 @@ impl HeldLoop {
 
     fn tick(&self, share: f64, elapsed_s: f64, state: &mut [f64]) {
         let Gains { stiffness, damping, integral } = self.gains;
-        let way = pair(state, TO) - pair(state, FROM);
-        let error = pair(state, FROM) + way * share - pair(state, POSITION);
-        let slip = way / self.period_s - pair(state, RATE);
+        let (aim, rate) = if let Follower::Rate { .. } = self.follower {
+            let rate = pair(state, self.size - 2);
+            let aim = pair(state, SETPOINT) + rate * elapsed_s;
+            put(state, SETPOINT, aim);
+            (aim, rate)
+        } else {
+            let way = pair(state, TO) - pair(state, FROM);
+            (pair(state, FROM) + way * share, way / self.period_s)
+        };
+        let error = aim - pair(state, POSITION);
         let sum = pair(state, INTEGRAL);
-        put(state, EFFORT, error * stiffness + slip * damping + sum);
+        put(state, EFFORT, error * stiffness + (rate - pair(state, RATE)) * damping + sum);
         // Without an integral nothing is to remain of it: what stays as it is would be a pole at one.
         let kept = if integral > 0.0 { sum } else { Vector2::zeros() };
         put(state, INTEGRAL, kept + error * (integral * elapsed_s));

@@ -24,6 +24,7 @@ fn pose(inertia: f64, lever_m: f64) -> Pose {
         jacobian: Matrix2::new(-lever_m, -lever_m, -lever_m, lever_m) / 2.0_f64.sqrt(),
         forward_mass: Matrix2::zeros(),
         forward_viscous: Matrix2::zeros(),
+        gears: None,
     }
 }
 
@@ -148,6 +149,8 @@ fn the_range_is_that_of_the_worst_of_all_loops() {
     let [long, short] = [of(0.3).unwrap(), of(0.2).unwrap()];
     let alone = [&long, &short].map(|one| stable_masses(std::slice::from_ref(one)).unwrap());
     let worst = alone[0].least_kg.max(alone[1].least_kg);
+    let again = alone[0].narrowed(1, &long).unwrap();
+    assert_eq!((again.least_at, again.greatest_kg), (0, f64::INFINITY));
     for (order, worst_at) in [([long.clone(), short.clone()], 0), ([short, long], 1)] {
         let both = stable_masses(&order).unwrap();
         assert!((both.least_kg / worst - 1.0).abs() < 0.003, "{both:?} {alone:?}");

@@ -100,9 +100,10 @@ fn a_rig_that_swings_is_an_energy_limit() {
     set(&mut rig.guard.energy_limit_j, json!(0.1));
     // What the torque limit cuts off is not in the balance.
     rig.guard.residual_limit_n_m = None;
-    let least_kg = crate::analysis::held_masses(&rig, &[crate::analysis::hand_of(&scene)], 0.1).unwrap().unwrap()[0]
-        .masses
-        .map(|masses| masses.least_kg);
+    let least_kg =
+        crate::analysis::held_masses(&rig, &scene, &[crate::analysis::hand_of(&scene)], 0.1).unwrap().unwrap()[0]
+            .masses
+            .map(|masses| masses.least_kg);
     assert!(least_kg.is_some_and(|least_kg| least_kg > 0.2), "{least_kg:?}");
     set(&mut scene.duration_s, json!(6.0));
     let (report, held) = run(&rig, &scene);

@@ -127,7 +127,7 @@ pub(super) fn strike(machine: &Machine, phase: f64, has_hold: bool, traces: bool
 pub(super) fn least_kg(machine: &Machine) -> Result<(Option<f64>, Option<f64>), String> {
     let Machine { rig, scene, .. } = machine;
     let grip: Grip = hand_of(scene);
-    let held = held_masses(rig, &[grip], 1.0).map_err(|error| error.to_string())?;
+    let held = held_masses(rig, scene, &[grip], 1.0).map_err(|error| error.to_string())?;
     let printed = held.iter().flatten().find_map(|held| held.masses);
     let guess_kg = GUESS_KG_PER_MS * f64::from(rig.cycle.period_us) * 1e-3;
     let (start_kg, at_m) = printed.map_or((guess_kg, [RADIUS_M, 0.0]), |masses| (masses.least_kg, masses.least_at_m));
@@ -163,4 +163,51 @@ pub(super) fn computing_s(rig: &config::Rig, scene: &config::Scene, clock: Clock
     }
     rounds.sort_by(f64::total_cmp);
     Ok(rounds[ROUNDS / 2])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::machine::{Mode, Setting, Wire};
+    use super::*;
+
+    /// Computed by another program, event by event, at one pose. The worst one asks for more.
+    #[test]
+    fn velocity_mode_has_its_least_mass() {
+        for (wire, period_us, exact_kg) in [
+            (Wire::Can, 1000, 0.2224),
+            (Wire::Can, 2000, 0.575),
+            (Wire::Can, 5000, 1.42),
+            (Wire::Can, 10_000, 0.585),
+            (Wire::Ethercat, 250, 0.0686),
+            (Wire::Ethercat, 1000, 0.2229),
+            (Wire::Ethercat, 5000, 0.856),
+        ] {
+            let Machine { rig, scene, .. } = Setting { wire, mode: Mode::Velocity, period_us }.machine().unwrap();
+            let holdings = held_masses(&rig, &scene, &[hand_of(&scene)], 1.0).unwrap().unwrap();
+            let printed = holdings[0].masses.unwrap().least_kg;
+            assert!((1.0..1.25).contains(&(printed / exact_kg)), "{wire:?}, {period_us} us: {printed}");
+        }
+    }
+
+    /// A nudge comes to rest above the least mass by so much, and swings below it by so much.
+    fn assert_edge(mode: Mode, period_us: u32, [above, below]: [f64; 2]) {
+        let setting = Setting { wire: Wire::Ethercat, mode, period_us };
+        let Machine { rig, scene, .. } = setting.machine().unwrap();
+        let grip = hand_of(&scene);
+        let printed = held_masses(&rig, &scene, &[grip], 1.0).unwrap().unwrap()[0].masses.unwrap();
+        let mut bench = Bench::new(&rig, &scene, &grip, printed.least_at_m, PHASES);
+        assert!(bench.is_stable(above * printed.least_kg).unwrap(), "{setting:?}: {printed:?} is too light");
+        assert!(!bench.is_stable(printed.least_kg / below).unwrap(), "{setting:?}: {printed:?} is too heavy");
+    }
+
+    #[test]
+    fn runs_in_velocity_mode_swing_below_what_is_printed_and_not_above() {
+        assert_edge(Mode::Velocity, 1000, [1.02, 1.05]);
+    }
+
+    #[test]
+    fn counts_and_torque_of_stiff_drives_are_no_swing() {
+        assert_edge(Mode::StiffPosition, 250, [1.02, 1.05]);
+        assert_edge(Mode::StiffPosition, 10_000, [1.2, 1.1]);
+    }
 }

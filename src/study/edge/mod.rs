@@ -79,7 +79,7 @@ const AGREES: &str = "agrees";
 
 /// Compares the two for one rig, at `phases` of its sensor's clock.
 fn judge(rig: &config::Rig, scene: &config::Scene, grip: &Grip, phases: u32) -> Result<Judged, String> {
-    let holding = held_masses(rig, &[*grip], 1.0).map_err(|error| error.to_string())?;
+    let holding = held_masses(rig, scene, &[*grip], 1.0).map_err(|error| error.to_string())?;
     let holding = holding.and_then(|holdings| holdings.first().copied()).ok_or("the loop is not known")?;
     let bench = |tool_m| Bench::new(rig, scene, grip, tool_m, phases);
     let Some(printed) = holding.masses else {
@@ -298,14 +298,17 @@ mod tests {
     fn a_request_may_come_as_early_as_its_shortest_frames_let_it() {
         // With the longest ones alone 1.31 kg were printed, and it swings up to 1.68 kg: which samples are missed jumps between.
         let Drawn { rig, scene, grip } = Drawn::of(1).unwrap();
-        let printed = held_masses(&rig, &[grip], 1.0).unwrap().unwrap()[0].masses.unwrap();
+        let printed = held_masses(&rig, &scene, &[grip], 1.0).unwrap().unwrap()[0].masses.unwrap();
         let mut bench = Bench::new(&rig, &scene, &grip, printed.least_at_m, PHASES);
         assert!(bench.is_stable(TOO_LIGHT * printed.least_kg).unwrap(), "{printed:?} is too light");
         assert!(!bench.is_stable(printed.least_kg / TOO_HEAVY).unwrap(), "{printed:?} is too heavy");
     }
 
+    /// Masses of the handle and least masses, kg.
+    type MassesByHandle = &'static [(f64, f64)];
+
     /// Paper's rigs with a heavier handle, and with a low pass or in position mode.
-    const HANDLES: [(&str, Option<f64>, &[(f64, f64)]); 3] = [
+    const HANDLES: [(&str, Option<f64>, MassesByHandle); 3] = [
         ("paper-admittance.yaml", None, &[(0.0, 0.585), (0.1, 0.748), (0.2, 0.915), (0.3, 1.083), (0.45, 1.336)]),
         ("paper-admittance.yaml", Some(40.0), &[(0.0, 0.232), (0.3, 0.434), (0.45, 0.533)]),
         ("paper-admittance-csp.yaml", None, &[(0.0, 0.180), (0.3, 0.495), (0.45, 0.652)]),
@@ -325,8 +328,8 @@ mod tests {
     fn a_heavy_handle_asks_for_more_mass() {
         for (name, low_pass_hz, known) in HANDLES {
             for &(handle_kg, exact_kg) in known {
-                let (rig, _, grip) = with_handle(name, low_pass_hz, handle_kg);
-                let printed = held_masses(&rig, &[grip], 1.0).unwrap().unwrap()[0].masses.unwrap().least_kg;
+                let (rig, scene, grip) = with_handle(name, low_pass_hz, handle_kg);
+                let printed = held_masses(&rig, &scene, &[grip], 1.0).unwrap().unwrap()[0].masses.unwrap().least_kg;
                 let ratio = printed / exact_kg;
                 assert!((0.99..1.01).contains(&ratio), "{name}, {low_pass_hz:?}, {handle_kg} kg: {printed}");
             }
@@ -338,9 +341,52 @@ mod tests {
         for (name, low_pass_hz, _) in HANDLES {
             let (rig, scene, grip) = with_handle(name, low_pass_hz, 0.3);
             let rig = on_ideal_buses(&rig);
-            let printed = held_masses(&rig, &[grip], 1.0).unwrap().unwrap()[0].masses.unwrap();
+            let printed = held_masses(&rig, &scene, &[grip], 1.0).unwrap().unwrap()[0].masses.unwrap();
             let mut bench = Bench::new(&rig, &scene, &grip, printed.least_at_m, PHASES);
             assert!(bench.is_stable(TOO_LIGHT * printed.least_kg).unwrap(), "{name}: {printed:?} is too light");
+            assert!(!bench.is_stable(printed.least_kg / 1.05).unwrap(), "{name}: {printed:?} is too heavy");
+        }
+    }
+
+    /// Runs with a hand of 400 N/m and without dry friction: a mass that swings or was stopped, and one that came to rest.
+    const GEARS: [(&str, f64, [f64; 2]); 6] = [
+        ("paper-admittance.yaml", 20_000.0, [2.0, 3.0]),
+        ("paper-admittance.yaml", 8000.0, [0.62, 1.0]),
+        ("paper-admittance.yaml", 3000.0, [0.0, 0.62]),
+        ("paper-admittance-csp.yaml", 20_000.0, [0.55, 0.8]),
+        ("paper-admittance-csp.yaml", 8000.0, [0.2, 0.4]),
+        ("paper-admittance-csp.yaml", 3000.0, [0.0, 0.2]),
+    ];
+
+    /// The rig, its scene with gears of this stiffness, and its hand.
+    fn with_gears(name: &str, stiffness_n_m_per_rad: f64) -> (config::Rig, config::Scene, Grip) {
+        let (rig, mut scene) = shipped(name).unwrap();
+        scene.model.as_mut().unwrap().joint_elasticity = Some(config::JointElasticity {
+            stiffness_n_m_per_rad: crate::study::drawn::positive(stiffness_n_m_per_rad),
+            damping_n_m_s_per_rad: crate::study::drawn::not_negative(10.0),
+            motor_share: crate::study::drawn::positive(0.9),
+        });
+        let grip = crate::analysis::hand_of(&scene);
+        (rig, scene, grip)
+    }
+
+    #[test]
+    fn elastic_gears_of_the_scene_count() {
+        for (name, stiffness, [swings_kg, rests_kg]) in GEARS {
+            let (rig, scene, grip) = with_gears(name, stiffness);
+            let printed = held_masses(&rig, &scene, &[grip], 1.0).unwrap().unwrap()[0].masses.unwrap().least_kg;
+            assert!(printed > swings_kg && printed < rests_kg, "{name}, {stiffness} N m/rad: {printed}");
+        }
+    }
+
+    #[test]
+    fn runs_with_elastic_gears_swing_below_what_is_printed_and_not_above() {
+        for (name, stiffness, _) in GEARS {
+            let (rig, scene, grip) = with_gears(name, stiffness);
+            let rig = on_ideal_buses(&rig);
+            let printed = held_masses(&rig, &scene, &[grip], 1.0).unwrap().unwrap()[0].masses.unwrap();
+            let mut bench = Bench::new(&rig, &scene, &grip, printed.least_at_m, PHASES);
+            assert!(bench.is_stable(1.03 * printed.least_kg).unwrap(), "{name}: {printed:?} is too light");
             assert!(!bench.is_stable(printed.least_kg / 1.05).unwrap(), "{name}: {printed:?} is too heavy");
         }
     }
@@ -350,7 +396,7 @@ mod tests {
         for number in crate::sample::share(0..8, 3) {
             let Drawn { rig, scene, grip } = Drawn::of(number).unwrap();
             let rig = on_ideal_buses(&rig);
-            let printed = held_masses(&rig, &[grip], 1.0).unwrap().unwrap()[0].masses.unwrap();
+            let printed = held_masses(&rig, &scene, &[grip], 1.0).unwrap().unwrap()[0].masses.unwrap();
             let mut bench = Bench::new(&rig, &scene, &grip, printed.least_at_m, PHASES);
             assert!(bench.is_stable(TOO_LIGHT * printed.least_kg).unwrap(), "{number}: {printed:?} is too light");
             assert!(!bench.is_stable(printed.least_kg / TOO_HEAVY).unwrap(), "{number}: {printed:?} is too heavy");

@@ -28,6 +28,10 @@ const LEVER_M: f64 = 0.3;
 /// Counts of torque in the rated one, and how many of them a loop near its edge makes of one.
 const COUNTS: f64 = 1000.0;
 const COUNTS_FELT: f64 = 4.0;
+/// A nudge changes the speed of the tool in a cycle by at least so many times of what counts of the drives do.
+const OVER_COUNTS: f64 = 20.0;
+/// Torque that drives with a loop of their own have, in torques that the nudge asks them for.
+const TORQUE_RESERVE: f64 = 4.0;
 /// By how much weaker the hand nudges again if the guard took the nudge for chatter, and how often.
 const WEAKER: f64 = 0.3;
 const NUDGES: i32 = 3;
@@ -50,7 +54,9 @@ const GROWN: f64 = 4.0;
 const RANGE_RESERVE: f64 = 6.0;
 /// A rig that stops above so many times that force was swinging.
 const SWINGING: f64 = 3.0;
-/// Greatest torque, N m. In torque mode it is less, since more than a nudge needs makes the counts on the bus coarse; with slow cycles
+/// Counts of a turn of a joint.
+const DRIVE_COUNTS: f64 = 2e9;
+/// Least of the greatest torques, N m. In torque mode it is less, since more than a nudge needs makes the counts on the bus coarse; with slow cycles
 /// servos are softer. It is the rated torque too: the simulated drives cut what is above (60E0h, 60E1h).
 const TORQUE_N_M: f64 = 20.0;
 const MOST_TORQUE_N_M: f64 = 2.0;
@@ -94,21 +100,17 @@ impl Bench {
     /// How fast a count of the force, or one of the torque that the bus carries, has proxy and tool at the end of a cycle, m/s: a
     /// motion below is no swing.
     fn floor_m_per_s(&self, mass_kg: f64, force_count_n: f64) -> f64 {
-        let count_n_m = match self.rig.rig.command_mode {
-            config::CommandMode::Torque => self.rig.guard.torque_limit_n_m.get() / COUNTS,
-            _ => 0.0,
-        };
-        COUNTS_FELT * (count_n_m / LEVER_M / ARM_KG).max(force_count_n / mass_kg) * self.period_s()
+        count_m_per_s2(&self.rig).max(COUNTS_FELT * force_count_n / mass_kg) * self.period_s()
     }
 
     fn period_s(&self) -> f64 {
-        f64::from(self.rig.cycle.period_us) * 1e-6
+        period_s(&self.rig)
     }
 
     /// The rig at a phase of the sensor's clock: 0 samples right behind SYNC.
     fn trial(&self, mass_kg: f64, phase: u32, share: f64) -> Result<Trial, String> {
         let Grip { stiffness_n_per_m, damping_n_s_per_m, .. } = self.grip;
-        let nudge_n = share * (NUDGE_M_PER_S2 * mass_kg).min(NUDGE_N);
+        let nudge_n = share * (nudge_m_per_s2(&self.rig) * mass_kg).min(NUDGE_N);
         // So long that spring and damper share the force.
         let nudge_s = (PEAK * damping_n_s_per_m / stiffness_n_per_m).max(NUDGE_CYCLES * self.period_s());
         let nudge_m = nudge_n / (stiffness_n_per_m + damping_n_s_per_m * PEAK / nudge_s);
@@ -307,8 +309,32 @@ fn size([x, y, _]: [f64; 3]) -> f64 {
     elementary::hypot(x, y)
 }
 
+fn period_s(rig: &config::Rig) -> f64 {
+    f64::from(rig.cycle.period_us) * 1e-6
+}
+
+/// Acceleration in m/s^2 of the tool that counts bring: of the torque on the bus, or of target and angle in drives with a position loop.
+fn count_m_per_s2(rig: &config::Rig) -> f64 {
+    let count_n_m = match (rig.rig.command_mode, &rig.simulation) {
+        (config::CommandMode::Torque, _) => rig.guard.torque_limit_n_m.get() / COUNTS,
+        (config::CommandMode::Position, Some(simulation)) => {
+            let servo = &simulation.drive_position_loop;
+            let damping = servo.damping_n_m_s_per_rad.get() / period_s(rig);
+            TAU / DRIVE_COUNTS * (servo.stiffness_n_m_per_rad.get() + damping)
+        }
+        _ => 0.0,
+    };
+    COUNTS_FELT * count_n_m / LEVER_M / ARM_KG
+}
+
+/// Acceleration in m/s^2 of the virtual mass to which a nudge is limited.
+fn nudge_m_per_s2(rig: &config::Rig) -> f64 {
+    NUDGE_M_PER_S2.max(OVER_COUNTS * count_m_per_s2(rig))
+}
+
 fn frictionless(rig: &config::Rig) -> config::Rig {
     let mut rig = rig.clone();
+    rig.drives.iter_mut().for_each(|drive| drive.encoder_counts_per_rev = DRIVE_COUNTS as u32);
     rig.simulation.iter_mut().for_each(|simulation| simulation.arm.coulomb_n_m = [not_negative(0.0); 2]);
     rig.control.feed_forward.coulomb_n_m = [not_negative(0.0); 2];
     let fixture = &mut rig.fixture;
@@ -320,7 +346,12 @@ fn frictionless(rig: &config::Rig) -> config::Rig {
     fixture.law = Some(config::FixtureLaw::Free {});
     let torque_n_m = match rig.rig.command_mode {
         config::CommandMode::Torque => (TORQUE_N_M / (f64::from(rig.cycle.period_us) * 1e-3)).min(MOST_TORQUE_N_M),
-        _ => TORQUE_N_M,
+        // The rate of the target changes by that much in a cycle.
+        _ => {
+            let damping =
+                rig.simulation.as_ref().map_or(0.0, |one| one.drive_position_loop.damping_n_m_s_per_rad.get());
+            TORQUE_N_M.max(TORQUE_RESERVE * damping * nudge_m_per_s2(&rig) * period_s(&rig) / LEVER_M)
+        }
     };
     let guard = &mut rig.guard;
     guard.torque_limit_n_m = positive(torque_n_m);
@@ -332,7 +363,6 @@ fn frictionless(rig: &config::Rig) -> config::Rig {
     guard.energy_limit_j = positive(1e3);
     for drive in &mut rig.drives {
         drive.rated_torque_n_m = positive(torque_n_m);
-        drive.encoder_counts_per_rev = 2_000_000_000;
     }
     rig
 }
@@ -343,7 +373,6 @@ fn nudge(scene: &config::Scene, grip: &Grip, tool_m: [f64; 2], nudge_m: f64, nud
         model.tracking = config::Tracking::Rigid;
         model.encoder = config::EncoderModel::Exact;
         model.force_sensor = config::ForceSensorModel::Quantised;
-        model.joint_elasticity = None;
     }
     scene.faults.clear();
     let [x, y] = tool_m;

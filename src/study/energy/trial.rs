@@ -83,7 +83,7 @@ fn without_friction(rig: &config::Rig) -> Result<config::Rig, String> {
 
 /// Least virtual mass in kg of the rig with the hand of the scene; `None` if none is stable.
 fn least_kg(rig: &config::Rig, scene: &config::Scene) -> Result<Option<f64>, String> {
-    let found = held_masses(rig, &[hand_of(scene)], 1.0).map_err(|error| error.to_string())?;
+    let found = held_masses(rig, scene, &[hand_of(scene)], 1.0).map_err(|error| error.to_string())?;
     Ok(found.iter().flatten().filter_map(|held| held.masses).map(|masses| masses.least_kg).next())
 }
 

@@ -212,6 +212,7 @@ impl Setting {
             jacobian: dynamics.jacobian,
             forward_mass: Matrix2::zeros(),
             forward_viscous: Matrix2::zeros(),
+            gears: None,
         })
     }
 
