@@ -113,8 +113,8 @@ const DEFECTS: [Defect; 18] = [
     defect(
         "on EtherCAT a late reply is used",
         "src/ethercat/frame.rs",
-        "(it.command, it.index, it.len, it.has_more)",
-        "(it.command, 0, it.len, it.has_more)",
+        "(command, index, address, len, has_more, data)",
+        "(command, 0, address, len, has_more, data)",
     ),
     defect(
         "a set-point loses its sign",
