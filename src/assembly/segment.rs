@@ -80,7 +80,7 @@ pub(super) fn segment_of(rig: &config::Rig, homing: [Option<HomingOrder>; 2]) ->
     })
 }
 
-/// What a force sensor on a segment has to say that it is.
+/// The identity that a force sensor on a segment has to report.
 pub fn segment_sensor() -> Identity {
     Identity { device_type: 0, vendor_id: 0x0000_0732, product_codes: vec![0x2648_3052], revisions: Revisions::Any }
 }

@@ -319,7 +319,7 @@ impl EthercatNetwork {
         self.compare_clock(now, out);
     }
 
-    /// Where somebody else has written to the devices: writes their addresses and watchdogs back at once, and asks those that are not there yet for
+    /// Defends the devices after somebody else has written to them: writes their addresses and watchdogs back at once, and asks those that are not there yet for
     /// SAFE-OP while the drives are being stopped. Whether anything was sent.
     fn defend(&mut self, now: Time, out: &mut impl EthernetOutbox) -> bool {
         // Not in each cycle: somebody who never ends would keep the mailboxes from being asked.

@@ -76,7 +76,7 @@ impl<const N: usize> Remembered<N> {
 pub(super) enum Taken {
     /// The one that was sent for this.
     Reply(Purpose),
-    /// One that nobody waits for any more, with the own source.
+    /// A frame with the own source that nobody waits for any more.
     Late,
     /// An own one that has come before.
     Again,
@@ -123,7 +123,7 @@ impl Flight {
         Flight { source, rows: [row(), row(), row()], given_up, returned, number: 0, counts }
     }
 
-    /// Has frames bear another source from now on.
+    /// Sets the source address of the next frames.
     pub(super) fn set_source(&mut self, source: [u8; 6]) {
         self.source = source;
     }

@@ -14,10 +14,10 @@ use super::served::Served;
 
 /// Cycles within which a forged frame is named, and a watchdog is written back.
 const NAMED: u64 = 2;
-/// How long a program may go on before it has to have ended.
+/// A program has to end within this time.
 const ENDED: Duration = Duration::from_secs(3);
 
-/// What a forged frame does.
+/// Effects of forged frames, one a kind.
 const KINDS: [&str; 12] = [
     "outputs of a cycle before",
     "a shutdown",
@@ -33,7 +33,7 @@ const KINDS: [&str; 12] = [
     "the offset of a clock",
 ];
 
-/// One frame of a kind as the master could have sent it.
+/// Builds a frame of a kind as the master could have sent it.
 fn forged(kind: usize, outputs: &[u8], drive: u16, index: u8) -> Vec<u8> {
     let mut source: [u8; 6] = outputs[6..12].try_into().expect("six bytes");
     source[0] &= !PROCESSED;
