@@ -430,6 +430,21 @@ impl Master {
         self.segment.iter_mut().for_each(|segment| segment.open(&mut self.outgoing));
     }
 
+    /// Time before the next grid point at which [`Master::repeat_outputs`] is due; `None` where nothing is to be repeated, as on CAN.
+    ///
+    /// Real-time: yes.
+    pub fn repeats_before(&self) -> Option<Duration> {
+        self.segment.as_ref()?.repeats_before()
+    }
+
+    /// Sends the outputs of this cycle once more to the devices of a segment that act at SYNC0, so that those which somebody else has sent since do
+    /// not act.
+    ///
+    /// Real-time: yes.
+    pub fn repeat_outputs(&mut self) {
+        self.segment.iter_mut().for_each(|segment| segment.repeat(&mut self.outgoing));
+    }
+
     /// Whether all that answers SYNC has arrived since [`Master::on_sync`]: the process data of all nodes, the sample of a
     /// sensor that was asked for one, and that of one which streams if its rate has it come by `now`.
     ///

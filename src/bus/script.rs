@@ -34,12 +34,19 @@ pub(super) enum Action {
     Resolution { part: usize },
     /// The object has to come to this value within the time that an answer may take.
     Await { value: u32 },
+    /// Time in ns that the device takes to copy its outputs before SYNC0; a device may lack it.
+    CopyTime,
 }
 
 impl Action {
     /// Whether the object gets a value.
     pub(super) fn writes(self) -> bool {
         matches!(self, Action::Write { .. } | Action::WriteAndVerify { .. } | Action::LimitSpeed { .. })
+    }
+
+    /// Whether the object is looked at in SAFE-OP.
+    pub(super) fn is_late(self) -> bool {
+        matches!(self, Action::Await { .. } | Action::CopyTime)
     }
 }
 
@@ -94,6 +101,8 @@ pub(super) struct Script {
     verifying: bool,
     /// Increments and revolutions of the encoder, as the drive tells them.
     resolution: [u32; 2],
+    /// Time that it takes to copy its outputs, as it tells it, in ns.
+    copy_ns: u32,
     /// When the object is read again that has not come to its value yet, and when it is given up.
     pub(super) again_at: Time,
     given_up_at: Time,
@@ -127,6 +136,7 @@ impl Script {
             next: 0,
             verifying: false,
             resolution: [0; 2],
+            copy_ns: 0,
             again_at: Time::NEVER,
             given_up_at: Time::NEVER,
         }
@@ -134,7 +144,7 @@ impl Script {
 
     /// Begins anew.
     pub(super) fn restart(&mut self) {
-        (self.next, self.verifying) = (0, false);
+        (self.next, self.verifying, self.copy_ns) = (0, false, 0);
         (self.again_at, self.given_up_at) = (Time::NEVER, Time::NEVER);
     }
 
@@ -150,7 +160,14 @@ impl Script {
 
     /// Whether what comes next is to be seen once the device exchanges process data: some show their mode only then.
     pub(super) fn is_late(&self) -> bool {
-        self.steps.get(self.next).is_some_and(|step| matches!(step.action, Action::Await { .. }))
+        self.steps.get(self.next).is_some_and(|step| step.action.is_late())
+    }
+
+    /// Time that the device takes to copy its outputs before SYNC0; 0 for one that does not tell it.
+    ///
+    /// Real-time: yes.
+    pub(super) fn copy_time(&self) -> Duration {
+        Duration::from_nanos(self.copy_ns.into())
     }
 
     pub(super) fn is_done(&self) -> bool {
@@ -186,6 +203,7 @@ impl Script {
         let Step { index, sub, .. } = step;
         let is_write = matches!(step.action, Action::Write { .. } | Action::WriteAndVerify { .. }) && !self.verifying;
         match answer {
+            Err(ObjectError::Aborted(_)) if step.action == Action::CopyTime => {}
             Err(ObjectError::Aborted(code)) => return Err(BootFailure::Refused { index, sub, code }),
             Err(_) => return Err(BootFailure::NoAnswer { index, sub }),
             Ok(_) if is_write => self.verifying = matches!(step.action, Action::WriteAndVerify { .. }),
@@ -203,6 +221,9 @@ impl Script {
                     && let Some(known) = self.resolution.get_mut(part)
                 {
                     *known = received;
+                }
+                if step.action == Action::CopyTime {
+                    self.copy_ns = received;
                 }
                 self.verifying = false;
             }

@@ -14,8 +14,8 @@ use super::interfaces::Interfaces;
 use super::interrupt::{interrupted, on_interrupt};
 use super::keep::{Keep, Watched, described};
 use super::on_bus::{
-    different, live_failure, only_for_can, open_failure, point_to_doctor, thread_failure, told_at_boot, warn, warn_of,
-    with_findings, with_told,
+    after_standstill, different, live_failure, not_in_time, only_for_can, open_failure, point_to_doctor, stood,
+    thread_failure, told_at_boot, warn, warn_of, with_findings, with_told,
 };
 use super::output::Output;
 use super::pace::PaceArgument;
@@ -208,6 +208,7 @@ pub(super) fn not_run<T>(
     match error {
         NotRun::Run(error) => {
             let failure = point_to_doctor(live_failure(error), error, rig, file, interfaces);
+            let failure = after_standstill(failure, outcome.standstill.map(stood));
             let told = match error {
                 RunError::Boot(error) => told_at_boot(error, &outcome.emergencies, rig),
                 _ => outcome.emergencies.clone(),
@@ -234,6 +235,8 @@ pub(super) fn ended<T>(
         Ended::Interrupted => interrupted(time_s),
         Ended::Stopped => {
             let stopped = with_findings(stopped_by(cause, time_s, rig), &outcome.segment);
+            let late = cause.and_then(|cause| not_in_time(cause.fault, outcome.standstill, rig));
+            let stopped = after_standstill(stopped, late);
             with_told(stopped, &outcome.emergencies, &outcome.errors, rig)
         }
         Ended::StillMoving => Failure::new(

@@ -1,6 +1,7 @@
 //! What the commands that use an interface have in common: what they tell, and what they refuse.
 
 mod emergencies;
+mod standstill;
 
 use super::ending::{self, exit_of, rig_failure};
 use super::failure::{Exit, Failure};
@@ -16,6 +17,7 @@ pub(super) use emergencies::{
     different, document, drive_error_json, drive_error_text, text, told_at_boot, with_findings, with_told,
     words_of_code, words_of_fault,
 };
+pub(super) use standstill::{after_standstill, not_in_time, said_first, stood};
 
 /// The failure that an interface is which cannot be used.
 pub(super) fn link_failure(error: &LinkError) -> Failure {

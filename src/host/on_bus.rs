@@ -23,7 +23,7 @@ use crate::config;
 use crate::guard::Fault;
 use crate::link::{InterfaceFacts, Interfaces, Role, SocketCan};
 use crate::quantity::{JointAngles, TipPoint};
-use crate::record::CycleRecord;
+use crate::record::{CycleRecord, Standstill};
 use crate::run::commission::{Begin, Commissioned, StepReport};
 use crate::run::{
     Bounds, Drilled, DriveError, DriveIdentity, ErrorWatch, Finding, HomePlan, Homed, Jog, Jogged, LinkCounts,
@@ -165,6 +165,8 @@ pub struct Outcome<T = Played> {
     pub foreign_downloads: u32,
     /// What was wrong with the devices of an EtherCAT segment, a line each.
     pub segment: Vec<String>,
+    /// How long this computer stood still in the seconds before the fault, or before the end of what did not run, if it did.
+    pub standstill: Option<Standstill>,
 }
 
 /// What a drill leaves. [`Subject::store`](crate::run::Subject::store) keeps it for the runs with these drives.
@@ -456,6 +458,7 @@ impl RigOnBus {
                 }
             };
             let master = runner.master();
+            let standstill = if played.is_ok() { runner.standstill_before_fault() } else { runner.standstill() };
             Outcome {
                 played,
                 timing,
@@ -467,6 +470,7 @@ impl RigOnBus {
                 counted: master.cycle().faults().counted().collect(),
                 foreign_downloads: master.foreign_downloads(),
                 segment: master.segment_findings(),
+                standstill,
             }
         })
     }

@@ -1,5 +1,7 @@
 //! All that is known of one control cycle.
 
+use std::time::Duration;
+
 use super::Row;
 use crate::cycle::{Inputs, Outputs, Signals};
 use crate::guard::{Cause, Directive, Fault, JointCommand, State};
@@ -19,6 +21,17 @@ pub struct Moment {
     pub scene_time_s: f64,
     /// When its stages were over.
     pub stages: Stages,
+    /// The last standstill of the computer, if it was not long ago. Not recorded.
+    pub standstill: Option<Standstill>,
+}
+
+/// A time in which the loop was due and the computer did not let it run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Standstill {
+    /// How long it lasted.
+    pub lasted: Duration,
+    /// How long it has been over.
+    pub ago: Duration,
 }
 
 /// When the stages of a cycle were over, beside those that the cycle itself has to know

@@ -18,6 +18,6 @@ pub mod recording;
 /// Time before and after a fault that a black box keeps, in s.
 pub const AROUND_FAULT_S: f64 = 2.0;
 
-pub use cycle::{CycleRecord, Moment, Stages, Truth, fault_severity};
+pub use cycle::{CycleRecord, Moment, Stages, Standstill, Truth, fault_severity};
 pub use device::DeviceRecord;
 pub use trace::{FaultMark, ForceMeaning, ON_SURFACE_M, Phase, Reference, Row, Trace};

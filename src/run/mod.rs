@@ -30,6 +30,7 @@ mod runner;
 mod scene;
 mod sensor;
 mod simulation;
+mod standstill;
 mod torque_meter;
 mod tune_loop;
 

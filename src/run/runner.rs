@@ -20,6 +20,7 @@ use super::pace::Pace;
 use super::permit::{Boot, Permit};
 use super::place::{OnLink, Place, Process};
 use super::sensor::Tared;
+use super::standstill::{LEAST, StandstillWatch};
 use crate::assembly::{homing_master, master, request_timeouts};
 use crate::bus::{LinkEvent, Master, Waiting};
 use crate::canopen::BusId;
@@ -29,7 +30,7 @@ use crate::ethercat::frame::LONGEST;
 use crate::guard::{Cause, DeviceSet, State};
 use crate::link::{LinkOutbox, Packet, SendError, Wires};
 use crate::quantity::JointAngles;
-use crate::record::{CycleRecord, Stages};
+use crate::record::{CycleRecord, Stages, Standstill};
 use crate::sensing::{SensingError, TareParameters, Wrench};
 use crate::time::Time;
 pub use alone::ANNOUNCED;
@@ -95,6 +96,10 @@ pub struct Runner<P> {
     looked_at: Time,
     /// What has come before is from a time in which the process was stopped.
     back_since: Time,
+    standstill: StandstillWatch,
+    /// The fault of the last cycle, and the standstill before it.
+    cause: Option<Cause>,
+    stood: Option<Standstill>,
     counts: LinkCounts,
     /// A frame of the segment that has come.
     buffer: Box<[u8; LONGEST]>,
@@ -178,6 +183,9 @@ impl<P: Place> Runner<P> {
             absent: DeviceSet::NONE,
             looked_at: started,
             back_since: Time(0),
+            standstill: StandstillWatch::new(started),
+            cause: None,
+            stood: None,
             counts: LinkCounts::default(),
             buffer: Box::new([0; LONGEST]),
             tap: None,
@@ -325,6 +333,17 @@ impl<P: Place> Runner<P> {
     /// Real-time: yes.
     pub(super) fn lead_to(&mut self, targets: JointAngles) {
         self.master.lead_to(targets);
+    }
+
+    /// The longest time in the seconds before the last fault in which the loop was due and the computer did not let it run: at least a cycle
+    /// by the wall clock, a tenth of a second in lockstep; nothing without one.
+    pub fn standstill_before_fault(&self) -> Option<Standstill> {
+        self.stood
+    }
+
+    /// The longest such time of the last seconds, of those that explain why a device did not answer: at least a tenth of a second.
+    pub fn standstill(&self) -> Option<Standstill> {
+        self.standstill.last(self.place.now(), LEAST)
     }
 
     /// What the link has told.

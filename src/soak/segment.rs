@@ -54,6 +54,8 @@ pub struct OnCableAt {
 pub(super) struct Segment {
     inputs: Vec<u8>,
     outputs: Vec<u8>,
+    /// Whether outputs have left in this cycle: the drives are told them once more before SYNC0.
+    has_outputs: bool,
 }
 
 /// A datagram: header, data, working counter.
@@ -121,13 +123,21 @@ impl Segment {
         let is_sent = bytes.get(SOURCE)? & PROCESSED == 0;
         match (is_sent, has(LOGICAL_READ), has(LOGICAL_WRITE)) {
             (true, true, _) => {
-                self.inputs = bytes.to_vec();
+                (self.inputs, self.has_outputs) = (bytes.to_vec(), false);
                 Some(OnCable::Open)
             }
             (true, _, true) => {
+                let told = |all: &[Datagram<'_>]| {
+                    of_drives(all, LOGICAL_WRITE, |datagram| Setpoint::of(datagram.data)).map(Option::flatten)
+                };
+                let before = datagrams(&self.outputs).map(|before| told(&before));
+                if self.has_outputs && before == Some(told(&all)) {
+                    return None;
+                }
+                self.has_outputs = true;
+                let told = told(&all);
                 self.outputs = bytes.to_vec();
-                let told = of_drives(&all, LOGICAL_WRITE, |datagram| Setpoint::of(datagram.data));
-                Some(OnCable::Outputs(told.map(Option::flatten)))
+                Some(OnCable::Outputs(told))
             }
             (false, true, _) if is_back(&self.inputs, &all) => {
                 let told = |datagram: &Datagram<'_>| Status::of(datagram.data).filter(|_| datagram.is_answered());
@@ -191,5 +201,11 @@ mod tests {
         assert_eq!(segment.see(&outputs(0, [0, 0])), Some(OnCable::Outputs(told)));
         assert_eq!(segment.see(&outputs(PROCESSED, [1, 0])), Some(OnCable::Taken([true, false])));
         assert_eq!(segment.see(&outputs(PROCESSED, [1, 0])[..30]), None, "cut");
+        let again = |index| frame(0, &[(11, index, &[0x0f, 0, 0x18, 0xfc], 0), (11, index, &[0x06, 0, 0, 0], 0)]);
+        assert_eq!(segment.see(&again(10)), None, "once more in the same cycle");
+        let other = frame(0, &[(11, 10, &[0x0f, 0, 0x18, 0xfd], 0), (11, 10, &[0x06, 0, 0, 0], 0)]);
+        assert!(matches!(segment.see(&other), Some(OnCable::Outputs(_))), "others in the same cycle");
+        segment.see(&inputs(8, &[0; 6], [0; 2]));
+        assert_eq!(segment.see(&again(11)), Some(OnCable::Outputs(told)), "in the next cycle");
     }
 }

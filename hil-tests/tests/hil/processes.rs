@@ -230,6 +230,8 @@ fn a_master_that_is_stopped_and_goes_on_finds_its_drives_stopped_and_latches() {
     let (code, document) = master.document();
     assert!([SAFETY_STOP, 6].contains(&code), "{document:#}");
     assert_ne!(document["state"], "Running");
+    let message = document["diagnostics"][0]["message"].as_str().expect("it has one");
+    assert!(message.starts_with("this computer stood still for "), "{message}");
     let words: Vec<u8> = set_points(&observer.rest()).collect();
     // What was computed before it was stopped may still come; after that nothing moves.
     assert!(words.iter().skip(2).all(|word| *word != 0x0f), "{words:?}");

@@ -191,6 +191,8 @@ fn a_master_that_was_stopped_sends_no_target_when_it_goes_on() {
         let record = rig.run_cycle(Ask::Nothing).unwrap();
         assert!(record.inputs.timing.skipped >= 199, "{:?}", record.inputs.timing);
         assert!(rig.state().is_latched(), "in the first cycle");
+        let stood = record.moment.standstill.expect("the computer did not run it");
+        assert!((198..=200).contains(&stood.lasted.as_millis()), "{stood:?}");
         let state = rig.state();
         assert_at_rest(&cable, &mut rig, state);
     }
@@ -250,6 +252,7 @@ fn a_drive_that_dies_stops_the_other_in_the_same_cycle() {
         // Missed process data: after two cycles the reference comes to rest, after five the drives quick-stop.
         assert_eq!(until_latched(&mut rig, 10), Some(5), "{pace:?}");
         assert_eq!((rig.state(), fault(&rig)), (State::Stopped, Some(Fault::PdoMissed)));
+        assert_eq!(rig.standstill_before_fault(), None, "the computer has nothing to do with it");
         assert_at_rest(&cable, &mut rig, State::Stopped);
     }
 }
@@ -534,6 +537,8 @@ fn what_came_while_a_master_in_lockstep_was_stopped_is_of_one_device_each() {
         assert_eq!(record.inputs.link.duplicate_node, DeviceSet::NONE, "cycle {cycle}");
     }
     assert!(rig.state().is_latched());
+    let stood = rig.standstill_before_fault().expect("it is why the drives have stopped");
+    assert_eq!(stood.lasted.as_secs(), 5, "{stood:?}");
 }
 
 #[test]

@@ -111,7 +111,7 @@ impl NodePlan {
                     _ => None,
                 },
                 // It comes to its value when the mode was written.
-                Action::Await { .. } => continue,
+                Action::Await { .. } | Action::CopyTime => continue,
                 Action::Expect { .. } | Action::Product | Action::Revision | Action::Resolution { .. } => {
                     let Some(held) = read(at).map(|bytes| little_endian(&bytes)) else { continue };
                     let checked = check(step, held, &self.identity);

@@ -5,6 +5,7 @@
 //! compute_at     computation; the output frame is sent behind it
 //!                                         -> at the last device before SYNC0, or before the next cycle
 //! behind it      service frame            -> back before the next cycle
+//! before SYNC0   the outputs once more    -> at the last device before SYNC0, of devices that act there
 //! ```
 //! A byte takes 80 ns, a device 1 us there and back. What the computer takes to wake up and to send is not in it: it has to fit into
 //! what is left.
@@ -13,7 +14,7 @@ use std::time::Duration;
 
 use super::flight::Purpose;
 use super::setup::{Acts, SegmentSetup, StationSetup};
-use super::{exchange, ports};
+use super::{exchange, ports, repeat};
 use crate::bus::budget::PERIODS_US;
 use crate::ethercat::frame::{self, BYTE_NS, Command, DEVICE_NS};
 
@@ -113,8 +114,14 @@ pub struct Budget {
     pub devices: usize,
     /// Whether outputs of a device act at SYNC0.
     pub has_sync0: bool,
-    /// Input frame, output frame and the longest service frame.
-    pub frames: [FrameBudget; 3],
+    /// Input frame, output frame, the longest service frame, and the repeated outputs if there is room for them.
+    pub frames: [FrameBudget; 4],
+    /// Time before SYNC0, or before the next cycle, in which outputs that somebody else sends act, in ns.
+    pub exposed_ns: u64,
+    /// What output and service frame leave before the outputs act, in ns.
+    room_ns: u64,
+    /// Time from the first bit of the repeat to its last one at the last device, in ns.
+    repeat_delay_ns: u64,
 }
 
 /// The least change with which everything is in time.
@@ -132,7 +139,7 @@ impl Budget {
         let stations = &setup.stations;
         let devices = stations.iter().map(|station| usize::from(station.position) + 1).max().unwrap_or(0);
         let has_sync0 = stations.iter().any(|station| station.acts == Acts::AtSync0);
-        let [inputs, outputs, service] = frames(stations, devices);
+        let [inputs, outputs, service, repeated] = frames(stations, devices);
         let [period, compute_at, phase] = [setup.period, setup.compute_at, setup.sync0_phase].map(nanoseconds);
         let there_and_back = devices as u64 * DEVICE_NS;
         let outputs_at = compute_at.saturating_add(nanoseconds(COMPUTING));
@@ -142,7 +149,13 @@ impl Budget {
             |frame: PlannedFrame, sent_ns, done_ns, deadline_ns| FrameBudget { frame, sent_ns, done_ns, deadline_ns };
         let (inputs_back, service_back) = (back(0, &inputs), back(service_at, &service));
         let outputs_there = outputs_at + outputs.duration_ns() + there_and_back / 2;
+        let repeat_delay_ns = repeated.duration_ns() + there_and_back / 2;
         let act_by = if has_sync0 { period.saturating_sub(phase) } else { period };
+        let room_ns = act_by.saturating_sub(service_back);
+        let lead_ns = repeat_delay_ns + nanoseconds(repeat::spare(setup.period));
+        let is_repeated = !repeated.is_empty() && lead_ns <= room_ns;
+        let repeated = if is_repeated { repeated } else { PlannedFrame { datagrams: Vec::new(), ..repeated } };
+        let repeat_at = act_by.saturating_sub(lead_ns);
         Budget {
             period: setup.period,
             compute_at: setup.compute_at,
@@ -153,7 +166,11 @@ impl Budget {
                 budget(inputs, 0, inputs_back, compute_at),
                 budget(outputs, outputs_at, outputs_there, act_by),
                 budget(service, service_at, service_back, period),
+                budget(repeated, repeat_at, repeat_at + repeat_delay_ns, act_by),
             ],
+            exposed_ns: act_by.saturating_sub(if is_repeated { repeat_at } else { outputs_at }),
+            room_ns,
+            repeat_delay_ns,
         }
     }
 
@@ -162,16 +179,26 @@ impl Budget {
         self.frames.iter().all(FrameBudget::is_in_time)
     }
 
-    /// The frame with the least time left.
+    /// The frame with the least time left. The repeat is none: it is sent as late as it may be.
     pub fn latest(&self) -> &FrameBudget {
-        let [first, others @ ..] = &self.frames;
+        let [first, others @ .., _] = &self.frames;
         others.iter().fold(first, |least, other| if other.left_ns() < least.left_ns() { other } else { least })
+    }
+
+    /// What output and service frame leave before the outputs act.
+    pub(super) fn room(&self) -> Duration {
+        Duration::from_nanos(self.room_ns)
+    }
+
+    /// Time from the first bit of the repeat to its last one at the last device.
+    pub(super) fn repeat_delay(&self) -> Duration {
+        Duration::from_nanos(self.repeat_delay_ns)
     }
 
     /// Longest time from the SYNC0 at which inputs are taken to the moment at which the outputs that answer them act: a period where that is
     /// at SYNC0, else until the last device has the output frame.
     pub fn delay(&self) -> Duration {
-        let [_, outputs, _] = &self.frames;
+        let [_, outputs, ..] = &self.frames;
         if self.has_sync0 { self.period } else { self.sync0_phase + Duration::from_nanos(outputs.done_ns) }
     }
 
@@ -194,7 +221,7 @@ pub fn advise(setup: &SegmentSetup) -> Option<Advice> {
         let phase = setup.sync0_phase.as_nanos() * period.as_nanos() / setup.period.as_nanos().max(1);
         let sync0_phase = Duration::from_nanos(u64::try_from(phase).unwrap_or(u64::MAX));
         let at = |compute_at| Budget::new(&SegmentSetup { period, compute_at, sync0_phase, ..setup.clone() });
-        let [inputs, outputs, service] = at(Duration::ZERO).frames;
+        let [inputs, outputs, service, _] = at(Duration::ZERO).frames;
         let latest_ns = outputs.left_ns().min(service.left_ns());
         let earliest_us = inputs.done_ns.div_ceil(1000).max(1);
         let latest_us = u64::try_from(latest_ns).ok()? / 1000;
@@ -203,8 +230,8 @@ pub fn advise(setup: &SegmentSetup) -> Option<Advice> {
     fitting.into_iter().next()
 }
 
-/// Input frame, output frame and the longest service frame.
-fn frames(stations: &[StationSetup], devices: usize) -> [PlannedFrame; 3] {
+/// Input frame, output frame, the longest service frame, and the outputs of devices that act at SYNC0.
+fn frames(stations: &[StationSetup], devices: usize) -> [PlannedFrame; 4] {
     let for_all = |command, len| PlannedDatagram { command, device: None, len };
     let of =
         |station: &StationSetup, command, len| PlannedDatagram { command, device: Some(station.name.clone()), len };
@@ -214,14 +241,17 @@ fn frames(stations: &[StationSetup], devices: usize) -> [PlannedFrame; 3] {
         inputs.extend((len > 0).then(|| of(station, Command::Lrd, len)));
         inputs.push(of(station, Command::Fprd, exchange::STATUS_LEN));
     }
-    let outputs = stations.iter().filter(|station| station.output_bytes() > 0);
-    let outputs = outputs.map(|station| of(station, Command::Lwr, station.output_bytes())).collect();
+    let outputs = |is_meant: fn(&StationSetup) -> bool| {
+        let stations = stations.iter().filter(|station| station.output_bytes() > 0 && is_meant(station));
+        stations.map(|station| of(station, Command::Lwr, station.output_bytes())).collect()
+    };
     let watched = ports::reads(devices).map(|len| for_all(Command::Fprd, len)).collect();
     let frame = |purpose, datagrams| PlannedFrame { purpose, datagrams };
     let mailbox = frame(Purpose::Service, vec![for_all(Command::Fpwr, MAILBOX)]);
     let ports = frame(Purpose::Service, watched);
     let service = if ports.len() > mailbox.len() { ports } else { mailbox };
-    [frame(Purpose::Inputs, inputs), frame(Purpose::Outputs, outputs), service]
+    let repeated = frame(Purpose::Repeat, outputs(|station| station.acts == Acts::AtSync0));
+    [frame(Purpose::Inputs, inputs), frame(Purpose::Outputs, outputs(|_| true)), service, repeated]
 }
 
 fn nanoseconds(time: Duration) -> u64 {

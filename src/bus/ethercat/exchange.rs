@@ -5,6 +5,7 @@
 //! take   what has come; a frame that comes later is late and not used
 //! close  output frame: per device LWR outputs
 //!        behind it at most one service frame: ports, mailbox, difference of a clock, request of OP
+//! repeat the outputs once more, shortly before SYNC0, of devices that act there
 //! ```
 
 use std::time::Duration;
@@ -13,6 +14,7 @@ use super::failure::SegmentFailure;
 use super::flight::Purpose;
 use super::held::Turn;
 use super::ports::Shown;
+use super::setup::Acts;
 use super::writes::Altered;
 use super::{Asked, EthercatNetwork, EthernetOutbox, Station, service_address};
 use crate::bus::axis::{Arrived, DriveOrders};
@@ -76,6 +78,7 @@ impl EthercatNetwork {
     /// Real-time: yes.
     pub fn note_late(&mut self, late: Duration) {
         self.servo.note_late(late);
+        self.repeat.note_late(late);
     }
 
     /// The begin of a cycle: the input frame. The caller runs the cycles from the first call on.
@@ -83,6 +86,7 @@ impl EthercatNetwork {
     /// Real-time: yes.
     pub fn open(&mut self, out: &mut impl EthernetOutbox) {
         (self.grid.next_open, self.grid.next_close) = (Time::NEVER, Time::NEVER);
+        self.repeat.forget();
         self.send_inputs(out);
     }
 
@@ -96,6 +100,7 @@ impl EthercatNetwork {
         for station in &mut self.stations {
             station.begin_cycle();
         }
+        self.flight.give_up(Purpose::Repeat);
         if self.is_silent {
             self.flight.give_up(Purpose::Inputs);
             return;
@@ -213,9 +218,40 @@ impl EthercatNetwork {
         if self.is_silent {
             return;
         }
+        self.send_outputs(Purpose::Outputs, orders, |_| true, out);
+        self.repeat.take(*orders);
+        self.send_service(now, out);
+    }
+
+    /// Time before the next grid point at which [`EthercatNetwork::repeat`] is due; `None` where there is nothing to repeat.
+    ///
+    /// Real-time: yes.
+    pub(in crate::bus) fn repeats_before(&self) -> Option<Duration> {
+        let copying = self.stations.iter().filter(|station| station.setup.acts == Acts::AtSync0);
+        let copying = copying.map(|station| station.script.copy_time()).max()?;
+        if self.repeat.is_due() && !self.is_silent { self.repeat.before(copying) } else { None }
+    }
+
+    /// Sends the outputs of this cycle once more to the devices that act on them at SYNC0, so that what somebody else has sent since does not
+    /// act. A device that acts on arrival would take them for a second set-point.
+    ///
+    /// Real-time: yes.
+    pub(in crate::bus) fn repeat(&mut self, out: &mut impl EthernetOutbox) {
+        if let Some(orders) = self.repeat.forget().filter(|_| !self.is_silent) {
+            self.send_outputs(Purpose::Repeat, &orders, |station| station.setup.acts == Acts::AtSync0, out);
+        }
+    }
+
+    fn send_outputs(
+        &mut self,
+        purpose: Purpose,
+        orders: &[DriveOrders; 2],
+        is_meant: impl Fn(&Station) -> bool,
+        out: &mut impl EthernetOutbox,
+    ) {
         let stations = &self.stations;
-        let sent = self.flight.send(Purpose::Outputs, |to| {
-            for station in stations.iter().filter(|station| station.outputs.len > 0) {
+        let sent = self.flight.send(purpose, |to| {
+            for station in stations.iter().filter(|station| station.outputs.len > 0 && is_meant(station)) {
                 let mut data = [0; frame::LONGEST];
                 let Some(data) = data.get_mut(..station.outputs.len) else { continue };
                 let [left, right] = orders;
@@ -228,7 +264,6 @@ impl EthercatNetwork {
             }
         });
         sent.into_iter().for_each(|bytes| out.push(bytes));
-        self.send_service(now, out);
     }
 
     /// By how much the next grid point is moved so that the cycles follow the reference clock, in ns: at most 1 % of a period.
@@ -269,7 +304,7 @@ impl EthercatNetwork {
     ///
     /// Real-time: yes.
     pub(in crate::bus) fn is_in_flight(&self) -> bool {
-        [Purpose::Inputs, Purpose::Outputs, Purpose::Service].into_iter().any(|purpose| self.flight.is_out(purpose))
+        Purpose::ALL.into_iter().any(|purpose| self.flight.is_out(purpose))
     }
 
     /// At most one frame beside those of the cycle.

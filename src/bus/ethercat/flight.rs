@@ -10,16 +10,22 @@ pub enum Purpose {
     Inputs,
     /// Outputs of a cycle.
     Outputs,
+    /// The outputs of the cycle once more, before the devices act on them.
+    Repeat,
     /// Anything that is asked beside the cycle.
     Service,
 }
 
 impl Purpose {
+    /// All of them.
+    pub(super) const ALL: [Purpose; 4] = [Purpose::Inputs, Purpose::Outputs, Purpose::Repeat, Purpose::Service];
+
     /// The word for it, as in *input frame*.
     pub const fn word(self) -> &'static str {
         match self {
             Purpose::Inputs => "input",
             Purpose::Outputs => "output",
+            Purpose::Repeat => "repeat",
             Purpose::Service => "service",
         }
     }
@@ -107,7 +113,7 @@ impl Row {
 #[derive(Clone, Debug)]
 pub(super) struct Flight {
     source: [u8; 6],
-    rows: [Row; 3],
+    rows: [Row; Purpose::ALL.len()],
     given_up: Remembered<GIVEN_UP>,
     returned: Remembered<RETURNED>,
     /// Number of the next frame. Its low byte is the index of the first datagram, its high byte that of the others.
@@ -120,7 +126,7 @@ impl Flight {
         let row = || Row { is_out: false, has_come: false, len: 0, bytes: Box::new([0; frame::LONGEST]) };
         let (given_up, returned) = (Remembered::NONE, Remembered::NONE);
         let counts = SegmentCounts::default();
-        Flight { source, rows: [row(), row(), row()], given_up, returned, number: 0, counts }
+        Flight { source, rows: Purpose::ALL.map(|_| row()), given_up, returned, number: 0, counts }
     }
 
     /// Sets the source address of the next frames.
@@ -129,19 +135,21 @@ impl Flight {
     }
 
     fn row(&self, purpose: Purpose) -> &Row {
-        let [inputs, outputs, service] = &self.rows;
+        let [inputs, outputs, repeat, service] = &self.rows;
         match purpose {
             Purpose::Inputs => inputs,
             Purpose::Outputs => outputs,
+            Purpose::Repeat => repeat,
             Purpose::Service => service,
         }
     }
 
     fn row_mut(&mut self, purpose: Purpose) -> &mut Row {
-        let [inputs, outputs, service] = &mut self.rows;
+        let [inputs, outputs, repeat, service] = &mut self.rows;
         match purpose {
             Purpose::Inputs => inputs,
             Purpose::Outputs => outputs,
+            Purpose::Repeat => repeat,
             Purpose::Service => service,
         }
     }
@@ -158,8 +166,8 @@ impl Flight {
         if !std::mem::take(&mut self.row_mut(purpose).is_out) {
             return false;
         }
-        let place = purpose as usize;
-        self.rows.get(place).into_iter().for_each(|row| self.given_up.note(row.sent()));
+        let Flight { rows, given_up, .. } = self;
+        rows.get(purpose as usize).into_iter().for_each(|row| given_up.note(row.sent()));
         self.counts.lost += 1;
         true
     }
@@ -203,7 +211,7 @@ impl Flight {
             return Taken::Foreign(source);
         }
         let is_marked = source != self.source;
-        for purpose in [Purpose::Inputs, Purpose::Outputs, Purpose::Service] {
+        for purpose in Purpose::ALL {
             let row = self.row_mut(purpose);
             if row.is_out && answers(row.sent(), bytes) {
                 // Some devices count up and do not mark what they pass on.

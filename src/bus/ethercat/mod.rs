@@ -17,6 +17,7 @@ mod flight;
 mod held;
 mod limits;
 mod ports;
+mod repeat;
 mod setup;
 mod station;
 #[cfg(all(test, feature = "sim"))]
@@ -43,6 +44,7 @@ use clock::GridServo;
 use exchange::Grid;
 use flight::{Flight, Taken};
 use ports::PortWatch;
+use repeat::Repeat;
 use station::Station;
 
 pub use budget::{Advice, Budget, FrameBudget, PlannedDatagram, PlannedFrame, advise};
@@ -138,6 +140,8 @@ pub struct EthercatNetwork {
     servo: GridServo,
     /// The cycles that it runs until somebody else does.
     grid: Grid,
+    /// Outputs that are sent once more before the devices act on them.
+    repeat: Repeat,
     events: LinkEvents,
     /// Devices whose clock is not where that of the reference is, or all if the grid has lost that.
     clock_lost: DeviceSet,
@@ -206,6 +210,7 @@ impl EthercatNetwork {
             bring_up: BringUp::new(),
             servo: GridServo::new(setup.period, setup.sync0_phase),
             grid: Grid::new(),
+            repeat: Repeat::new(setup),
             events: LinkEvents::default(),
             clock_lost: DeviceSet::NONE,
             has_written: false,
@@ -377,9 +382,10 @@ impl EthercatNetwork {
         {
             return;
         }
-        for purpose in [Purpose::Inputs, Purpose::Outputs, Purpose::Service] {
+        for purpose in Purpose::ALL {
             self.flight.give_up(purpose);
         }
+        self.repeat.forget();
         self.stations.iter_mut().for_each(Station::restart);
         (self.asked, self.reference) = (None, None);
         self.bring_up = BringUp::new();
@@ -452,6 +458,8 @@ impl EthercatNetwork {
         match self.flight.take(bytes) {
             Taken::Reply(Purpose::Inputs) => self.on_inputs(now, bytes),
             Taken::Reply(Purpose::Outputs) => self.on_outputs(bytes),
+            // The first frame says whether the devices have taken their outputs.
+            Taken::Reply(Purpose::Repeat) => {}
             Taken::Reply(Purpose::Service) => self.on_service(now, bytes, out),
             Taken::Late => self.events.late |= self.all(),
             Taken::Again => self.events.duplicated |= self.all(),

@@ -253,8 +253,12 @@ impl StationSetup {
             bytes: 2,
             action: Action::WriteAndVerify { value },
         }));
+        if self.acts == Acts::AtSync0 {
+            let doing = "read the time to copy outputs";
+            steps.push(Step { doing, index: 0x1c32, sub: 6, bytes: 4, action: Action::CopyTime });
+        }
         // Last, since they are looked at in SAFE-OP.
-        steps.sort_by_key(|step| matches!(step.action, Action::Await { .. }));
+        steps.sort_by_key(|step| step.action.is_late());
         steps
     }
 }

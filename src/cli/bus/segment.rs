@@ -49,8 +49,8 @@ impl<'a> SegmentPlan<'a> {
     fn verdict(&self, frame: &FrameBudget) -> String {
         let [done, by] = match frame.frame.purpose {
             Purpose::Inputs => ["is back", "the control step"],
-            Purpose::Outputs if self.budget.has_sync0 => ["is at the last device", "SYNC0"],
-            Purpose::Outputs => ["is at the last device", "the next cycle"],
+            Purpose::Outputs | Purpose::Repeat if self.budget.has_sync0 => ["is at the last device", "SYNC0"],
+            Purpose::Outputs | Purpose::Repeat => ["is at the last device", "the next cycle"],
             Purpose::Service => ["is back", "the next cycle"],
         };
         let (left_us, what) = (us(frame.left_ns().unsigned_abs()), frame.frame.purpose.word());
@@ -110,20 +110,26 @@ impl<'a> SegmentPlan<'a> {
                 "frame", "bytes", "wire", "time", "sent", "done", "allowed", "left"
             ),
         ];
-        lines.extend(budget.frames.iter().map(row));
+        let sent = || budget.frames.iter().filter(|each| !each.frame.is_empty());
+        lines.extend(sent().map(row));
         lines.push(String::new());
-        lines.extend(budget.frames.iter().flat_map(|each| datagrams(each.frame.purpose, &each.frame.datagrams)));
+        lines.extend(sent().flat_map(|each| datagrams(each.frame.purpose, &each.frame.datagrams)));
         lines.push(String::new());
         let computing_us = Budget::computing().as_micros();
         if self.is_schedulable() {
             lines.push(format!("in time, with {computing_us} us for computing and for the devices:"));
-            lines.extend(budget.frames.iter().map(|each| format!("  {}", self.verdict(each))));
+            lines.extend(sent().map(|each| format!("  {}", self.verdict(each))));
         } else {
             lines.push(format!("NOT in time, with {computing_us} us for computing and for the devices:"));
             let late = budget.frames.iter().filter(|each| !each.is_in_time());
             lines.extend(late.map(|each| format!("  {}", self.verdict(each))));
             lines.push(format!("  {}", self.help()));
         }
+        let by = if budget.has_sync0 { "SYNC0" } else { "the next cycle" };
+        lines.push(format!(
+            "outputs of another master act if they come in the last {} us before {by}",
+            us(budget.exposed_ns)
+        ));
         lines.push("what this computer takes to wake up and to send has to fit into what is left".to_owned());
         lines.join("\n") + "\n"
     }
@@ -141,7 +147,8 @@ impl<'a> SegmentPlan<'a> {
             "timing": if self.rig.frames_take_time() { "real" } else { "ideal" },
             "load_worst": budget.load(),
             "schedulable": self.is_schedulable(),
-            "frames": budget.frames.iter().map(figures).collect::<Vec<_>>(),
+            "exposed_ns": budget.exposed_ns,
+            "frames": budget.frames.iter().filter(|each| !each.frame.is_empty()).map(figures).collect::<Vec<_>>(),
         });
         if !self.is_schedulable() {
             document["advice"] = json!(self.advice().map(|advice| json!({
@@ -287,11 +294,12 @@ mod tests {
         let document = to_json(&plans(&shipped.value).unwrap());
         assert_eq!((&document["bus"], &document["kind"]), (&json!("main"), &json!("ethercat")));
         assert_eq!((&document["schedulable"], &document["devices"]), (&json!(true), &json!(3)));
-        let [inputs, outputs, service] = document["frames"].as_array().unwrap().as_slice() else {
+        let [inputs, outputs, service, repeat] = document["frames"].as_array().unwrap().as_slice() else {
             panic!("{document}")
         };
         assert_eq!(inputs["datagrams"][0], json!({ "command": "FRMW", "device": null, "bytes": 8 }));
         assert_eq!(outputs["datagrams"][0]["device"], "left");
         assert_eq!((&inputs["sent_ns"], &service["in_time"]), (&json!(0), &json!(true)));
+        assert_eq!((&repeat["name"], &repeat["deadline_ns"]), (&json!("repeat"), &outputs["deadline_ns"]));
     }
 }

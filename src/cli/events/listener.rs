@@ -41,7 +41,7 @@ impl Listening {
         let (mut errors, errors_out) = side_ring(ASIDE);
         let listener = Listener {
             events: events.clone(),
-            narrator: Narrator::new(rig),
+            narrator: Narrator::new(rig, !matches!(watched, Watched::Simulation(_))),
             emergencies: Aside { outlet: emergencies_out, waiting: None },
             errors: Aside { outlet: errors_out, waiting: None },
             has_line: events.has_line(),

@@ -6,12 +6,12 @@ use yieldwall_drives::cia402;
 use super::Event;
 use crate::canopen::{Emergency, Frame};
 use crate::cli::ending::{bus_names, describe};
-use crate::cli::on_bus::{drive_error_json, drive_error_text, words_of_code, words_of_fault};
+use crate::cli::on_bus::{drive_error_json, drive_error_text, not_in_time, said_first, words_of_code, words_of_fault};
 use crate::config;
 use crate::elementary::hypot;
 use crate::explanation::state_name;
 use crate::guard::{Cause, Device, Fault, State};
-use crate::record::CycleRecord;
+use crate::record::{CycleRecord, Standstill};
 use crate::run::DriveError;
 
 /// How the rig is now, for a line.
@@ -29,19 +29,32 @@ struct Now {
 /// Tells what is new.
 pub(super) struct Narrator {
     rig: config::Rig,
+    is_on_bus: bool,
     buses: Vec<String>,
     /// Of the last cycle; none before the first.
     drives: Option<[cia402::State; 2]>,
     cause: Option<Cause>,
+    /// How long the computer stood still before the present cycle.
+    standstill: Option<Standstill>,
     now: Now,
     /// Faults that held or stopped the rig.
     faults: u32,
 }
 
 impl Narrator {
-    pub(super) fn new(rig: &config::Rig) -> Self {
+    /// One of a rig on interfaces, or of the embedded simulation, which has no time to miss.
+    pub(super) fn new(rig: &config::Rig, is_on_bus: bool) -> Self {
         let buses = bus_names(rig);
-        Self { rig: rig.clone(), buses, drives: None, cause: None, now: Now::default(), faults: 0 }
+        Self {
+            rig: rig.clone(),
+            is_on_bus,
+            buses,
+            drives: None,
+            cause: None,
+            standstill: None,
+            now: Now::default(),
+            faults: 0,
+        }
     }
 
     /// Tells what is new in a cycle.
@@ -61,6 +74,7 @@ impl Narrator {
         }
         let before = std::mem::replace(&mut self.now.state, state);
         self.now.time_s = time_s;
+        self.standstill = record.moment.standstill;
         let is_new = record.cause != self.cause;
         self.cause = record.cause;
         if before != state {
@@ -112,7 +126,8 @@ impl Narrator {
         let at = describe(cause, &self.buses);
         let event = Event::new(name, self.now.time_s, format!("{} ({at}): {}", row.name, row.meaning));
         let event = event.with("fault", row.name).with("where", at).with("state", format!("{:?}", self.now.state));
-        tell(event.meaning(words_of_fault(cause.fault)));
+        let why = not_in_time(cause.fault, self.standstill, &self.rig).filter(|_| self.is_on_bus);
+        tell(event.meaning(said_first(why, words_of_fault(cause.fault))));
     }
 
     /// What a device has told by an emergency message; of a frame that is none, nothing.
@@ -128,7 +143,10 @@ impl Narrator {
         let event = event.with("node_id", node).with("name", device.map(|device| self.name(device)));
         let event = event.with("code", code).with("meaning", meaning);
         let event = event.with("error_register", emergency.register.0).with("vendor_bytes", json!(emergency.vendor));
-        Some(event.meaning(words))
+        // Communication and what is watched of it.
+        let why = matches!(emergency.code.0, 0x8100..=0x82ff).then_some(Fault::Emergency);
+        let why = why.filter(|_| self.is_on_bus).and_then(|fault| not_in_time(fault, self.standstill, &self.rig));
+        Some(event.meaning(said_first(why, words)))
     }
 
     /// What a drive has said of a fault.
@@ -208,7 +226,7 @@ mod tests {
         };
         let overrides = Overrides { duration_s: Some(duration_s), faults, ..Overrides::default() };
         run_rig(&rig.value, &scene, &overrides, watch, |_| ControlFlow::Continue(())).unwrap();
-        let mut narrator = Narrator::new(&rig.value);
+        let mut narrator = Narrator::new(&rig.value, false);
         let mut events = Vec::new();
         for heard in all {
             match heard {

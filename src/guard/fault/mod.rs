@@ -140,6 +140,21 @@ impl Fault {
     pub fn row(self) -> &'static Row {
         &TABLE[self as usize]
     }
+
+    /// Whether it shows on a healthy rig when its computer, or the one that simulates its devices, has stood still: what comes late is missing,
+    /// and devices that were left alone stop by themselves.
+    pub fn may_follow_standstill(self) -> bool {
+        #[rustfmt::skip]
+        let may = matches!(
+            self,
+            Fault::SensorStale | Fault::SensorLost | Fault::PdoMissed | Fault::PdoDuplicated | Fault::PdoLate
+                | Fault::NodeReset | Fault::HeartbeatLost | Fault::DuplicateNode | Fault::Emergency | Fault::EmergencyWarning
+                | Fault::DriveFault | Fault::DriveLeftOperation | Fault::DriveIgnoresCommand | Fault::FollowingError
+                | Fault::Runaway | Fault::OverSpeed | Fault::EnablingTimeout | Fault::TransmitStalled | Fault::DeviceState
+                | Fault::ClockLost
+        );
+        may
+    }
 }
 
 /// The stage of the cycle in which a fault shows.

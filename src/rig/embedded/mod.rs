@@ -360,6 +360,7 @@ impl EmbeddedRig {
             compute_ns: (grid + self.compute_at).0,
             scene_time_s: self.scene_time_at(grid),
             stages: Stages::default(),
+            standstill: None,
         };
         let truth = self.place().truth();
         Ok(CycleRecord::new(moment, self.master().last_inputs(), outputs, self.cause(), truth).row())

@@ -45,11 +45,12 @@ impl<P: Place> Runner<P> {
             self.drain();
             self.check_alone()?;
             // What has come while this process was stopped is looked at as well.
-            if self.now() >= until && !self.place.wait(end) {
+            if self.now() >= until && !self.wait_until(end) {
                 return Ok(());
             }
             self.send(&send);
-            self.place.wait(end.min(self.place.now() + self.between_heartbeats()));
+            let until = end.min(self.place.now() + self.between_heartbeats());
+            self.wait_until(until);
         }
     }
 

@@ -25,7 +25,7 @@ impl<P: Place> Runner<P> {
         while self.now() < until {
             let sent = self.send(|master, now, out| master.repeat_heartbeat(now, out));
             let next = until.min(sent + self.between_heartbeats()).min(self.master.next_deadline());
-            self.place.wait(self.started + next.since(Time(0)));
+            self.wait_until(self.started + next.since(Time(0)));
             self.drain();
             self.send(|master, now, out| master.poll(now, out));
         }
@@ -44,14 +44,21 @@ impl<P: Place> Runner<P> {
             if is_enough(&self.master) || self.place.now() >= until {
                 return;
             }
-            self.place.wait(until);
+            self.wait_until(until);
         }
+    }
+
+    /// Waits until something comes over the link, or until a moment of its clock.
+    pub(in crate::run) fn wait_until(&mut self, moment: Time) -> bool {
+        self.standstill.wait_until(moment);
+        self.place.wait(moment)
     }
 
     /// Takes what the link holds; whether that was anything.
     pub(super) fn drain(&mut self) -> bool {
+        let wall = self.place.now();
+        self.standstill.run(wall);
         if self.waits {
-            let wall = self.place.now();
             if wall.since(self.looked_at) > ABSENCE {
                 self.back_since = wall;
             }

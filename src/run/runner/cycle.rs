@@ -7,9 +7,10 @@ use super::Runner;
 use super::motion_bound::MotionBound;
 use crate::cycle::{Outputs, Timing};
 use crate::guard::Request;
-use crate::record::{CycleRecord, Moment};
+use crate::record::{CycleRecord, Moment, Standstill};
 use crate::run::permit::Ask;
 use crate::run::place::{Place, Process};
+use crate::run::standstill::LEAST;
 use crate::time::Time;
 
 /// How long lockstep waits for the process data of a cycle, on the wall ...
@@ -44,6 +45,7 @@ impl<P: Place> Runner<P> {
             // The first one may be too near.
             self.begin(2);
         }
+        self.repeat_outputs();
         if P::IS_VIRTUAL {
             self.attend_until(self.next_sync);
             self.process = self.place.begin_cycle(self.next_sync);
@@ -75,8 +77,7 @@ impl<P: Place> Runner<P> {
         self.timing.skipped = self.periods_between(grid, end);
         self.next_sync = self.after(grid, self.timing.skipped + 1);
         if self.waits {
-            let patience = if self.absent.is_empty() { PATIENCE } else { IMPATIENCE };
-            self.wait_for(patience, |master| !master.is_in_flight());
+            self.wait_for(self.patience_with_frames(), |master| !master.is_in_flight());
         }
         if let Some(bound) = &mut self.motion_bound {
             bound.look(self.master.state(), outputs.signals.target_angles);
@@ -87,7 +88,9 @@ impl<P: Place> Runner<P> {
             compute_ns: planned.0,
             scene_time_s: self.scene_from.map_or(f64::NEG_INFINITY, |from| grid.as_secs_f64() - from.as_secs_f64()),
             stages: std::mem::take(&mut self.stages),
+            standstill: self.standstill_of_cycles(),
         };
+        self.note_cause();
         self.cycles += 1;
         let record =
             CycleRecord::new(moment, self.master.last_inputs(), &outputs, self.master.cause(), self.place.truth());
@@ -106,6 +109,38 @@ impl<P: Place> Runner<P> {
     /// Whether a rig was led farther than its permit allows.
     pub(in crate::run) fn is_led_away(&self) -> bool {
         self.motion_bound.is_some_and(|bound| bound.is_left())
+    }
+
+    /// Sends the outputs of the last cycle once more before drives act on them, if there is time for it.
+    fn repeat_outputs(&mut self) {
+        let Some(before) = self.master.repeats_before() else { return };
+        let at = Time(self.next_sync.0.saturating_sub(before.as_nanos() as u64));
+        if self.waits {
+            self.lockstep_now = self.lockstep_now.max(at);
+            self.send(|master, _, _| master.repeat_outputs());
+            self.wait_for(self.patience_with_frames(), |master| !master.is_in_flight());
+        } else if at >= self.now() {
+            self.attend_until(at);
+            self.send(|master, _, _| master.repeat_outputs());
+        }
+    }
+
+    /// Keeps the standstill that was before the present fault began.
+    fn note_cause(&mut self) {
+        let cause = self.master.cause();
+        if cause != self.cause {
+            (self.cause, self.stood) = (cause, cause.and(self.standstill_of_cycles()));
+        }
+    }
+
+    fn standstill_of_cycles(&self) -> Option<Standstill> {
+        let least = if self.waits { LEAST } else { self.period };
+        self.standstill.last(self.place.now(), least)
+    }
+
+    /// How long lockstep waits for own frames, on the wall.
+    fn patience_with_frames(&self) -> Duration {
+        if self.absent.is_empty() { PATIENCE } else { IMPATIENCE }
     }
 
     /// A period in which the process does not run.
@@ -147,6 +182,7 @@ impl<P: Place> Runner<P> {
             let on_clock = |time: Time| self.started + time.since(Time(0));
             let runs = self.process == Process::Runs;
             let deadline = if runs { self.master.next_deadline() } else { Time::NEVER };
+            self.standstill.wait_until(on_clock(moment));
             self.place.sleep_until(on_clock(moment), on_clock(deadline));
             let woke = self.now();
             let has_come = self.drain();

@@ -75,7 +75,7 @@ impl<P: Place> Runner<P> {
                 // In virtual time nobody waits, and who looks on changes nothing.
                 next = if P::IS_VIRTUAL { next } else { next.min(now + LOOK_UP) };
             }
-            self.place.wait(self.started + next.since(Time(0)));
+            self.wait_until(self.started + next.since(Time(0)));
         }
         if self.pace == Pace::Lockstep {
             self.listen();
@@ -114,7 +114,7 @@ impl<P: Place> Runner<P> {
                 return None;
             }
             let next = self.master.next_deadline().min(limit);
-            self.place.wait(self.started + next.since(Time(0)));
+            self.wait_until(self.started + next.since(Time(0)));
             if !(self.drain() && P::IS_VIRTUAL) {
                 self.send(|master, now, out| master.poll(now, out));
             }
@@ -133,7 +133,7 @@ impl<P: Place> Runner<P> {
         }
         let until = self.place.now() + FAREWELL;
         while self.place.now() < until {
-            self.place.wait(until);
+            self.wait_until(until);
             self.drain();
         }
     }

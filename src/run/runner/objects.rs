@@ -53,7 +53,7 @@ impl<P: Place> Runner<P> {
                 // The drives already wait for heartbeats.
                 let sent = self.send(|master, now, out| master.repeat_heartbeat(now, out));
                 let next = self.master.next_deadline().min(sent + self.between_heartbeats());
-                self.place.wait(self.started + next.since(Time(0)));
+                self.wait_until(self.started + next.since(Time(0)));
                 self.drain();
                 self.send(|master, now, out| master.poll(now, out));
             }

@@ -37,7 +37,7 @@ fn lengths_are_those_counted_by_hand() {
         (segment((15, 13), None), [(126, 150, 12_000), (66, 90, 7_200)]),
     ];
     for (setup, expected) in setups {
-        let [inputs, outputs, service] = Budget::new(&setup).frames.map(|each| each.frame);
+        let [inputs, outputs, service, _] = Budget::new(&setup).frames.map(|each| each.frame);
         let found = [&inputs, &outputs].map(|frame| (frame.len(), frame.wire_bytes(), frame.wire_ns()));
         assert_eq!(found, expected);
         assert_eq!((service.len(), service.wire_bytes(), service.wire_ns()), (156, 180, 14_400));
@@ -52,12 +52,24 @@ fn the_moments_of_a_cycle_are_those_of_its_bytes() {
     assert_eq!(moments[0], (0, 200 * 80 + 3_000, 500_000));
     assert_eq!(moments[1], (540_000, 540_000 + 98 * 80 + 1_500, 900_000));
     assert_eq!(moments[2], (548_800, 548_800 + 168 * 80 + 3_000, 1_000_000));
+    // The drive that acts at SYNC0 is sent its 13 bytes once more: 60 on the wire up to the last device, and a hundredth of a period to spare.
+    let (delay_ns, spare_ns) = (72 * 80 + 1_500, 10_000);
+    assert_eq!(moments[3], (900_000 - spare_ns - delay_ns, 900_000 - spare_ns, 900_000));
+    assert_eq!(budget.exposed_ns, spare_ns + delay_ns);
     assert!(budget.is_schedulable());
-    assert!((budget.load() - 0.04016).abs() < 1e-12);
+    assert!((budget.load() - 0.04688).abs() < 1e-12);
     // Without SYNC0 outputs have until the next cycle.
     let mut free = segment((15, 13), Some((32, 8)));
     free.stations[0].acts = Acts::OnArrival;
     assert_eq!(Budget::new(&free).frames[1].deadline_ns, 1_000_000);
+    assert!(Budget::new(&free).frames[3].frame.is_empty());
+    assert_eq!(Budget::new(&free).exposed_ns, 460_000);
+    // Outputs that leave shortly before SYNC0 are not repeated.
+    let mut late = segment((15, 13), Some((32, 8)));
+    late.compute_at = Duration::from_micros(825);
+    let late = Budget::new(&late);
+    assert!(late.is_schedulable() && late.frames[3].frame.is_empty());
+    assert_eq!(late.exposed_ns, 35_000);
     // From SYNC0 to effect: a period, or up to the last device.
     assert_eq!(budget.delay(), Duration::from_millis(1));
     assert_eq!(Budget::new(&free).delay(), Duration::from_nanos(100_000 + 540_000 + 98 * 80 + 1_500));
@@ -70,8 +82,8 @@ fn a_network_sends_the_frames_of_its_budget() {
     bench.cycles(4, &REST);
     bench.keeps = true;
     bench.cycles(200, &REST);
-    let [inputs, outputs, service] = Budget::new(&setup()).frames.map(|each| each.frame);
-    let mut counts = [0; 3];
+    let [inputs, outputs, service, repeat] = Budget::new(&setup()).frames.map(|each| each.frame);
+    let mut counts = [0; 4];
     for frame in &bench.sent {
         match Command::from_byte(frame[frame::HEADER]) {
             Some(Command::Frmw) => {
@@ -81,9 +93,10 @@ fn a_network_sends_the_frames_of_its_budget() {
                 assert!(expected.eq(sent.map(|header| (header.command, header.len))));
                 assert_eq!(frame.len(), inputs.len());
             }
+            Some(Command::Lwr) if frame.len() == outputs.len() => counts[1] += 1,
             Some(Command::Lwr) => {
-                counts[1] += 1;
-                assert_eq!(frame.len(), outputs.len());
+                counts[3] += 1;
+                assert_eq!(frame.len(), repeat.len());
             }
             _ => {
                 counts[2] += 1;
@@ -91,7 +104,8 @@ fn a_network_sends_the_frames_of_its_budget() {
             }
         }
     }
-    assert_eq!(counts[..2], [200, 200]);
+    // That of the last cycle comes with the next one.
+    assert_eq!((counts[0], counts[1], counts[3]), (200, 200, 200));
     assert!(counts[2] > 100, "{counts:?}");
 }
 

@@ -52,7 +52,7 @@ fn outputs_act_at_the_next_sync0() {
     ]);
     // LWR of left and right drive and of the sensor, in one frame.
     let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect::<String>();
-    let outputs = bench.sent.iter().find(|frame| frame[16] == 11).unwrap();
+    let outputs = bench.sent.iter().rfind(|frame| frame[16] == 11).unwrap();
     assert_eq!(hex(&outputs[18..24]), "000001000680", "6 bytes at 10000h, more follow");
     assert_eq!(hex(&outputs[26..32]), "060004030201");
     assert_eq!(hex(&outputs[44..50]), "0700feffffff");

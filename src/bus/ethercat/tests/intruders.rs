@@ -9,7 +9,16 @@ const QUICK_STOP: [DriveOrders; 2] = [DriveOrders { controlword: 0x02, target: 0
 
 /// A bench whose drives are in Operation Enabled.
 fn enabled() -> Bench {
+    enabled_with(0)
+}
+
+/// One whose drives say that they take so long to copy their outputs.
+fn enabled_with(copy_ns: u32) -> Bench {
     let mut bench = Bench::usual();
+    for place in [0, 1] {
+        let SimulatedDevice::Drive(drive) = bench.segment.controller_mut(place).unwrap().device_mut() else { panic!() };
+        drive.od_mut().set_bytes(Address::new(0x1c32, 6), &copy_ns.to_le_bytes()).unwrap();
+    }
     bench.start().unwrap();
     for controlword in [0x06, 0x07, 0x0f] {
         bench.cycles(5, &[DriveOrders { controlword, target: 0, releases: false }; 2]);
@@ -33,6 +42,40 @@ fn forge(bench: &mut Bench, command: Command, at: u32, data: &[u8]) {
     let mut frame = writer.finish().to_vec();
     let back = bench.segment.process(bench.now, &mut frame).unwrap();
     bench.insert(back, frame);
+}
+
+/// The target that a drive acts on.
+fn target(bench: &Bench, place: usize) -> i32 {
+    bench.segment.controller(place).unwrap().device().od().raw(0x607a, 0) as i32
+}
+
+#[test]
+fn a_foreign_target_acts_only_if_it_comes_between_the_repeat_and_sync0() {
+    let [.., repeat] = Budget::new(&setup()).frames;
+    for copy_ns in [0, 200_000] {
+        let repeat_ns = repeat.sent_ns - u64::from(copy_ns);
+        let repeat_us = repeat_ns / 1000;
+        for (phase_us, acts) in [(510, false), (650, false), (repeat_us - 10, false), (repeat_us + 10, true)] {
+            let mut bench = enabled_with(copy_ns);
+            let own = target(&bench, 0);
+            let forged = [&[0x0f, 0][..], &(own + 30_000).to_le_bytes()].concat();
+            let before = bench.network.repeats_before().unwrap();
+            assert_eq!(before.as_nanos() as u64, 1_000_000 - repeat_ns);
+            // The bench repeats by itself when the next cycle is due.
+            let grid = Time(bench.next_open.0 - 1_000_000);
+            if acts {
+                bench.run_until(Time(bench.next_open.0 - before.as_nanos() as u64));
+                bench.network.repeat(&mut bench.outbox);
+                bench.flush();
+            }
+            bench.run_until(grid + Duration::from_micros(phase_us));
+            forge(&mut bench, Command::Lwr, 0x1_0000, &forged);
+            assert!(bench.cycle(&QUICK_STOP).link.intruder, "{phase_us} us");
+            assert_eq!(target(&bench, 0) != own, acts, "{phase_us} us, {copy_ns} ns");
+            bench.cycles(2, &QUICK_STOP);
+            assert_eq!(target(&bench, 0), QUICK_STOP[0].target, "own outputs act from the next SYNC0 on");
+        }
+    }
 }
 
 fn watchdogs(bench: &mut Bench) -> [Vec<u8>; 2] {

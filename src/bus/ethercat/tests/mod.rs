@@ -270,6 +270,11 @@ impl Bench {
             }
         }
         let open = self.next_open;
+        if let Some(before) = self.network.repeats_before() {
+            self.run_until(Time(open.0 - before.as_nanos() as u64));
+            self.network.repeat(&mut self.outbox);
+            self.flush();
+        }
         let late = (self.late)();
         self.run_until(Time(open.0 - 1) + late);
         self.now = open + late;
