@@ -21,23 +21,15 @@
 //! # Units
 //! SI in `f64`, base frame. Conversion happens in two places only: [`sensing`] and the scaling of `yieldwall_drives`.
 
-pub mod canopen;
+#[doc(inline)]
+pub use yieldwall_fieldbus::{canopen, ethercat, objects, plain_can, time};
+#[doc(inline)]
+pub use yieldwall_motion::{
+    control, cycle, elementary, fixture, guard, identification, linkage, quantity, sensing, setvalued,
+};
+
 pub mod checkup;
-pub mod control;
-pub mod cycle;
-pub mod elementary;
-pub mod ethercat;
 pub mod explanation;
-pub mod fixture;
-pub mod guard;
-pub mod identification;
-pub mod linkage;
-pub mod objects;
-pub mod plain_can;
-pub mod quantity;
-pub mod sensing;
-pub mod setvalued;
-pub mod time;
 
 #[cfg(test)]
 mod sample;

@@ -28,19 +28,19 @@ const fn defect(name: &'static str, file: &'static str, from: &'static str, to: 
 const DEFECTS: [Defect; 18] = [
     defect(
         "the gate lets every torque through",
-        "src/guard/gate.rs",
+        "src/motion/guard/gate.rs",
         "JointTorques::new(torques.left().clamp(-left, left), torques.right().clamp(-right, right))",
         "JointTorques::new(torques.left() * (1.0 + 0.1 * f64::from(torques.left() > 0.9 * left)), torques.right().clamp(-right, right))",
     ),
     defect(
         "the gate lets every position target through",
-        "src/guard/gate.rs",
+        "src/motion/guard/gate.rs",
         "(*target - from).max_abs() > speed * self.limits.period_s",
         "false",
     ),
     defect(
         "a latched state is left when its fault has gone",
-        "src/guard/supervisor.rs",
+        "src/motion/guard/supervisor.rs",
         "if view.request == Request::Reset {",
         "if view.request == Request::Reset || view.worst.is_none() {",
     ),
@@ -52,25 +52,25 @@ const DEFECTS: [Defect; 18] = [
     ),
     defect(
         "a reaction comes two observations late",
-        "src/guard/fault/counts.rs",
+        "src/motion/guard/fault/counts.rs",
         "self.in_a_row >= times",
         "self.in_a_row >= times + 2",
     ),
     defect(
         "observations that are not in a row are counted as if they were",
-        "src/guard/fault/counts.rs",
+        "src/motion/guard/fault/counts.rs",
         "count.in_a_row = if present { count.in_a_row.saturating_add(1) } else { 0 };",
         "count.in_a_row = count.in_a_row.saturating_add(u16::from(present));",
     ),
     defect(
         "the stop ramp is ten times too steep",
-        "src/guard/stop.rs",
+        "src/motion/guard/stop.rs",
         "1.5 * velocity.norm() / deceleration_m_per_s2",
         "0.15 * velocity.norm() / deceleration_m_per_s2",
     ),
     defect(
         "the reference of before the stop is kept for the next run",
-        "src/cycle/mod.rs",
+        "src/motion/cycle/mod.rs",
         "        self.track.forget();\n        self.halt = None;\n",
         "        self.halt = None;\n",
     ),
@@ -112,7 +112,7 @@ const DEFECTS: [Defect; 18] = [
     ),
     defect(
         "on EtherCAT a late reply is used",
-        "src/ethercat/frame.rs",
+        "src/fieldbus/ethercat/frame.rs",
         "(command, index, address, len, has_more, data)",
         "(command, 0, address, len, has_more, data)",
     ),
@@ -124,13 +124,13 @@ const DEFECTS: [Defect; 18] = [
     ),
     defect(
         "the wall yields at half as much again as its force",
-        "src/fixture/yield_set.rs",
+        "src/motion/fixture/yield_set.rs",
         "yield_m: limits.yield_n / stiffness_n_per_m",
         "yield_m: 1.5 * limits.yield_n / stiffness_n_per_m",
     ),
     defect(
         "the proxy is held on the wrong side of a surface",
-        "src/fixture/proxy/mod.rs",
+        "src/motion/fixture/proxy/mod.rs",
         "proxy = landed;",
         "proxy = landed - foot.normal * 1e-3;",
     ),

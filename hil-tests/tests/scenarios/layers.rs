@@ -157,7 +157,9 @@ const ONLY_IN: [(&str, &[&str]); 13] = [
 fn layers_name_only_what_lies_below_them() {
     let source = source_folder();
     let mut walk = Walk::default();
-    for (root, name) in [("lib.rs", "lib"), ("program/main.rs", "main")] {
+    for (root, name) in
+        [("motion/lib.rs", "lib"), ("fieldbus/lib.rs", "lib"), ("lib.rs", "lib"), ("program/main.rs", "main")]
+    {
         walk.file(&source, &source.join(root), &[name.to_owned()], false);
     }
     // A script of the build is no module.

@@ -3,6 +3,9 @@
 mod alone;
 mod boot;
 mod buses;
+#[allow(dead_code)]
+#[path = "../../motion/cycle/tests/example.rs"]
+mod cycle_example;
 mod exchange;
 mod nodes;
 mod objects;
@@ -14,11 +17,30 @@ use std::time::Duration;
 use super::*;
 use crate::canopen::{BusId, Frame, cob};
 use crate::config::shipped_profile;
-use crate::cycle::tests::{position_cycle, torque_cycle};
-use crate::cycle::{Cycle, Outputs, Timing};
+use crate::control::Law;
+use crate::cycle::{Cycle, Outputs, Servo, Timing};
 use crate::guard::{Fault, Request, State};
+use crate::linkage::FiveBar;
+use crate::quantity::TipPoint;
 use crate::time::Time;
+use cycle_example::{cycle_with, fixture, geometry, torque_servo};
 use yieldwall_drives::scaling::{AxisScaling, Direction};
+
+/// A cycle whose drives close the position loop (CSP), and the angles of its home in rad.
+pub(in crate::bus) fn position_cycle() -> (Cycle, [f64; 2]) {
+    at_home(Servo::Position)
+}
+
+/// A cycle that closes the loop itself (CST), and the angles of its home in rad.
+pub(in crate::bus) fn torque_cycle() -> (Cycle, [f64; 2]) {
+    at_home(torque_servo(Law::Psmc, false))
+}
+
+fn at_home(servo: Servo) -> (Cycle, [f64; 2]) {
+    let cycle = cycle_with(servo, fixture(0));
+    let home = FiveBar::new(geometry()).unwrap().inverse(TipPoint::new(0.02, 0.0)).unwrap().to_array();
+    (cycle, home)
+}
 
 /// Waits that differ, so that one taken for the other shows.
 pub(super) const WAITS: Waits =

@@ -3,9 +3,9 @@
 use super::*;
 use crate::bus::AxisSetup;
 use crate::bus::Master;
+use crate::bus::tests::position_cycle;
 use crate::canopen::Frame;
 use crate::cycle::Timing;
-use crate::cycle::tests::position_cycle;
 use crate::guard::{Cause, Fault, Request, State};
 use yieldwall_drives::cia402;
 

@@ -62,7 +62,7 @@ impl Closure {
 
     /// With an angle that is none, as a bit that flips leaves it.
     #[cfg(test)]
-    pub(crate) fn at_no_angle(self) -> Self {
+    pub fn at_no_angle(self) -> Self {
         Self { angles: JointAngles::new(f64::NAN, self.angles.right()), ..self }
     }
 

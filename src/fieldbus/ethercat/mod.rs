@@ -31,16 +31,16 @@ pub use fmmu::{Direction, Fmmu};
 pub use sync_manager::{BufferMode, SyncManager};
 
 /// The bytes `at..at + N` of `bytes`, zero where there are none.
-pub(crate) fn array<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
+pub fn array<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     bytes.get(at..).and_then(|rest| rest.first_chunk()).copied().unwrap_or([0; N])
 }
 
 /// The little-endian word at `at`, zero where there is none.
-pub(crate) fn u16_at(bytes: &[u8], at: usize) -> u16 {
+pub fn u16_at(bytes: &[u8], at: usize) -> u16 {
     u16::from_le_bytes(array(bytes, at))
 }
 
 /// The little-endian double word at `at`, zero where there is none.
-pub(crate) fn u32_at(bytes: &[u8], at: usize) -> u32 {
+pub fn u32_at(bytes: &[u8], at: usize) -> u32 {
     u32::from_le_bytes(array(bytes, at))
 }

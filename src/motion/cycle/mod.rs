@@ -568,4 +568,4 @@ impl Cycle {
 }
 
 #[cfg(test)]
-pub(crate) mod tests;
+mod tests;

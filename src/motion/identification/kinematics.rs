@@ -203,12 +203,20 @@ fn worst(residuals: &[f64]) -> (usize, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::linkage::{Chain, Side, Tool, WristSide};
     use crate::quantity::TipDisplacement;
     use proptest::prelude::*;
 
     /// An arm as a drawing has it, and the same as it was built.
     fn drawn() -> Geometry {
-        crate::config::load_rig(crate::config::builtin("paper-admittance.yaml")).unwrap().value.linkage.geometry()
+        Geometry {
+            base_m: [[-0.10, -0.45], [0.10, -0.45]],
+            proximal_m: [0.30; 2],
+            distal_m: [0.40; 2],
+            elbows: [Side::Left, Side::Right],
+            wrist: WristSide::Forward,
+            tool: Tool { fixed_to: Chain::Right, along_m: 0.0, across_m: 0.0 },
+        }
     }
 
     /// Points on two circles about the task's origin, and the angles at which a built arm is there, by encoders with these zeros.

@@ -138,6 +138,8 @@ proptest! {
         let (late_s, lag_s) = (late * period_s, lag.unwrap_or(0.0) * period_s);
         let found = found(Planted { mass_kg, late_s, lag_s, ..PLANTED }, period_s, seed).unwrap();
         let [low, high] = found.between_s;
-        prop_assert!(low - 20e-6 < late_s + lag_s && late_s + lag_s < high + 20e-6, "{late} {lag:?}: {found:?}");
+        // An interval of 95 % misses one case in twenty. One that is twice as wide misses one in ten thousand.
+        let slack_s = 20e-6 + found.age_s.high - found.age_s.value;
+        prop_assert!(low - slack_s < late_s + lag_s && late_s + lag_s < high + slack_s, "{late} {lag:?}: {found:?}");
     }
 }

@@ -26,4 +26,4 @@ pub use error::DictionaryError;
 pub use identity::DeviceIdentity;
 pub use served::{Reset, ServedDevice};
 pub use value::{DataType, Scalar};
-pub(crate) use value::{load_le, mask, sign_extend};
+pub use value::{load_le, mask, sign_extend};

@@ -13,7 +13,7 @@
 
 use super::{Order, Status, Telling};
 use crate::canopen::Frame;
-use crate::sensing::RawSample;
+use yieldwall_motion::sensing::RawSample;
 
 /// Identifiers of a streaming sensor, 001h to 7FFh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

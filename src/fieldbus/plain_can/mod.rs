@@ -19,7 +19,7 @@ pub use client::{Client, Heard};
 use std::time::Duration;
 
 use crate::canopen::Frame;
-use crate::sensing::RawSample;
+use yieldwall_motion::sensing::RawSample;
 
 /// What a sensor is told.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -250,7 +250,7 @@ impl ObjectDictionary {
 
     /// Makes the present parameters the power-on values (1010h). Process data, which PDOs carry, what the bus cannot
     /// write, the error history and the node's own signatures are no parameters.
-    pub(crate) fn store_parameters(&mut self) {
+    pub fn store_parameters(&mut self) {
         for entry in self.entries.iter_mut().filter(|entry| is_parameter(entry)) {
             entry.power_on_len = entry.len;
             let range = entry.offset..entry.offset + entry.capacity;
@@ -262,7 +262,7 @@ impl ObjectDictionary {
 
     /// Makes the values that the dictionary was built with the power-on values again (1011h); the present ones stay
     /// until a reset.
-    pub(crate) fn forget_stored(&mut self) {
+    pub fn forget_stored(&mut self) {
         self.power_on.clone_from(&self.factory);
         for entry in &mut self.entries {
             entry.power_on_len = entry.factory_len;
@@ -270,7 +270,7 @@ impl ObjectDictionary {
     }
 
     /// Changes an UNSIGNED32 everywhere: now, at power-on and as built.
-    pub(crate) fn change_everywhere(&mut self, at: Address, change: impl Fn(u32) -> u32) {
+    pub fn change_everywhere(&mut self, at: Address, change: impl Fn(u32) -> u32) {
         let Ok((_, entry)) = self.find(at) else { return };
         let range = entry.offset..entry.offset + 4;
         if entry.data_type != DataType::Unsigned32 {
@@ -284,12 +284,12 @@ impl ObjectDictionary {
     }
 
     /// The bits of an object of a basic type; zero without such an object.
-    pub(crate) fn raw(&self, index: u16, sub: u8) -> u64 {
+    pub fn raw(&self, index: u16, sub: u8) -> u64 {
         self.bytes(Address::new(index, sub)).map_or(0, load_le)
     }
 
     /// Bytes of the longest object.
-    pub(crate) fn longest(&self) -> usize {
+    pub fn longest(&self) -> usize {
         self.entries.iter().map(|entry| entry.capacity).max().unwrap_or(0)
     }
 
@@ -297,7 +297,7 @@ impl ObjectDictionary {
     ///
     /// # Errors
     /// 06020000h no object, 06090011h no sub-index, 06040041h not mappable in this direction or with so many bits.
-    pub(crate) fn mappable_offset(&self, at: Address, bits: u8, wanted: Mappable) -> Result<usize, AbortCode> {
+    pub fn mappable_offset(&self, at: Address, bits: u8, wanted: Mappable) -> Result<usize, AbortCode> {
         let (_, entry) = self.find(at)?;
         let is_allowed = entry.mappable == wanted || entry.mappable == Mappable::Both;
         if is_allowed && entry.data_type.bits() == Some(bits) { Ok(entry.offset) } else { Err(AbortCode::NOT_MAPPABLE) }
@@ -305,13 +305,13 @@ impl ObjectDictionary {
 
     /// The word at an offset; zero outside the arena.
     #[inline]
-    pub(crate) fn load(&self, offset: usize) -> u64 {
+    pub fn load(&self, offset: usize) -> u64 {
         self.arena.get(offset..).and_then(|rest| rest.first_chunk::<WORD>()).map_or(0, |word| u64::from_le_bytes(*word))
     }
 
     /// Sets the word at an offset; nothing outside the arena.
     #[inline]
-    pub(crate) fn save(&mut self, offset: usize, word: u64) {
+    pub fn save(&mut self, offset: usize, word: u64) {
         if let Some(to) = self.arena.get_mut(offset..).and_then(|rest| rest.first_chunk_mut::<WORD>()) {
             *to = word.to_le_bytes();
         }
@@ -349,7 +349,7 @@ impl ObjectDictionary {
     }
 
     /// Copies bytes that [`fits`] accepted.
-    pub(crate) fn store(&mut self, at: Address, data: &[u8]) {
+    pub fn store(&mut self, at: Address, data: &[u8]) {
         let Ok((place, _)) = self.find(at) else { return };
         let Some(entry) = self.entries.get_mut(place) else { return };
         if let Some(to) = self.arena.get_mut(entry.offset..entry.offset + data.len()) {

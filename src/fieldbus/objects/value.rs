@@ -123,7 +123,7 @@ impl fmt::Display for DataType {
 }
 
 /// The low `bits` (0 to 64) bits set.
-pub(crate) const fn mask(bits: u8) -> u64 {
+pub const fn mask(bits: u8) -> u64 {
     match bits {
         0 => 0,
         1..64 => (1 << bits) - 1,
@@ -132,7 +132,7 @@ pub(crate) const fn mask(bits: u8) -> u64 {
 }
 
 /// The low `bits` (1 to 64) bits of `raw` read as two's complement; 0 for no bits.
-pub(crate) const fn sign_extend(raw: u64, bits: u8) -> i64 {
+pub const fn sign_extend(raw: u64, bits: u8) -> i64 {
     match bits {
         0 => 0,
         1..64 => ((raw << (64 - bits)) as i64) >> (64 - bits),
@@ -162,7 +162,7 @@ pub trait Scalar: Copy {
 }
 
 /// Up to 8 little-endian bytes as a zero-extended word; bytes beyond the eighth do not count.
-pub(crate) fn load_le(data: &[u8]) -> u64 {
+pub fn load_le(data: &[u8]) -> u64 {
     let mut word = [0; 8];
     for (to, from) in word.iter_mut().zip(data) {
         *to = *from;

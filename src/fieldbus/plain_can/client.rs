@@ -5,8 +5,8 @@ use std::time::Duration;
 use super::pair::Pair;
 use super::{Link, Order, Protocol};
 use crate::canopen::{Frame, Outbox};
-use crate::sensing::RawSample;
 use crate::time::Time;
+use yieldwall_motion::sensing::RawSample;
 
 /// How long a sensor that was told to begin may stay silent before it is told again.
 const RETRY: Duration = Duration::from_millis(50);

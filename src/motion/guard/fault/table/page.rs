@@ -6,7 +6,7 @@ use super::super::{Bound, Rate};
 use super::*;
 
 /// Where the table begins in the page.
-const MARK: &str = "<!-- From here on: the table of src/guard/fault/table.rs, compared by a test. -->\n";
+const MARK: &str = "<!-- From here on: the table of src/motion/guard/fault/table.rs, compared by a test. -->\n";
 
 fn rate(step: &Step, stage: Stage) -> String {
     let unit = if stage == Stage::Sensing { "sample" } else { "cycle" };
@@ -83,7 +83,7 @@ fn rendered() -> String {
 
 #[test]
 fn the_page_shows_this_table() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/faults.md");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/faults.md");
     let page = std::fs::read_to_string(path).unwrap();
     let (head, shown) = page.split_once(MARK).expect("the mark before the table");
     if std::env::var_os("REFRESH_PAGES").is_some() {
@@ -92,7 +92,7 @@ fn the_page_shows_this_table() {
     }
     assert!(
         shown == rendered(),
-        "docs/faults.md is stale; refresh it with\n  REFRESH_PAGES=1 cargo test -p yieldwall --lib the_page_shows_this_table"
+        "docs/faults.md is stale; refresh it with\n  REFRESH_PAGES=1 cargo test -p yieldwall-motion --lib the_page_shows_this_table"
     );
 }
 

@@ -12,7 +12,7 @@
 
 use super::{Order, Status, Telling};
 use crate::canopen::Frame;
-use crate::sensing::RawSample;
+use yieldwall_motion::sensing::RawSample;
 
 /// Identifiers and layout of a polled sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

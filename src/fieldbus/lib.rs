@@ -1,0 +1,12 @@
+//! Codecs and engines of the buses, for masters and for devices, without I/O: bytes and moments come in, bytes go out.
+//!
+//! ```text
+//! engine.on_frame(now, frame, out)    engine.poll(now, out)    engine.next_deadline()
+//! ```
+//! One code runs in virtual time, on a virtual bus and on hardware.
+
+pub mod canopen;
+pub mod ethercat;
+pub mod objects;
+pub mod plain_can;
+pub mod time;
