@@ -21,6 +21,9 @@
 //! # Units
 //! SI in `f64`, base frame. Conversion happens in two places only: [`sensing`] and the scaling of `yieldwall_drives`.
 
+#[cfg(feature = "config")]
+#[doc(inline)]
+pub use yieldwall_config::{self as config, injection};
 #[doc(inline)]
 pub use yieldwall_fieldbus::{canopen, ethercat, objects, plain_can, time};
 #[doc(inline)]
@@ -29,6 +32,7 @@ pub use yieldwall_motion::{
 };
 
 pub mod checkup;
+#[cfg(feature = "config")]
 pub mod explanation;
 
 #[cfg(test)]
@@ -42,10 +46,7 @@ pub mod assembly;
 pub mod batch;
 pub mod bus;
 #[cfg(feature = "config")]
-pub mod config;
-#[cfg(feature = "config")]
 pub mod host;
-pub mod injection;
 pub mod link;
 #[cfg(feature = "sim")]
 pub mod live;

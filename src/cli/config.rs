@@ -12,8 +12,8 @@ pub(super) use self::checked::Checked;
 use super::failure::{Exit, Failure};
 use super::output::Output;
 use crate::config::{
-    self, Coupling, Diagnostic, Document, Figure, Fixture, ImpedanceDevice, Kind, Report, Rig, Scene, Severity,
-    Simulation, Source,
+    self, Coupling, Diagnostic, Document, Figure, Fixture, ImpedanceDevice, Report, Rig, Scene, Severity, Simulation,
+    Source,
 };
 use yieldwall_drives::profiles::{DeviceProfile, Tried};
 
@@ -240,32 +240,6 @@ fn fixture_summary(fixture: &Fixture) -> String {
     };
     let surface = fixture.surface.summary();
     format!("{side} {surface}, F = {} N, R = {} N, {coupling}", *fixture.friction_n, *fixture.yield_n)
-}
-
-impl Document {
-    fn kind(&self) -> Kind {
-        match self {
-            Self::Rig(_) => Kind::Rig,
-            Self::Device(_) => Kind::Device,
-            Self::Scene(_) => Kind::Scene,
-            Self::Figure(_) => Kind::Figure,
-            Self::Profile(_) => Kind::Profile,
-            Self::Simulation(_) => Kind::Simulation,
-            Self::ErrorCodes(_) => Kind::ErrorCodes,
-        }
-    }
-
-    fn warnings(&self) -> &[Diagnostic] {
-        match self {
-            Self::Rig(rig) => &rig.warnings,
-            Self::Device(device) => &device.warnings,
-            Self::Scene(scene) => &scene.warnings,
-            Self::Figure(figure) => &figure.warnings,
-            Self::Profile(profile) => &profile.warnings,
-            Self::Simulation(simulation) => &simulation.warnings,
-            Self::ErrorCodes(codes) => &codes.warnings,
-        }
-    }
 }
 
 #[cfg(test)]

@@ -1,8 +1,13 @@
-use crate::config::malformed::{self, CASES};
+// Each of its users takes a part of it.
+#[allow(dead_code, unused_imports)]
+#[path = "../config/malformed/mod.rs"]
+mod malformed;
 
 use super::failure::{EXIT_CODES, Exit};
 use super::*;
+use crate::config::Source;
 use crate::sample::share;
+use malformed::CASES;
 
 #[test]
 fn arguments_are_consistent() {

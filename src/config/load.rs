@@ -118,6 +118,34 @@ pub enum Document {
     ErrorCodes(Box<Loaded<ErrorCodes>>),
 }
 
+impl Document {
+    /// The kind of the document.
+    pub fn kind(&self) -> Kind {
+        match self {
+            Self::Rig(_) => Kind::Rig,
+            Self::Device(_) => Kind::Device,
+            Self::Scene(_) => Kind::Scene,
+            Self::Figure(_) => Kind::Figure,
+            Self::Profile(_) => Kind::Profile,
+            Self::Simulation(_) => Kind::Simulation,
+            Self::ErrorCodes(_) => Kind::ErrorCodes,
+        }
+    }
+
+    /// What its checks have found that keeps nobody from using it.
+    pub fn warnings(&self) -> &[Diagnostic] {
+        match self {
+            Self::Rig(rig) => &rig.warnings,
+            Self::Device(device) => &device.warnings,
+            Self::Scene(scene) => &scene.warnings,
+            Self::Figure(figure) => &figure.warnings,
+            Self::Profile(profile) => &profile.warnings,
+            Self::Simulation(simulation) => &simulation.warnings,
+            Self::ErrorCodes(codes) => &codes.warnings,
+        }
+    }
+}
+
 /// Reads and checks a document, whatever its kind.
 ///
 /// # Errors

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 /// The known word nearest to `word`, when it is near enough to be worth asking about.
-pub(crate) fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+pub fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let word = word.to_lowercase();
     let near = |candidate: &&str| {
         // A key without its unit is the commonest slip.

@@ -22,8 +22,7 @@ plain_can            names canopen and sensing; named by bus, assembly, sim, rig
 assembly             from config to the parts below run; names nothing simulated
 run                  the loop: names assembly, link, record and what they name; never rig, sim, host, cli
 sim                  may name drives, canopen, linkage, sensing, setvalued, quantity; never cycle, guard, control, fixture
-injection            may name guard; named by config, rig, study, soak, cli
-explanation          faults and codes in words: names guard, injection, canopen, ethercat, objects, drives; named by report, host, cli
+explanation          faults and codes in words: names config, guard, canopen, ethercat, objects, drives; named by report, host, cli
 link                 names canopen, ethercat and bus; named by run, rig, host, live, service, cli
 host                 the computer, and a rig on its interfaces: names run and what run names; named by cli
 analysis             what can be said of a rig before it runs: names rig and what rig names; named by study, cli
@@ -39,7 +38,7 @@ record               names what enters and leaves a cycle: cycle, guard, sensing
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
-const LAYERS: [&str; 35] = [
+const LAYERS: [&str; 34] = [
     "analysis",
     "batch",
     "checkup",
@@ -59,7 +58,6 @@ const LAYERS: [&str; 35] = [
     "ethercat",
     "plain_can",
     "bus",
-    "injection",
     "explanation",
     "link",
     "config",
@@ -95,28 +93,26 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "cycle" => [&stages[..], &states, &["guard"]].concat(),
         "plain_can" => vec!["time", "canopen", "sensing"],
         "bus" => bus(),
-        "injection" => vec!["guard"],
-        "explanation" => [&engines[..], &["ethercat", "guard", "injection"]].concat(),
+        "explanation" => [&engines[..], &["ethercat", "guard", "config"]].concat(),
         "link" => vec!["time", "canopen", "ethercat", "bus", "checkup"],
-        "config" => [&stages[..], &engines, &["guard", "injection"]].concat(),
+        "config" => [&stages[..], &engines, &["guard"]].concat(),
         "sim" => [&base[..], &engines, &["ethercat", "plain_can", "sensing", "linkage", "config"]].concat(),
         "record" => [&["elementary", "quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
         "assembly" => [bus(), vec!["bus"]].concat(),
         "run" => [bus(), run, vec!["identification"]].concat(),
         "host" => [bus(), run, vec!["run", "checkup", "explanation"]].concat(),
-        "rig" => [bus(), run, vec!["run", "injection", "sim", "ethercat"]].concat(),
+        "rig" => [bus(), run, vec!["run", "sim", "ethercat"]].concat(),
         "analysis" => [bus(), run, vec!["run", "sim", "rig"]].concat(),
-        "report" => [bus(), run, vec!["run", "injection", "explanation", "sim", "rig"]].concat(),
+        "report" => [bus(), run, vec!["run", "explanation", "sim", "rig"]].concat(),
         "service" => [&engines[..], &["bus", "ethercat", "link", "checkup"]].concat(),
         "live" => [bus(), run, vec!["run", "sim", "rig", "ethercat"]].concat(),
-        "soak" => [bus(), run, vec!["run", "batch", "injection", "sim", "rig"]].concat(),
-        "study" => [bus(), run, vec!["run", "batch", "injection", "sim", "rig", "analysis", "report"]].concat(),
+        "soak" => [bus(), run, vec!["run", "batch", "sim", "rig"]].concat(),
+        "study" => [bus(), run, vec!["run", "batch", "sim", "rig", "analysis", "report"]].concat(),
         "cli" => {
             let above = [
                 "analysis",
                 "batch",
                 "checkup",
-                "injection",
                 "explanation",
                 "ethercat",
                 "run",
@@ -157,9 +153,13 @@ const ONLY_IN: [(&str, &[&str]); 13] = [
 fn layers_name_only_what_lies_below_them() {
     let source = source_folder();
     let mut walk = Walk::default();
-    for (root, name) in
-        [("motion/lib.rs", "lib"), ("fieldbus/lib.rs", "lib"), ("lib.rs", "lib"), ("program/main.rs", "main")]
-    {
+    for (root, name) in [
+        ("motion/lib.rs", "lib"),
+        ("fieldbus/lib.rs", "lib"),
+        ("config/lib.rs", "config"),
+        ("lib.rs", "lib"),
+        ("program/main.rs", "main"),
+    ] {
         walk.file(&source, &source.join(root), &[name.to_owned()], false);
     }
     // A script of the build is no module.
@@ -286,7 +286,7 @@ impl Walk {
                     }
                 }
             };
-            let is_root = file.ends_with("lib.rs") || file.ends_with("main.rs");
+            let is_root = matches!(module, [one] if one == "lib" || one == "main");
             let parent = if is_root { &[] } else { module };
             self.file(source, &child, &[parent, &names].concat(), is_test || is_test_child);
         }

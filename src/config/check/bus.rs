@@ -1,13 +1,13 @@
 //! Nodes on their buses: names, numbers and how often they are heard.
 
 use super::Findings;
-use crate::config::suggest::nearest;
-use crate::config::tree::{Bus, Rig};
+use crate::suggest::nearest;
+use crate::tree::{Bus, Rig};
 
 /// Bit rates of CiA 301, bit/s.
 const BIT_RATES: [u32; 8] = [10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000];
 /// Least heartbeat period in control periods: a node that is due in every cycle may come late in one.
-pub(crate) const HEARTBEAT_CYCLES: u64 = 2;
+pub const HEARTBEAT_CYCLES: u64 = 2;
 
 /// Whether the buses exist and are in use, and every node of each has a number of its own.
 pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {

@@ -3,10 +3,10 @@
 use yieldwall_drives::codes::{self, ErrorCodes};
 
 use super::Findings;
-use crate::config::suggest::nearest;
+use crate::suggest::nearest;
 
 /// All rules of a table of error codes.
-pub(in crate::config) fn check_error_codes(findings: &mut Findings, table: &ErrorCodes) {
+pub(crate) fn check_error_codes(findings: &mut Findings, table: &ErrorCodes) {
     for (index, code) in table.codes.iter().enumerate() {
         let key = format!("codes[{index}]");
         if let Some(first) = table.codes.iter().take(index).position(|other| other.code == code.code) {
@@ -34,7 +34,7 @@ pub(in crate::config) fn check_error_codes(findings: &mut Findings, table: &Erro
 }
 
 /// A table of error codes that nobody knows.
-pub(in crate::config) fn refuse_error_codes(findings: &mut Findings, key: &str, name: &str) {
+pub(crate) fn refuse_error_codes(findings: &mut Findings, key: &str, name: &str) {
     let known = || codes::SHIPPED.iter().map(|(name, _)| *name);
     let help = match nearest(name, known()) {
         Some(meant) => format!("did you mean `{meant}`?"),

@@ -4,10 +4,10 @@ use super::Findings;
 use super::fixture::{Host, check_capture_beside_guard, check_fixture, check_hold, check_passivity_beside_guard};
 use super::reach::check_surface_reach;
 use super::scene::Machine;
-use crate::config::tree::Figure;
+use crate::tree::Figure;
 
 /// Rules of a figure alone.
-pub(in crate::config) fn check_figure(findings: &mut Findings, figure: &Figure) {
+pub(crate) fn check_figure(findings: &mut Findings, figure: &Figure) {
     let help = "write either `rigs: {label: file}` or `device: file`";
     match (&figure.device, figure.rigs.is_empty()) {
         (None, true) => {
@@ -28,7 +28,7 @@ pub(in crate::config) fn check_figure(findings: &mut Findings, figure: &Figure) 
 }
 
 /// Rules of the fixture and the holds that a figure puts in the place of the machine's.
-pub(in crate::config) fn check_override(findings: &mut Findings, figure: &Figure, machine: Machine<'_>) {
+pub(crate) fn check_override(findings: &mut Findings, figure: &Figure, machine: Machine<'_>) {
     let (host, period_us, own) = match machine {
         Machine::Rig(rig) => (Host::Rig, rig.cycle.period_us, &rig.fixture),
         Machine::Device(device) => (Host::Device, device.cycle.period_us, &device.fixture),

@@ -2,8 +2,8 @@
 
 use super::Findings;
 use super::words::{round, shorten_numbers};
-use crate::config::tree::{Coupling, Curvature, Fixture, FixtureLaw, Guard, ImpedanceDevice, Side, Surface};
-use crate::fixture::{self, FixtureError};
+use crate::tree::{Coupling, Curvature, Fixture, FixtureLaw, Guard, ImpedanceDevice, Side, Surface};
+use yieldwall_motion::fixture::{self, FixtureError};
 
 /// Radius of curvature in units of R / kappa below which the tangent step of the paper is off by a quarter of the
 /// friction level or more (measured: 0.25 F/kappa at 5, 0.97 at 2).
@@ -389,7 +389,7 @@ fn check_radius(findings: &mut Findings, at: &str, place: &str, surface: &Surfac
 }
 
 /// Rules of an impedance device. `in_range` says that every single number is in its range.
-pub(in crate::config) fn check_device(findings: &mut Findings, device: &ImpedanceDevice, in_range: bool) {
+pub(crate) fn check_device(findings: &mut Findings, device: &ImpedanceDevice, in_range: bool) {
     let period_s = if in_range { f64::from(device.cycle.period_us) * 1e-6 } else { 0.0 };
     check_fixture(findings, "fixture", &device.fixture, Host::Device, period_s);
     if !in_range {

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use super::Findings;
 use super::most::Most;
 use super::words::round;
-use crate::config::tree::{CommandMode, ControlGains, Coupling, Rig};
+use crate::tree::{CommandMode, ControlGains, Coupling, Rig};
 
 /// Longest time in which a rig may come to rest, s: the wait for it at the end of a run.
 pub(super) const LONGEST_STOP_S: f64 = 2.0;
@@ -229,8 +229,8 @@ pub(super) fn check_handle(findings: &mut Findings, rig: &Rig) {
 
 #[cfg(test)]
 mod tests {
-    use crate::config::malformed::{base_text, with};
-    use crate::config::{Severity, load_rig};
+    use crate::malformed::{base_text, with};
+    use crate::{Severity, load_rig};
 
     /// The keys of all findings in the base rig when one of its files has one number changed.
     fn found(file: &str, from: &str, to: &str) -> Vec<(Severity, String)> {

@@ -2,7 +2,7 @@
 
 use super::Findings;
 use super::words::round;
-use crate::config::tree::{CommandMode, ControlGains, Rig};
+use crate::tree::{CommandMode, ControlGains, Rig};
 
 /// Product of rate gain and period above which an ideal drive overshoots, and that at which the loop is unstable, with
 /// the delay of one cycle.

@@ -2,9 +2,9 @@
 
 use super::Findings;
 use super::words::round;
-use crate::config::tree::{CommandMode, Rig};
-use crate::linkage::{FiveBar, MassModel};
-use crate::quantity::{JointRates, TipPoint};
+use crate::tree::{CommandMode, Rig};
+use yieldwall_motion::linkage::{FiveBar, MassModel};
+use yieldwall_motion::quantity::{JointRates, TipPoint};
 
 /// How far the inertia of the feed-forward may be from that of the machine, as a factor.
 const MOST_APART: f64 = 2.0;

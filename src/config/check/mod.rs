@@ -20,8 +20,7 @@ mod words;
 
 use std::sync::Arc;
 
-#[cfg(feature = "cli")]
-pub(crate) use bus::HEARTBEAT_CYCLES;
+pub use bus::HEARTBEAT_CYCLES;
 pub(super) use codes::{check_error_codes, refuse_error_codes};
 pub(super) use figure::{check_figure, check_override};
 pub(super) use fixture::check_device;

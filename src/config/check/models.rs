@@ -8,12 +8,12 @@ use yieldwall_drives::watchdog::{HEARTBEAT_PERIODS, TORQUE_LIMIT, WATCHED_CYCLES
 
 use super::Findings;
 use super::words::round;
-use crate::config::number::Positive;
-use crate::config::suggest::nearest;
-use crate::config::tree::{CommandMode, Drive, ProfileName, Rig, Simulation};
+use crate::number::Positive;
+use crate::suggest::nearest;
+use crate::tree::{CommandMode, Drive, ProfileName, Rig, Simulation};
 
-use crate::linkage::FiveBar;
-use crate::quantity::{JointAngles, TipPoint};
+use yieldwall_motion::linkage::FiveBar;
+use yieldwall_motion::quantity::{JointAngles, TipPoint};
 
 /// Least and greatest way and rate of a joint that homes, rad and rad/s.
 const WITHIN_RAD: [f64; 2] = [0.01, 1.5];
@@ -78,7 +78,7 @@ pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
 }
 
 /// Whether the model of the simulated drives is one of a drive.
-pub(in crate::config) fn check_drive_model(findings: &mut Findings, key: &str, simulation: &Simulation) {
+pub(crate) fn check_drive_model(findings: &mut Findings, key: &str, simulation: &Simulation) {
     let Some(model) = &simulation.drive_model else { return };
     if model.profile.get().is_some_and(|profile| profile.servo().is_none()) {
         refuse_profile(findings, key, model.profile.as_str(), "is not one of a drive", is_servo);
@@ -278,13 +278,7 @@ pub(super) fn is_servo(role: &Role) -> bool {
 }
 
 /// A profile that cannot stand at a key.
-pub(in crate::config) fn refuse_profile(
-    findings: &mut Findings,
-    key: &str,
-    name: &str,
-    why: &str,
-    fits: fn(&Role) -> bool,
-) {
+pub(crate) fn refuse_profile(findings: &mut Findings, key: &str, name: &str, why: &str, fits: fn(&Role) -> bool) {
     let known: Vec<&str> =
         ProfileName::shipped().filter(|(_, profile)| fits(&profile.device)).map(|(name, _)| name).collect();
     let help = match nearest(name, known.iter().copied()) {

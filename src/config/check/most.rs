@@ -2,11 +2,11 @@
 
 use std::f64::consts::TAU;
 
-use crate::config::tree::Rig;
-use crate::elementary;
-use crate::linkage::FiveBar;
-use crate::quantity::{Force, JointAngles, JointRates, TipPoint};
+use crate::tree::Rig;
 use nalgebra::Vector2;
+use yieldwall_motion::elementary;
+use yieldwall_motion::linkage::FiveBar;
+use yieldwall_motion::quantity::{Force, JointAngles, JointRates, TipPoint};
 
 /// Places that are looked at: the middle of the disc, and so many around it on each of [`RINGS`].
 const PLACES: u32 = 24;
@@ -95,7 +95,7 @@ fn near(angles: JointAngles, others: JointAngles) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{builtin, load_rig};
+    use crate::{builtin, load_rig};
 
     /// Of the shipped arm at the middle of its disc, by hand: both proximal links stand so that the tool is straight ahead.
     #[test]
@@ -104,7 +104,7 @@ mod tests {
         let most = Most::of(&rig).unwrap();
         let lighter = {
             let mut rig = rig.clone();
-            rig.control.feed_forward.inertia.as_mut().unwrap().tool_kg = crate::config::NotNegative::new(0.0).unwrap();
+            rig.control.feed_forward.inertia.as_mut().unwrap().tool_kg = crate::NotNegative::new(0.0).unwrap();
             Most::of(&rig).unwrap()
         };
         // No lever is longer than both links, and none of the forces smaller than the torque at that lever.

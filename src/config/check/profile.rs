@@ -7,7 +7,7 @@ use yieldwall_drives::profiles::{
 };
 
 use super::Findings;
-use crate::config::suggest::nearest;
+use crate::suggest::nearest;
 
 /// Bytes that a CAN frame carries.
 const FRAME_BYTES: usize = 8;
@@ -18,7 +18,7 @@ const QUICK_STOP: u16 = 0x605a;
 const REFERENCED_BITS: [u8; 3] = [8, 14, 15];
 
 /// All rules of a profile.
-pub(in crate::config) fn check_profile(findings: &mut Findings, profile: &DeviceProfile) {
+pub(crate) fn check_profile(findings: &mut Findings, profile: &DeviceProfile) {
     if let Revisions::Range { from, to } = profile.identity.revisions
         && from > to
     {

@@ -1,14 +1,14 @@
 //! What the arm reaches.
 
-use crate::elementary;
 use std::f64::consts::TAU;
+use yieldwall_motion::elementary;
 
 use super::Findings;
 use super::words::{round, shorten_numbers};
-use crate::config::tree::{Fixture, Rig, Surface};
-use crate::fixture::Shape2;
-use crate::linkage::FiveBar;
-use crate::quantity::TipPoint;
+use crate::tree::{Fixture, Rig, Surface};
+use yieldwall_motion::fixture::Shape2;
+use yieldwall_motion::linkage::FiveBar;
+use yieldwall_motion::quantity::TipPoint;
 
 /// Greatest disc that is advised, mm.
 const MOST_MM: f64 = 1e5;

@@ -10,10 +10,10 @@ use super::models::check_profiles;
 use super::reach::check_linkage;
 use super::segment::check_segment;
 use super::sensor::check_sensor;
-use crate::config::tree::Rig;
+use crate::tree::Rig;
 
 /// All rules of a rig. `in_range` says that every single number is in its range, so that derived ones make sense.
-pub(in crate::config) fn check_rig(findings: &mut Findings, rig: &Rig, in_range: bool) {
+pub(crate) fn check_rig(findings: &mut Findings, rig: &Rig, in_range: bool) {
     check_cycle(findings, rig);
     check_nodes(findings, rig);
     check_segment(findings, rig);
@@ -83,8 +83,8 @@ fn check_interpolation_time(findings: &mut Findings, period_us: u32) {
 
 #[cfg(test)]
 mod tests {
-    use crate::config::load_rig;
-    use crate::config::malformed;
+    use crate::load_rig;
+    use crate::malformed;
 
     #[test]
     fn a_period_that_the_drives_cannot_be_told_is_refused() {
@@ -92,7 +92,7 @@ mod tests {
         for (period, is_refused) in [("1125", true), ("1250", false)] {
             let text = malformed::base_text("rig.yaml").replace("period_us: 1000", &format!("period_us: {period}"));
             let report = load_rig(malformed::with("rig.yaml", "rig.yaml", &text)).err();
-            let is_it = |report: &crate::config::Report| {
+            let is_it = |report: &crate::Report| {
                 report.diagnostics.iter().any(|finding| finding.message.contains("1 to 255 times"))
             };
             assert_eq!(report.as_ref().is_some_and(is_it), is_refused, "{period}: {report:?}");

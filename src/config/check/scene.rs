@@ -2,12 +2,12 @@
 
 use super::Findings;
 use super::words::{round, shorten_numbers};
-use crate::config::number::Finite;
-use crate::config::tree::{CommandMode, ImpedanceDevice, PathSegment, Rig, Scene, Tracking};
-use crate::elementary;
 use crate::injection::{DefectError, InjectionError};
-use crate::linkage::FiveBar;
-use crate::quantity::TipPoint;
+use crate::number::Finite;
+use crate::tree::{CommandMode, ImpedanceDevice, PathSegment, Rig, Scene, Tracking};
+use yieldwall_motion::elementary;
+use yieldwall_motion::linkage::FiveBar;
+use yieldwall_motion::quantity::TipPoint;
 
 /// Longest run, s: every cycle of it is kept in memory.
 pub const MAX_DURATION_S: f64 = 3600.0;
@@ -31,13 +31,13 @@ const MIN_ARC_RADIUS_M: f64 = 1e-9;
 
 /// What runs a scene.
 #[derive(Clone, Copy)]
-pub(in crate::config) enum Machine<'a> {
+pub(crate) enum Machine<'a> {
     Rig(&'a Rig),
     Device(&'a ImpedanceDevice),
 }
 
 /// Rules of a scene alone.
-pub(in crate::config) fn check_scene(findings: &mut Findings, scene: &Scene) {
+pub(crate) fn check_scene(findings: &mut Findings, scene: &Scene) {
     let duration = *scene.duration_s;
     if duration > MAX_DURATION_S {
         let message = format!("`duration_s` is {duration} s, above {MAX_DURATION_S} s");
@@ -282,7 +282,7 @@ fn check_dimension(findings: &mut Findings, scene: &Scene) {
 }
 
 /// Rules of a scene with the machine that runs it.
-pub(in crate::config) fn check_scene_for(findings: &mut Findings, scene: &Scene, machine: Machine<'_>) {
+pub(crate) fn check_scene_for(findings: &mut Findings, scene: &Scene, machine: Machine<'_>) {
     let (name, dimension, period_us) = match machine {
         Machine::Rig(rig) => ("a rig", 2, rig.cycle.period_us),
         Machine::Device(device) => ("an impedance device", 3, device.cycle.period_us),

@@ -1,7 +1,7 @@
 //! Devices on an EtherCAT segment: who is where.
 
 use super::Findings;
-use crate::config::tree::{Bus, Rig, SensorProtocol};
+use crate::tree::{Bus, Rig, SensorProtocol};
 
 /// Greatest number of counts of a sensor on CAN.
 const MOST_ON_CAN: u32 = i16::MAX as u32;
@@ -127,14 +127,14 @@ fn check_places(findings: &mut Findings, rig: &Rig, devices: &[Device<'_>; 3]) {
 }
 
 /// The key of the first EtherCAT segment of a rig; `None` if it has none.
-pub(in crate::config) fn segment_key(rig: &Rig) -> Option<String> {
+pub(crate) fn segment_key(rig: &Rig) -> Option<String> {
     let name = rig.buses.iter().find(|(_, bus)| matches!(bus, Bus::Ethercat(_))).map(|(name, _)| name)?;
     Some(format!("buses.{name}.ethercat"))
 }
 
 #[cfg(test)]
 mod tests {
-    use crate::config::{Document, Source, builtin, load, load_rig};
+    use crate::{Document, Source, builtin, load, load_rig};
 
     /// Key, message and help of what is found in the shipped rig on EtherCAT with some of its text replaced.
     fn found(from: &str, to: &str) -> Vec<(String, String, String)> {

@@ -7,9 +7,9 @@ use super::Findings;
 use super::models::refuse_profile;
 use super::sensor_bus::check_plain_can;
 use super::words::{round, shorten_numbers};
-use crate::config::number::{Finite, Positive};
-use crate::config::tree::{ProfileName, Rig, SensorProtocol};
-use crate::sensing::{Calibration, SensingError};
+use crate::number::{Finite, Positive};
+use crate::tree::{ProfileName, Rig, SensorProtocol};
+use yieldwall_motion::sensing::{Calibration, SensingError};
 
 /// Least squared sine of the angle between the rows Fx and Fy of a calibration; below it they say the same.
 const LEAST_ROW_ANGLE: f64 = 1e-12;
@@ -167,7 +167,7 @@ mod tests {
     use std::path::PathBuf;
     use std::sync::Arc;
 
-    use crate::config::{Source, load_rig};
+    use crate::{Source, load_rig};
 
     #[test]
     fn a_zero_above_the_friction_is_warned_of() {

@@ -2,7 +2,7 @@
 
 use super::Findings;
 use super::words::round;
-use crate::config::tree::{Bus, Rig, SensorProtocol};
+use crate::tree::{Bus, Rig, SensorProtocol};
 
 /// SYNC of CANopen.
 const SYNC: u16 = 0x080;
@@ -144,8 +144,8 @@ fn check_gap(findings: &mut Findings, rig: &Rig, key: &str, gap_us: u32) {
 
 #[cfg(test)]
 mod tests {
-    use crate::config::malformed;
-    use crate::config::{Severity, load_rig};
+    use crate::malformed;
+    use crate::{Severity, load_rig};
 
     const STREAMING: &str = "    streaming:\n      command_id: 0x35f\n      data_ids: [0x360, 0x361]\n      pair_gap_us: 500\n      \
                              zero_at_start: false\n";

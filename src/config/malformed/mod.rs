@@ -4,14 +4,14 @@
 //! are changed lie beside this one and belong to these tests alone, so that a shipped file can change at will.
 
 mod table;
-mod tests;
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
-pub(crate) use table::{CASES, Case};
+pub(crate) use table::CASES;
+use table::Case;
 
-use super::source::Source;
+use super::Source;
 
 macro_rules! bases {
     ($($name:literal),* $(,)?) => {

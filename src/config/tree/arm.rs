@@ -4,7 +4,7 @@ use garde::Validate;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::config::number::{Finite, NotNegative, Positive};
+use crate::number::{Finite, NotNegative, Positive};
 
 /// Geometry of a five-bar arm. Pairs list the left arm before the right.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
@@ -33,8 +33,8 @@ pub struct Linkage {
 
 impl Linkage {
     /// The parameters of the kinematics.
-    pub fn geometry(&self) -> crate::linkage::Geometry {
-        use crate::linkage::{Chain, Geometry, Side, Tool, WristSide as Wrist};
+    pub fn geometry(&self) -> yieldwall_motion::linkage::Geometry {
+        use yieldwall_motion::linkage::{Chain, Geometry, Side, Tool, WristSide as Wrist};
         Geometry {
             base_m: self.base_m.map(|point| point.map(Finite::get)),
             proximal_m: self.proximal_m.map(Positive::get),
@@ -123,8 +123,8 @@ pub struct ArmInertia {
 
 impl ArmInertia {
     /// The parameters of the dynamics.
-    pub fn mass_model(&self) -> crate::linkage::MassModel {
-        crate::linkage::MassModel {
+    pub fn mass_model(&self) -> yieldwall_motion::linkage::MassModel {
+        yieldwall_motion::linkage::MassModel {
             motor_kg_m2: self.motor_kg_m2.map(Positive::get),
             proximal_kg: self.proximal_kg.map(NotNegative::get),
             distal_kg: self.distal_kg.map(NotNegative::get),
@@ -160,8 +160,8 @@ pub struct ArmModel {
 
 impl ArmModel {
     /// The parameters of the dynamics.
-    pub fn mass_model(&self) -> crate::linkage::MassModel {
-        crate::linkage::MassModel {
+    pub fn mass_model(&self) -> yieldwall_motion::linkage::MassModel {
+        yieldwall_motion::linkage::MassModel {
             motor_kg_m2: self.motor_kg_m2.map(Positive::get),
             proximal_kg: self.proximal_kg.map(NotNegative::get),
             distal_kg: self.distal_kg.map(NotNegative::get),

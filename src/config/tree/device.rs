@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::fixture::Fixture;
-use crate::config::number::{NotNegative, Positive};
+use crate::number::{NotNegative, Positive};
 
 /// An impedance device [KTF08, IV-A]: back-drivable, taken as a point mass in space whose position is measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]

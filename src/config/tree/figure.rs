@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::fixture::Fixture;
-use crate::config::number::{Finite, Positive, nullable, present};
+use crate::number::{Finite, Positive, nullable, present};
 
 /// A figure to reproduce: one run for each machine and each hold.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]

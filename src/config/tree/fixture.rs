@@ -6,8 +6,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::surface::Surface;
-use crate::config::number::{Finite, NotNegative, Positive};
-use crate::fixture::{self, FixtureError, Several, Shape2, Shape3};
+use crate::number::{Finite, NotNegative, Positive};
+use yieldwall_motion::fixture::{self, FixtureError, Several, Shape2, Shape3};
 
 /// A plasticity-based virtual fixture (KTF08).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]

@@ -6,8 +6,8 @@ use garde::Validate;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
-use crate::config::number::{Finite, NotNegative, Positive};
 use crate::injection::{CATALOGUE, DEFECTS, Defect, DefectError, DefectKind, Injection, InjectionError, Kind, Target};
+use crate::number::{Finite, NotNegative, Positive};
 
 /// One injection of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]

@@ -20,9 +20,9 @@ pub use device::{DeviceCycle, DeviceIdentity, DevicePlant, ImpedanceDevice};
 pub use figure::{Figure, MagnifiedWindow};
 pub use fixture::{AutomaticHold, Coupling, Curvature, Fixture, FixtureLaw, Motion, Passivity, Side};
 pub use injection::{DefectName, DriveSide, FaultName, FaultTarget, SceneDefect, SceneFault};
-pub(in crate::config) use profile::is_yaml;
+pub(crate) use profile::is_yaml;
 pub use profile::{ProfileName, shipped_error_codes, shipped_profile};
-pub(in crate::config) use rig::NamedProfile;
+pub(crate) use rig::NamedProfile;
 pub use rig::{
     Address, Bus, CanBus, CanopenAddress, Control, ControlGains, ControlLaw, Cycle, Drive, EthercatAddress,
     EthercatBus, FeedForward, Guard, Homing, OutputsAct, Rig, RigIdentity,

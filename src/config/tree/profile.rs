@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use yieldwall_drives::codes::{self, ErrorCodes};
 use yieldwall_drives::profiles::{DeviceProfile, SHIPPED};
 
-use crate::config::reader;
+use crate::reader;
 
 /// A device model: the name of one that comes with the program, or a profile's file (`.yaml`), relative to this file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -36,7 +36,7 @@ pub fn shipped_error_codes(name: &str) -> Option<Arc<ErrorCodes>> {
 }
 
 /// Whether a name means a file and not what comes with the program.
-pub(in crate::config) fn is_yaml(name: &str) -> bool {
+pub(crate) fn is_yaml(name: &str) -> bool {
     [".yaml", ".yml"].iter().any(|end| name.ends_with(end))
 }
 
@@ -70,7 +70,6 @@ impl ProfileName {
     }
 
     /// Gives its file another name.
-    #[cfg(any(feature = "cli", all(feature = "sim", feature = "recording")))]
     pub(super) fn rename(&mut self, written: String) {
         self.written = written;
     }
@@ -81,7 +80,7 @@ impl ProfileName {
     }
 
     /// Takes what its file says, and the table of error codes that the file names.
-    pub(crate) fn set(&mut self, profile: DeviceProfile, codes: Option<Arc<ErrorCodes>>) {
+    pub fn set(&mut self, profile: DeviceProfile, codes: Option<Arc<ErrorCodes>>) {
         self.profile = Some(Arc::new(profile));
         self.codes = codes;
     }

@@ -11,13 +11,12 @@ use yieldwall_drives::profiles::{EncoderKind, Role};
 use super::arm::{ArmInertia, Linkage};
 use super::fixture::Fixture;
 use super::profile::ProfileName;
-#[cfg(all(feature = "sim", feature = "recording"))]
 use super::profile::is_yaml;
 use super::sensor::{Sensor, SensorProtocol};
 use super::simulation::{BusTiming, NotSimulated, Simulation, named_simulation};
 use super::waits::{Waits, enabling_ms};
-use crate::config::number::{Finite, NotNegative, Positive, nullable, present};
 use crate::injection::{DefectKind, Injection, Medium, Target};
+use crate::number::{Finite, NotNegative, Positive, nullable, present};
 
 /// An admittance rig: five-bar arm, two servo drives, force sensor, virtual fixture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
@@ -139,17 +138,15 @@ impl Rig {
 }
 
 /// What a file that a rig names has said.
-#[cfg(all(feature = "sim", feature = "recording"))]
 type NamedFile = std::sync::Arc<yieldwall_drives::profiles::DeviceProfile>;
 
 /// Where a document names a device model: the key, the name, and whether a model is of the kind that is wanted there.
-pub(in crate::config) type NamedProfile<'a> = (&'static str, &'a mut ProfileName, fn(&Role) -> bool);
+pub(crate) type NamedProfile<'a> = (&'static str, &'a mut ProfileName, fn(&Role) -> bool);
 
 impl Rig {
     /// Gives the device profiles that are files names of their own, so that they can lie beside this document; names and
     /// profiles.
-    #[cfg(all(feature = "sim", feature = "recording"))]
-    pub(crate) fn name_profile_files(&mut self) -> Vec<(String, NamedFile)> {
+    pub fn name_profile_files(&mut self) -> Vec<(String, NamedFile)> {
         let mut named: Vec<(String, NamedFile)> = Vec::new();
         for (_, name, _) in self.profiles_mut() {
             let Some(profile) = name.get().filter(|_| name.is_file()) else { continue };
@@ -169,8 +166,7 @@ impl Rig {
     }
 
     /// Gives the files of device profiles the names that they have elsewhere.
-    #[cfg(feature = "cli")]
-    pub(crate) fn rename_profile_files(&mut self, renamed: impl Fn(&str) -> String) {
+    pub fn rename_profile_files(&mut self, renamed: impl Fn(&str) -> String) {
         for (_, name, _) in self.profiles_mut().into_iter().filter(|(_, name, _)| name.is_file()) {
             name.rename(renamed(name.as_str()));
         }
@@ -187,7 +183,7 @@ impl Rig {
     }
 
     /// The device models that it names.
-    pub(in crate::config) fn profiles_mut(&mut self) -> Vec<NamedProfile<'_>> {
+    pub(crate) fn profiles_mut(&mut self) -> Vec<NamedProfile<'_>> {
         let is_servo: fn(&Role) -> bool = |role| matches!(role, Role::Servo(_));
         let is_sensor: fn(&Role) -> bool = |role| matches!(role, Role::ForceSensor(_));
         let [left, right] = &mut self.drives;

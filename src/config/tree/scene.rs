@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::injection::{SceneDefect, SceneFault};
-use crate::config::number::{Finite, NotNegative, Positive, nullable, present};
+use crate::number::{Finite, NotNegative, Positive, nullable, present};
 
 /// What happens in a run of the embedded simulation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]

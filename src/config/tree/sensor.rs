@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::profile::ProfileName;
 use super::waits::Waits;
-use crate::config::number::{Finite, NotNegative, Positive, nullable, present};
+use crate::number::{Finite, NotNegative, Positive, nullable, present};
 
 /// A six-axis force sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]

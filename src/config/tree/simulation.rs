@@ -9,7 +9,7 @@ use yieldwall_drives::profiles::Role;
 use super::arm::ArmModel;
 use super::profile::ProfileName;
 use super::rig::NamedProfile;
-use crate::config::number::{NotNegative, Positive};
+use crate::number::{NotNegative, Positive};
 
 /// What the simulation of a rig takes the machine to be, and what happens in it. Nothing of it is used on a real bus.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
@@ -86,15 +86,14 @@ pub struct NotSimulated;
 
 impl Simulation {
     /// Gives the file of a device profile the name that it has elsewhere.
-    #[cfg(feature = "cli")]
-    pub(crate) fn rename_profile_files(&mut self, renamed: impl Fn(&str) -> String) {
+    pub fn rename_profile_files(&mut self, renamed: impl Fn(&str) -> String) {
         for (_, name, _) in self.profiles_mut().into_iter().filter(|(_, name, _)| name.is_file()) {
             name.rename(renamed(name.as_str()));
         }
     }
 
     /// The device model that it names.
-    pub(in crate::config) fn profiles_mut(&mut self) -> Vec<NamedProfile<'_>> {
+    pub(crate) fn profiles_mut(&mut self) -> Vec<NamedProfile<'_>> {
         let is_servo: fn(&Role) -> bool = |role| matches!(role, Role::Servo(_));
         let model = self.drive_model.as_mut();
         model.map(|model| ("drive_model.profile", &mut model.profile, is_servo)).into_iter().collect()

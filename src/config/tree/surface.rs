@@ -5,8 +5,8 @@ use nalgebra::SVector;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::config::number::{Finite, NotNegative, Positive};
-use crate::fixture::{
+use crate::number::{Finite, NotNegative, Positive};
+use yieldwall_motion::fixture::{
     self, Chain, Circle, Cuboid, Cylinder, FixtureError, Plane, Shape2, Shape3, Sphere, Surface as _,
 };
 

@@ -33,9 +33,9 @@ pub(super) fn enabling_ms() -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{load_rig, malformed};
+    use crate::{load_rig, malformed};
 
-    fn with(waits: &str) -> Result<crate::config::Rig, crate::config::Report> {
+    fn with(waits: &str) -> Result<crate::Rig, crate::Report> {
         let text =
             malformed::base_text("rig.yaml").replacen("  - name: left\n", &format!("  - name: left\n{waits}"), 1);
         load_rig(malformed::with("rig.yaml", "rig.yaml", &text)).map(|rig| rig.value)

@@ -19,8 +19,8 @@ const ON_COMMAND: u32 = 1;
 /// What a CANopen device declares beside its own objects: its communication profile and its PDOs.
 ///
 /// ```
-/// use yieldwall::canopen::{CommunicationProfile, PdoParameters, node_id};
-/// use yieldwall::objects::{DeviceIdentity, Mappable, Object, ObjectDictionary};
+/// use yieldwall_fieldbus::canopen::{CommunicationProfile, PdoParameters, node_id};
+/// use yieldwall_fieldbus::objects::{DeviceIdentity, Mappable, Object, ObjectDictionary};
 ///
 /// let node = node_id(3)?;
 /// let controlword = PdoParameters::default_rpdo(1, node, &[(0x6040, 0, 16)])?;
@@ -29,7 +29,7 @@ const ON_COMMAND: u32 = 1;
 ///     .objects(CommunicationProfile::new(node, &DeviceIdentity::default()).rpdo(1, &controlword).objects()?)
 ///     .build()?;
 /// assert!(od.handle::<u16>(0x1017, 0).is_ok());
-/// # Ok::<(), yieldwall::canopen::CanopenError>(())
+/// # Ok::<(), yieldwall_fieldbus::canopen::CanopenError>(())
 /// ```
 #[derive(Clone, Debug)]
 pub struct CommunicationProfile {

@@ -28,7 +28,7 @@ use super::{AxisController, AxisStep, EffortRange, Gains};
 ///
 /// # Example
 /// ```
-/// use yieldwall::control::{AxisController, EffortRange, Gains, Psmc};
+/// use yieldwall_motion::control::{AxisController, EffortRange, Gains, Psmc};
 ///
 /// // In N m/rad, N m s/rad and N m/(rad s); H is 0.15 s, T is 1 ms.
 /// let gains = Gains { stiffness: 2000.0, damping: 40.0, integral: 2000.0 };
@@ -36,7 +36,7 @@ use super::{AxisController, AxisStep, EffortRange, Gains};
 /// // The joint is 0.5 rad off, and its drive makes 10 N m at most.
 /// let step = joint.step(0.5, EffortRange::symmetric(10.0));
 /// assert_eq!((step.effort, step.saturated), (10.0, true));
-/// # Ok::<(), yieldwall::control::ControlError>(())
+/// # Ok::<(), yieldwall_motion::control::ControlError>(())
 /// ```
 ///
 /// # Source

@@ -6,13 +6,13 @@ use crate::quantity::{JointAngles, JointRates, JointTorques};
 /// What the joints shall do next, in the rig's command mode. A set-point has its unit in its type:
 ///
 /// ```
-/// use yieldwall::guard::JointCommand;
-/// use yieldwall::quantity::JointTorques;
+/// use yieldwall_motion::guard::JointCommand;
+/// use yieldwall_motion::quantity::JointTorques;
 /// let command = JointCommand::Torque(JointTorques::new(1.0, 2.0));
 /// ```
 /// ```compile_fail
-/// use yieldwall::guard::JointCommand;
-/// use yieldwall::quantity::JointAngles;
+/// use yieldwall_motion::guard::JointCommand;
+/// use yieldwall_motion::quantity::JointAngles;
 /// let command = JointCommand::Torque(JointAngles::new(1.0, 2.0));
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,8 +28,8 @@ pub enum JointCommand {
 /// A command that passed the gate. Nothing else can be scaled and encoded.
 ///
 /// ```compile_fail
-/// use yieldwall::guard::{Allowed, JointCommand};
-/// use yieldwall::quantity::JointTorques;
+/// use yieldwall_motion::guard::{Allowed, JointCommand};
+/// use yieldwall_motion::quantity::JointTorques;
 /// let command = JointCommand::Torque(JointTorques::new(1.0, 2.0));
 /// // Only the gate says so.
 /// let allowed = Allowed(command);

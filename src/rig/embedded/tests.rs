@@ -1,8 +1,17 @@
+// Each of its users takes a part of it.
+#[allow(dead_code, unused_imports)]
+#[path = "../../config/malformed/mod.rs"]
+mod malformed;
+
 use std::sync::atomic::AtomicBool;
 
 use super::*;
+use crate::config::{Source, load_rig};
+use crate::elementary;
 use crate::quantity::Force;
 use crate::run::Bounds;
+use malformed::{base_text, with};
+use proptest::prelude::*;
 
 fn shipped(permit: fn(&Runner<Simulation>) -> Permit) -> EmbeddedRig {
     let loaded = config::load_rig(config::Source::named("builtin:paper-admittance.yaml")).unwrap();
@@ -122,4 +131,32 @@ fn what_pulls_at_the_tool_when_a_rig_is_enabled_is_the_zero_unless_it_is_too_gre
     assert!(felt.norm() < 0.2 && state == State::Running, "{felt:?} {state:?}");
     let error = tared(Force::new(3.0, 3.0)).unwrap_err().to_string();
     assert!(error.contains("the force sensor was not tared: it shows 4.2"), "{error}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 300, ..ProptestConfig::default() })]
+
+    /// Every number of a rig or its scene replaced by any number of any size: refused, or the rig can be built.
+    #[test]
+    fn any_number_in_a_rig_is_answered(
+        which in 0..300_usize,
+        number in prop_oneof![any::<f64>(), -10.0..1e4_f64, Just(0.0), (-320.0..320.0_f64).prop_map(|power| elementary::powf(10.0, power))],
+        is_whole in any::<bool>(),
+        mode in prop_oneof![Just("torque"), Just("position")],
+    ) {
+        let name = if which % 4 == 0 { "scene.yaml" } else { "rig.yaml" };
+        let original = base_text(name).replace("command_mode: torque", &format!("command_mode: {mode}"));
+        let is_number = |at: usize| original[..at].ends_with([' ', '[', '-']) && !original[..at].ends_with("- ");
+        let digits = original.match_indices(|c: char| c.is_ascii_digit()).map(|(at, _)| at);
+        let starts: Vec<usize> = digits.filter(|at| is_number(*at)).collect();
+        let start = starts[which % starts.len()];
+        let end = start + original[start..].find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(0);
+        let number = if is_whole { format!("{:.0}", number.clamp(-1e6, 1e6)) } else { format!("{number:?}") };
+        let text = format!("{}{number}{}", &original[..start], &original[end..]);
+        if let Ok(rig) = load_rig(with("rig.yaml", name, &text)) {
+            let scene = rig.scene().unwrap().value;
+            let built = EmbeddedRig::new(&rig.value, &scene, &rig.value.fixture, scene.seed);
+            prop_assert!(built.is_ok(), "{number} at {:?}: {}", original[..start].lines().last(), built.err().unwrap());
+        }
+    }
 }

@@ -6,8 +6,8 @@ use super::super::Recovery::{None as Nothing, Reset};
 use super::super::Target::{Drives, Hand, LeftDrive, RightDrive};
 use super::super::{Kind, Row};
 use super::{ANY, DISABLED, ONE_DRIVE, STOPPED, on_any, row, sized};
-use crate::guard::Fault as F;
-use crate::guard::Reaction::{Count, Freeze, QuickStop, StopRamp};
+use yieldwall_motion::guard::Fault as F;
+use yieldwall_motion::guard::Reaction::{Count, Freeze, QuickStop, StopRamp};
 
 pub(super) const ROWS: [Row; 16] = [
     on_any(sized(

@@ -6,8 +6,8 @@ use super::super::Recovery::{None as Nothing, Reset};
 use super::super::Target::Sensor;
 use super::super::{Kind, Row};
 use super::{STOPPED, on_any, row, sized};
-use crate::guard::Fault as F;
-use crate::guard::Reaction::{Count, Freeze, StopRamp};
+use yieldwall_motion::guard::Fault as F;
+use yieldwall_motion::guard::Reaction::{Count, Freeze, StopRamp};
 
 pub(super) const ROWS: [Row; 8] = [
     on_any(row(

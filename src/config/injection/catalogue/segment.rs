@@ -5,9 +5,9 @@ use super::super::Lasts::{For, Once};
 use super::super::Target::{Bus, LeftDrive, RightDrive, Sensor};
 use super::super::{Expected, Kind, Lasts, Medium, Recovery, Row, Target};
 use super::{ANY, LOST, STOPPED, STOPPED_OR_LOST, sized};
-use crate::guard::Fault as F;
-use crate::guard::Reaction::{self, Count, QuickStop, StopRamp};
 use Recovery::{Reset, Restart};
+use yieldwall_motion::guard::Fault as F;
+use yieldwall_motion::guard::Reaction::{self, Count, QuickStop, StopRamp};
 
 const DEVICES: &[Target] = &[LeftDrive, RightDrive, Sensor];
 /// Devices whose clocks the cycles follow.

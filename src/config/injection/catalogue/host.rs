@@ -6,8 +6,8 @@ use super::super::Recovery::{NewProcess, Reset, Restart};
 use super::super::Target::{Drives, Host, LeftDrive, Link, Operator, RightDrive, Sensor};
 use super::super::{Kind, Row, Target};
 use super::{DISABLED, LOST, STOPPED, cut_off_on_ethercat, on_any, row, sized};
-use crate::guard::Fault as F;
-use crate::guard::Reaction::{QuickStop, Silence, StopRamp};
+use yieldwall_motion::guard::Fault as F;
+use yieldwall_motion::guard::Reaction::{QuickStop, Silence, StopRamp};
 
 /// The master's interfaces: all, or those to the bus of a device.
 const LINKS: [Target; 5] = [Link, LeftDrive, RightDrive, Drives, Sensor];

@@ -11,11 +11,15 @@ mod compose_tests;
 mod diagnostic;
 mod explain;
 mod former;
+pub mod injection;
 mod kind;
 mod load;
 mod locator;
 #[cfg(test)]
-pub(crate) mod malformed;
+mod malformed;
+#[cfg(test)]
+#[path = "malformed/tests.rs"]
+mod malformed_tests;
 mod number;
 mod outline;
 mod reader;
@@ -25,8 +29,7 @@ mod suggest;
 mod tree;
 mod yaml;
 
-#[cfg(feature = "cli")]
-pub(crate) use check::HEARTBEAT_CYCLES;
+pub use check::HEARTBEAT_CYCLES;
 pub use check::MAX_DURATION_S;
 pub use diagnostic::{Diagnostic, Place, Related, Report, Severity};
 pub use kind::Kind;
@@ -37,6 +40,5 @@ pub use load::{
 pub use number::{Finite, NotNegative, Positive};
 pub use schema::schema;
 pub use source::{MAX_FILE_BYTES, Source, builtin, builtin_names};
-#[cfg(feature = "cli")]
-pub(crate) use suggest::nearest as nearest_word;
+pub use suggest::nearest as nearest_word;
 pub use tree::*;

@@ -6,8 +6,8 @@ use super::super::Recovery::{None as Nothing, Reset, Restart};
 use super::super::Target::{Bus, LeftDrive, RightDrive, Sensor};
 use super::super::{Kind, Row};
 use super::{ANY, LOST, ONE_DRIVE, STOPPED, cut_off_on_ethercat, on_any, row, sized};
-use crate::guard::Fault as F;
-use crate::guard::Reaction::{Count, QuickStop, StopRamp};
+use yieldwall_motion::guard::Fault as F;
+use yieldwall_motion::guard::Reaction::{Count, QuickStop, StopRamp};
 
 pub(super) const ROWS: [Row; 20] = [
     row(

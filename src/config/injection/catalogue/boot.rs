@@ -6,8 +6,8 @@ use super::super::Recovery::{Reset, Restart};
 use super::super::Target::{LeftDrive, Link, RightDrive, Sensor};
 use super::super::{Kind, Row};
 use super::{ONE_DRIVE, on_any, row, sized};
-use crate::guard::Fault as F;
-use crate::guard::Reaction::{Count, QuickStop};
+use yieldwall_motion::guard::Fault as F;
+use yieldwall_motion::guard::Reaction::{Count, QuickStop};
 
 pub(super) const ROWS: [Row; 6] = [
     row(

@@ -11,7 +11,7 @@ pub use catalogue::CATALOGUE;
 pub use defect::{DEFECTS, Defect, DefectError, DefectKind, DefectRow, DefectSize, FoundBy};
 pub use error::InjectionError;
 
-use crate::guard::{Fault, Reaction, State};
+use yieldwall_motion::guard::{Fault, Reaction, State};
 
 /// What is broken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -10,9 +10,9 @@ mod sensor;
 use super::Ending::Latched;
 use super::Target::{LeftDrive, RightDrive};
 use super::{Ending, Expected, Kind, Lasts, Medium, Recovery, Row, Size, Target};
-use crate::guard::Fault as F;
-use crate::guard::Reaction;
-use crate::guard::State::{Disabled, Lost, Stopped};
+use yieldwall_motion::guard::Fault as F;
+use yieldwall_motion::guard::Reaction;
+use yieldwall_motion::guard::State::{Disabled, Lost, Stopped};
 
 const ONE_DRIVE: &[Target] = &[LeftDrive, RightDrive];
 const STOPPED: Ending = Latched(&[Stopped]);
@@ -121,7 +121,7 @@ mod tests {
 
     #[test]
     fn every_fault_is_brought_about() {
-        for row in &crate::guard::fault::TABLE {
+        for row in &yieldwall_motion::guard::fault::TABLE {
             let injected = CATALOGUE.iter().any(|injection| {
                 let each = injection.media.iter().map(|medium| injection.expected_on(*medium));
                 each.into_iter().any(|expected| expected.faults.contains(&row.fault))
