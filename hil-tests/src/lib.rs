@@ -2,6 +2,7 @@
 //!
 //! [`Scenario`] names a shipped rig and what is changed about it; [`Recording`] is what an observer on the bus sees of it.
 //! [`arbitrary`] has bodies for any bytes. The benchmarks time a [`machine::Machine`] and its stages on what [`tape`] recorded.
+//! [`processes`] are programs that a test starts, none of which outlives it.
 //! [`network`] is a bus with devices, virtual or behind an interface; [`segment`] is a virtual EtherCAT segment with devices.
 
 pub mod arbitrary;
@@ -9,6 +10,7 @@ pub mod cable;
 pub mod machine;
 pub mod network;
 mod observe;
+pub mod processes;
 mod scenario;
 pub mod segment;
 pub mod segment_cable;

@@ -4,6 +4,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
+use hil_tests::processes::{Process, output};
 use serde_json::Value;
 
 use super::programs::*;
@@ -116,7 +117,7 @@ fn drives_of_five_odd_vendors_run_by_what_was_found_of_them() {
         let adopted = well_of(&rig, &format!("drive adopt --node left --out {}", profile.display()));
         println!("adopting {vendor} took {:.2} s", begun.elapsed().as_secs_f64());
         assert_eq!(adopted["modes"].as_array().unwrap().len(), 3, "{adopted:#}");
-        let shown = std::process::Command::new(program()).args(["config", "show", &rig]).output().unwrap();
+        let shown = output(Command::new(program()).args(["config", "show", &rig]));
         let shown = String::from_utf8(shown.stdout).unwrap();
         let own = format!("  profile: builtin:vendors/profiles/{vendor}.yaml\n");
         let found = shown.replacen(&own, &format!("  profile: {vendor}.yaml\n  encoder: multi_turn\n"), 2);
@@ -168,7 +169,7 @@ fn beside_a_rig_that_runs_nothing_is_sent_and_all_is_heard() {
     // More than a pipe holds: it is read while it is written.
     let bus = bus();
     let monitor = ["monitor", "--for", "0.3", "--bus", &bus, "--rig", RIG, "--json"];
-    let seen = std::process::Command::new(program()).args(monitor).output().unwrap();
+    let seen = output(Command::new(program()).args(monitor));
     let frames: Value = serde_json::from_slice(&seen.stdout).unwrap();
     let texts: Vec<&str> =
         frames["frames"].as_array().unwrap().iter().filter_map(|frame| frame["what"].as_str()).collect();
@@ -195,7 +196,7 @@ fn check<'a>(document: &'a Value, subject: &str) -> &'a Value {
 fn mend(check: &Value) {
     let command = check["mend"].as_str().unwrap_or_else(|| panic!("{check:#}"));
     let with_program = command.replace("sudo ", "").replace("yieldwall ", &format!("{} ", program().display()));
-    let done = Command::new("sh").args(["-c", &with_program]).output().expect("a shell");
+    let done = output(Command::new("sh").args(["-c", &with_program]));
     assert!(done.status.success(), "{command}: {}", String::from_utf8_lossy(&done.stderr));
 }
 
@@ -311,8 +312,9 @@ fn no_real_time_priority_is_mended_for_the_shell_that_asked() {
         .expect("util-linux is installed");
     // `prlimit` and `setpriv` become the shell.
     let pid = shell.id().to_string();
-    let (mut stdin, stdout) = (shell.stdin.take().unwrap(), shell.stdout.take().unwrap());
-    let mut lines = BufReader::new(stdout).lines();
+    let mut stdin = shell.stdin.take().unwrap();
+    let mut shell = Process::of(shell);
+    let mut lines = BufReader::new(shell.stdout().clone()).lines();
     let mut ask = || {
         writeln!(stdin, "{} doctor --json; echo END", program().display()).unwrap();
         let said: Vec<String> = lines.by_ref().map(Result::unwrap).take_while(|line| line != "END").collect();
@@ -326,10 +328,10 @@ fn no_real_time_priority_is_mended_for_the_shell_that_asked() {
     let command = priority["mend"].as_str().unwrap();
     assert!(command.contains("--pid $$"), "{command}");
     let command = command.replace("$$", &pid).replace("sudo ", "");
-    let done = Command::new("sh").args(["-c", &command]).output().unwrap();
+    let done = output(Command::new("sh").args(["-c", &command]));
     assert!(done.status.success(), "{command}: {}", String::from_utf8_lossy(&done.stderr));
     let granted = ask();
     assert_eq!(check(&granted, "priority")["verdict"], "ok", "{granted:#}");
     drop(stdin);
-    shell.wait().unwrap();
+    shell.output();
 }

@@ -11,6 +11,7 @@ mod served;
 use std::process::Command;
 use std::time::Duration;
 
+use hil_tests::processes::output;
 use yieldwall::link::{EthernetError, EthernetLink, EthernetReceived, PacketSocket, Role, SendError};
 
 /// Longest wait for what has to come.
@@ -123,13 +124,9 @@ fn who_lacks_the_privilege_is_told_how_to_get_it() {
     }
     let own = std::env::current_exe().expect("this program has a path");
     let name = "ethernet::who_lacks_the_privilege_is_told_how_to_get_it";
-    let done = Command::new("setpriv")
-        .args(["--bounding-set=-net_raw", "--inh-caps=-net_raw"])
-        .arg(own)
-        .args([name, "--exact", "--ignored"])
-        .env("YIELDWALL_UNPRIVILEGED", "1")
-        .output()
-        .expect("util-linux is there");
+    let mut unprivileged = Command::new("setpriv");
+    unprivileged.args(["--bounding-set=-net_raw", "--inh-caps=-net_raw"]).arg(own);
+    let done = output(unprivileged.args([name, "--exact", "--ignored"]).env("YIELDWALL_UNPRIVILEGED", "1"));
     let said = String::from_utf8_lossy(&done.stdout);
     assert!(done.status.success() && said.contains("1 passed"), "{said}");
 }
@@ -145,8 +142,7 @@ fn sim(is_privileged: bool, arguments: &[&str]) -> (Option<i32>, String) {
             command
         }
     };
-    let done = command.args(["sim", "builtin:paper-ethercat.yaml"]).args(arguments).output();
-    let done = done.expect("`cargo build --bin yieldwall` comes before these tests");
+    let done = output(command.args(["sim", "builtin:paper-ethercat.yaml"]).args(arguments));
     let said = String::from_utf8(done.stderr).expect("text");
     (done.status.code(), said.split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" "))
 }

@@ -1,14 +1,16 @@
 //! The program as a process, and who listens on its bus.
 
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use hil_tests::network::Real;
+pub(super) use hil_tests::processes::LIMIT;
+use hil_tests::processes::{PipeReader, Process};
 use serde_json::Value;
 use yieldwall::canopen::{Emergency, Frame};
 use yieldwall::config::{self, Source};
@@ -19,8 +21,6 @@ use yieldwall::run::Pace;
 use yieldwall::time::Time;
 
 pub(super) const RIG: &str = "builtin:paper-admittance.yaml";
-/// How long anything may take; only a program that hangs does.
-pub(super) const LIMIT: Duration = Duration::from_secs(240);
 /// How often something is tried that a computer which stands still for a moment can spoil.
 pub(super) const TRIES: usize = 4;
 
@@ -46,7 +46,7 @@ pub(super) fn own_state() -> PathBuf {
 }
 
 /// A process that does not outlive its test.
-pub(super) struct Running(Option<Child>);
+pub(super) struct Running(Process);
 
 impl Running {
     pub(super) fn start(arguments: &[&str]) -> Self {
@@ -56,34 +56,25 @@ impl Running {
     /// With records of its own.
     pub(super) fn start_with(state: &Path, arguments: &[&str]) -> Self {
         // Whoever started these tests may have had HUP ignored for all that they start.
-        let child = Command::new("env")
-            .arg("--default-signal=HUP")
-            .arg(program())
-            .args(arguments)
-            .env("XDG_STATE_HOME", state)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .expect("`cargo build --bin yieldwall` comes before these tests");
-        Self(Some(child))
+        Self::piped(
+            Command::new("env").arg("--default-signal=HUP").arg(program()).args(arguments).env("XDG_STATE_HOME", state),
+        )
     }
 
     /// An example of the library, with the records of [`Running::start`].
     pub(super) fn example(name: &str, arguments: &[&str]) -> Self {
-        let child = Command::new(program().with_file_name("examples").join(name))
-            .args(arguments)
-            .env("XDG_STATE_HOME", own_state())
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .expect("`cargo build --example` comes before these tests");
-        Self(Some(child))
+        let example = program().with_file_name("examples").join(name);
+        Self::piped(Command::new(example).args(arguments).env("XDG_STATE_HOME", own_state()))
+    }
+
+    /// Without an input: the one of the tests may never end.
+    fn piped(command: &mut Command) -> Self {
+        Self(Process::start(command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped())))
     }
 
     /// A program of others.
     pub(super) fn of(child: Child) -> Self {
-        Self(Some(child))
+        Self(Process::of(child))
     }
 
     /// Simulated devices that are ready.
@@ -106,37 +97,29 @@ impl Running {
     }
 
     pub(super) fn signal(&self, name: &str) {
-        let id = self.pid().to_string();
-        assert!(Command::new("kill").args(["-s", name, &id]).status().expect("procps").success());
+        self.0.signal(name);
     }
 
     /// Number of the process.
     pub(super) fn pid(&self) -> u32 {
-        self.0.as_ref().expect("it runs").id()
+        self.0.pid()
     }
 
     /// What it prints.
-    pub(super) fn stdout(&mut self) -> &mut std::process::ChildStdout {
-        self.0.as_mut().and_then(|child| child.stdout.as_mut()).expect("it is piped")
+    pub(super) fn stdout(&mut self) -> &mut PipeReader {
+        self.0.stdout()
     }
 
     /// Whether it has ended.
     pub(super) fn has_ended(&mut self) -> bool {
-        self.0.as_mut().expect("it runs").try_wait().expect("it is a child").is_some()
+        self.0.has_ended()
     }
 
-    /// Waits for the end; exit code, standard output, standard error.
-    pub(super) fn end(mut self) -> (i32, String, String) {
-        let started = Instant::now();
-        while !self.has_ended() {
-            assert!(started.elapsed() < LIMIT, "it hangs: {}", where_it_stands(self.pid()));
-            std::thread::sleep(Duration::from_millis(10));
-        }
-        let mut child = self.0.take().expect("it runs");
-        let (mut out, mut error) = (String::new(), String::new());
-        child.stdout.take().expect("piped").read_to_string(&mut out).expect("text");
-        child.stderr.take().expect("piped").read_to_string(&mut error).expect("text");
-        (child.wait().expect("it is a child").code().unwrap_or(-1), out, error)
+    /// Waits for the end; exit code, and what nobody has read of standard output and standard error.
+    pub(super) fn end(self) -> (i32, String, String) {
+        let Output { status, stdout, stderr } = self.0.output();
+        let text = |bytes| String::from_utf8(bytes).expect("text");
+        (status.code().unwrap_or(-1), text(stdout), text(stderr))
     }
 
     pub(super) fn document(self) -> (i32, Value) {
@@ -151,43 +134,6 @@ impl Running {
         assert_eq!(code, OK, "{error}");
         out
     }
-}
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        let Some(child) = &mut self.0 else { return };
-        let ended = child.try_wait();
-        let _ = child.kill();
-        let _ = child.wait();
-        if std::thread::panicking() {
-            let (mut out, mut error) = (Vec::new(), Vec::new());
-            let _ = child.stdout.take().map(|mut stdout| stdout.read_to_end(&mut out));
-            let _ = child.stderr.take().map(|mut stderr| stderr.read_to_end(&mut error));
-            let (out, error) = (String::from_utf8_lossy(&out), String::from_utf8_lossy(&error));
-            eprintln!("process {}, at the failure {ended:?}, has said:\n{out}\n{error}", child.id());
-        }
-    }
-}
-
-/// What a process was told, and where each of its threads waits: what is left to see of one that hangs.
-fn where_it_stands(pid: u32) -> String {
-    let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default().replace('\0', " ");
-    let mut text = read(&format!("/proc/{pid}/cmdline"));
-    for thread in std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten() {
-        let of = |what: &str| read(&format!("{}/{what}", thread.path().display()));
-        let state = of("status")
-            .lines()
-            .filter(|line| ["State", "ShdPnd", "SigBlk", "SigIgn", "SigCgt"].iter().any(|key| line.starts_with(key)))
-            .collect::<Vec<_>>()
-            .join(", ");
-        text += &format!(
-            "\nthread {}: {state}, in {}, call {}",
-            of("comm").trim_end(),
-            of("wchan"),
-            of("syscall").trim_end()
-        );
-    }
-    text
 }
 
 /// The simulated devices of a rig once more, on the bus beside those of a program: in this process, which is none of those

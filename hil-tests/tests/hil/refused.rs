@@ -3,6 +3,7 @@
 
 use std::process::Command;
 
+use hil_tests::processes::output;
 use serde_json::Value;
 
 use super::programs::*;
@@ -40,15 +41,14 @@ fn a_process_that_may_not_open_can_sockets() {
     let program = program();
     let program = program.to_str().expect("a plain path");
     let bus = bus();
-    let done = Command::new("python3").args([filter, program, "run", RIG, "--bus", &bus]).output();
-    let done = done.expect("python3 takes the permission away");
+    let done = output(Command::new("python3").args([filter, program, "run", RIG, "--bus", &bus]));
     let said = String::from_utf8(done.stderr).expect("text");
     assert_eq!(done.status.code(), Some(BUS_UNAVAILABLE), "{said}");
     let said = said.split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ");
     assert!(said.contains("this process may not open CAN sockets"), "{said}");
     assert!(said.contains("RestrictAddressFamilies"), "{said}");
-    let done = Command::new("python3").args([filter, program, "doctor", "--bus", &bus, "--json"]).output();
-    let document: Value = serde_json::from_slice(&done.expect("as before").stdout).expect("a document");
+    let done = output(Command::new("python3").args([filter, program, "doctor", "--bus", &bus, "--json"]));
+    let document: Value = serde_json::from_slice(&done.stdout).expect("a document");
     let checks = document["checks"].as_array().expect("checks");
     let found = checks.iter().find(|check| check["subject"] == "permission").expect("the trouble by its name");
     assert_eq!((&found["verdict"], &document["exit_code"]), (&"wrong".into(), &BUS_UNAVAILABLE.into()), "{found:#}");

@@ -14,12 +14,10 @@ impl Drop for Folder {
 }
 
 fn yieldwall(folder: &Path, line: &str) -> Output {
-    Command::new(hil_tests::program())
-        .args(line.split(' '))
-        .current_dir(folder)
-        .env("XDG_STATE_HOME", folder.join("state"))
-        .output()
-        .unwrap()
+    let mut program = Command::new(hil_tests::program());
+    hil_tests::processes::output(
+        program.args(line.split(' ')).current_dir(folder).env("XDG_STATE_HOME", folder.join("state")),
+    )
 }
 
 fn well(folder: &Path, line: &str) -> String {

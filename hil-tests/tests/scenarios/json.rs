@@ -4,8 +4,9 @@
 use std::fs::File;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command};
+use std::process::Command;
 
+use hil_tests::processes::{Process, output};
 use serde_json::Value;
 
 struct Folder(PathBuf);
@@ -148,12 +149,9 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
         ("man --out pages", 0),
     ];
     for (line, code) in cases.into_iter().chain(ON_ETHERCAT) {
-        let seen = Command::new(hil_tests::program())
-            .args(line.split(' ').chain(["--json"]))
-            .current_dir(&folder.0)
-            .env("XDG_STATE_HOME", folder.0.join("state"))
-            .output()
-            .unwrap();
+        let mut program = Command::new(hil_tests::program());
+        program.args(line.split(' ').chain(["--json"])).current_dir(&folder.0);
+        let seen = output(program.env("XDG_STATE_HOME", folder.0.join("state")));
         let text = String::from_utf8(seen.stdout).unwrap();
         assert_eq!(seen.status.code(), Some(code), "{line}: {text}");
         let document: Value = serde_json::from_str(&text).unwrap_or_else(|error| panic!("{line}: {error}: {text}"));
@@ -166,7 +164,7 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
 
 /// A command that starts on a terminal of 80 columns, on which this was typed before, and the side of the person.
 #[cfg(target_os = "linux")]
-fn start_on_terminal(line: &str, folder: &Path, typed: &str) -> (Child, File) {
+fn start_on_terminal(line: &str, folder: &Path, typed: &str) -> (Process, File) {
     use rustix::pty::{OpenptFlags, grantpt, ioctl_tiocgptpeer, openpt, unlockpt};
     use rustix::termios::{Winsize, tcsetwinsize};
 
@@ -176,23 +174,23 @@ fn start_on_terminal(line: &str, folder: &Path, typed: &str) -> (Child, File) {
     unlockpt(&master).unwrap();
     let slave = ioctl_tiocgptpeer(&master, flags).unwrap();
     tcsetwinsize(&slave, Winsize { ws_row: 40, ws_col: 80, ws_xpixel: 0, ws_ypixel: 0 }).unwrap();
-    let [input, output, error] = [&slave; 3].map(|slave| slave.try_clone().unwrap());
+    let [input, shown, error] = [&slave; 3].map(|slave| slave.try_clone().unwrap());
     let mut program = Command::new(hil_tests::program());
     program.args(line.split(' ')).current_dir(folder).env("XDG_STATE_HOME", folder.join("state")).env("NO_COLOR", "1");
     let mut master = File::from(master);
     master.write_all(typed.as_bytes()).unwrap();
-    let child = program.stdin(input).stdout(output).stderr(error).spawn().unwrap();
-    (child, master)
+    let process = Process::start(program.stdin(input).stdout(shown).stderr(error));
+    (process, master)
 }
 
 /// A terminal of 80 columns on which a command runs: its exit code, and the lines that are left on it.
 #[cfg(target_os = "linux")]
 fn on_terminal(line: &str, folder: &Path, typed: &str) -> (Option<i32>, Vec<String>) {
-    let (mut child, mut master) = start_on_terminal(line, folder, typed);
+    let (process, mut master) = start_on_terminal(line, folder, typed);
     let mut seen = Vec::new();
     // It ends with an error once nobody has the other side open.
     let _ = master.read_to_end(&mut seen);
-    let status = child.wait().unwrap();
+    let status = process.output().status;
     let text = String::from_utf8(seen).unwrap();
     let lines = text.split('\n').map(|line| {
         // What was drawn over is gone.
@@ -356,7 +354,7 @@ fn only_a_yes_that_answers_the_question_counts() {
     assert_eq!(exit, Some(0), "{}", lines.join("\n"));
     let write = format!("sii write right left.sii {rig}");
     for (typed, answer, code) in [("yes\n", "no\n", 2), ("", "y\n", 2), ("yes\nye", "yes\n", 0)] {
-        let (mut child, mut master) = start_on_terminal(&write, &folder.0, typed);
+        let (process, mut master) = start_on_terminal(&write, &folder.0, typed);
         let (mut seen, mut bytes, mut answered) = (String::new(), [0; 256], 0);
         // It ends with an error once nobody has the other side open.
         while let Ok(count @ 1..) = master.read(&mut bytes) {
@@ -369,7 +367,7 @@ fn only_a_yes_that_answers_the_question_counts() {
             }
         }
         assert_ne!(answered, 0, "{typed:?} is no answer: {seen}");
-        assert_eq!(child.wait().unwrap().code(), Some(code), "{typed:?}, then {answer:?}: {seen}");
+        assert_eq!(process.output().status.code(), Some(code), "{typed:?}, then {answer:?}: {seen}");
     }
 }
 
@@ -380,8 +378,7 @@ fn a_stream_has_an_object_a_line_and_ends_with_the_document() {
     std::fs::create_dir_all(&folder.0).unwrap();
     let lines = |line: &str| {
         let mut program = Command::new(hil_tests::program());
-        let seen =
-            program.args(line.split(' ')).current_dir(&folder.0).env("XDG_STATE_HOME", &folder.0).output().unwrap();
+        let seen = output(program.args(line.split(' ')).current_dir(&folder.0).env("XDG_STATE_HOME", &folder.0));
         let text = String::from_utf8(seen.stdout).unwrap();
         let each =
             text.lines().map(|one| serde_json::from_str(one).unwrap_or_else(|error| panic!("{line}: {error}: {one}")));

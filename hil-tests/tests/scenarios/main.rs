@@ -20,6 +20,7 @@ mod json;
 mod layers;
 mod live;
 mod mujoco;
+mod processes;
 mod profiles;
 mod recording;
 mod soak;

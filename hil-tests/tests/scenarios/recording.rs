@@ -10,6 +10,7 @@ use std::sync::{Arc, Mutex, mpsc};
 use std::time::Duration;
 
 use hil_tests::Scenario;
+use hil_tests::processes::{Process, output};
 use yieldwall::canopen::Frame;
 use yieldwall::config;
 use yieldwall::guard::{Fault, Request};
@@ -233,15 +234,11 @@ fn a_recording_that_is_killed_loses_less_than_a_second() {
     let mut most_lost = 0;
     for kill in 0..KILLS {
         let folder = Folder::new();
-        let mut child = Command::new(std::env::current_exe().expect("this program"))
-            .args(["--ignored", "--exact", "recording::records_until_it_is_killed", "--nocapture"])
-            .env(FOLDER, &folder.0)
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .expect("this program starts");
-        let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
+        let mut command = Command::new(std::env::current_exe().expect("this program"));
+        command.args(["--ignored", "--exact", "recording::records_until_it_is_killed", "--nocapture"]);
+        command.env(FOLDER, &folder.0).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
+        let mut child = Process::start(&mut command);
+        let mut lines = BufReader::new(child.stdout().clone()).lines();
         let mut count_of = move || {
             let number = |line: String| line.strip_prefix("recorded ").and_then(|count| count.parse::<u64>().ok());
             lines.by_ref().find_map(|line| number(line.ok()?))
@@ -249,8 +246,7 @@ fn a_recording_that_is_killed_loses_less_than_a_second() {
         assert!(count_of().is_some(), "the child records");
         let reader = std::thread::spawn(move || std::iter::from_fn(&mut count_of).last().unwrap_or(0));
         std::thread::sleep(Duration::from_millis(kill * 37 % 200));
-        child.kill().expect("it is killed");
-        child.wait().expect("it has ended");
+        drop(child);
         let produced = reader.join().expect("its output is read");
         let kept = read(&folder);
         assert!(kept.iter().enumerate().all(|(at, record)| record.moment.index == at as u64), "kill {kill}");
@@ -296,13 +292,13 @@ fn a_processor_without_fused_multiply_add_gives_the_same_bits() {
     for file in KINDS {
         record_all(&folder.0.join(file), file);
     }
-    let child = Command::new(std::env::current_exe().expect("this program"))
+    let mut command = Command::new(std::env::current_exe().expect("this program"));
+    command
         .args(["--ignored", "--exact", "recording::replays_and_records_once_more", "--nocapture"])
-        .env(FOLDER, &folder.0)
-        // The names that it has today, and those that it had before version 2.33.
-        .env("GLIBC_TUNABLES", "glibc.cpu.hwcaps=-FMA,-FMA4,-AVX2,-FMA_Usable,-FMA4_Usable,-AVX2_Usable")
-        .output()
-        .expect("this program starts");
+        .env(FOLDER, &folder.0);
+    // The names that it has today, and those that it had before version 2.33.
+    command.env("GLIBC_TUNABLES", "glibc.cpu.hwcaps=-FMA,-FMA4,-AVX2,-FMA_Usable,-FMA4_Usable,-AVX2_Usable");
+    let child = output(&mut command);
     let told = String::from_utf8_lossy(&child.stdout) + String::from_utf8_lossy(&child.stderr);
     assert!(child.status.success(), "{told}");
     for file in KINDS {
@@ -415,7 +411,7 @@ fn a_capture_has_the_frames_of_all_buses_and_the_same_seed_gives_the_same_bytes(
     let run = |rig: &str, more: &[&str]| {
         let mut run = Command::new(hil_tests::program());
         run.current_dir(&folder.0).args(["-q", "run", rig, "--duration", "0.3"]).args(more);
-        let done = run.output().expect("`cargo build --bin yieldwall` comes before these tests");
+        let done = output(&mut run);
         (done.status.code(), String::from_utf8(done.stderr).expect("text"))
     };
     let mixed = "builtin:paper-ethercat-can-sensor.yaml";
