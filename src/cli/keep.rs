@@ -36,8 +36,8 @@ pub(super) const MCAP: &str = "cycles.mcap";
 /// The same as text.
 const CSV: &str = "cycles.csv";
 /// The frames of a recording: those of CAN, and those of all buses.
-const LOG: &str = "bus.log";
-const CAPTURE: &str = "bus.pcapng";
+pub(super) const LOG: &str = "bus.log";
+pub(super) const CAPTURE: &str = "bus.pcapng";
 
 /// The description of a recording, with the commit of this program.
 pub(super) fn described(about: Result<About, String>) -> Result<About, Failure> {

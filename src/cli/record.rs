@@ -1,15 +1,18 @@
 //! `yieldwall record`: what is in a recording, the same as text, and what can be saved of a damaged one.
 
-use std::fs::{File, OpenOptions};
-use std::io::{self, BufWriter, Write};
+use std::fmt;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
-use super::failure::Failure;
+use super::failure::{Exit, Failure};
+use super::keep::{CAPTURE, LOG};
 use super::output::Output;
 use super::replace::{Replace, discard, unwritten};
 use super::replay::{damage, open, read_failure, recording_file, records};
+use crate::link::{Whole, whole_blocks};
 use crate::record::recording::{Reader, Recorded, Recording, Writer, csv_header, csv_row, definition};
 use crate::record::{CycleRecord, DeviceRecord};
 
@@ -25,6 +28,9 @@ pub(super) enum Command {
         schema: bool,
     },
     /// Write what can be read of a cut or damaged recording into a whole one
+    ///
+    /// If RECORDING is a folder whose bus.pcapng or bus.log is cut, their whole frames are copied too: to bus.repaired.pcapng and
+    /// bus.repaired.log beside the new recording.
     Repair {
         /// The recording: a cycles.mcap, its folder, or the file of a black box
         #[arg(value_name = "RECORDING")]
@@ -49,7 +55,7 @@ pub(super) enum Command {
 pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
     match command {
         Command::Info { file, schema } => info(&recording_file(file), *schema, output),
-        Command::Repair { file, out } => repair(&recording_file(file), out.as_deref(), output),
+        Command::Repair { file, out } => repair(file, out.as_deref(), output),
         Command::Export { file, csv, replace } => export(&recording_file(file), csv.as_deref(), *replace, output),
     }
 }
@@ -156,9 +162,11 @@ fn info(file: &Path, schema: bool, output: &mut Output) -> Result<(), Failure> {
     output.news(&text)
 }
 
-fn repair(file: &Path, out: Option<&Path>, output: &mut Output) -> Result<(), Failure> {
+fn repair(named: &Path, out: Option<&Path>, output: &mut Output) -> Result<(), Failure> {
+    let file = &recording_file(named);
     let mut recording = open(file)?;
     let out = out.map_or_else(|| file.with_extension("repaired.mcap"), Path::to_owned);
+    let frames = if named.is_dir() { FramesFile::all_in(named, &out)? } else { Vec::new() };
     let cannot = |error: io::Error| unwritten(&out, &error);
     let target = OpenOptions::new().write(true).create_new(true).open(&out).map_err(cannot)?;
     let about = recording.about().clone();
@@ -173,11 +181,13 @@ fn repair(file: &Path, out: Option<&Path>, output: &mut Output) -> Result<(), Fa
             return Err(failure);
         }
     };
+    frames.iter().try_for_each(FramesFile::save)?;
     let (damage, records) = (damage(recording.damage(), file), records(&recording));
     if output.is_json() {
         return output.report(json!({
             "file": file,
             "out": out,
+            "frames": frames.iter().map(FramesFile::document).collect::<Vec<_>>(),
             "kept_cycles": content.count,
             "gaps": content.gaps,
             "missing_cycles": content.missing,
@@ -187,7 +197,119 @@ fn repair(file: &Path, out: Option<&Path>, output: &mut Output) -> Result<(), Fa
     }
     output.warnings(&damage);
     let lost = lost(&content, &recording);
-    output.news(&format!("{}: {} {records} kept; {lost}", out.display(), content.count))
+    let lines: String = frames.iter().map(|file| format!("\n{file}")).collect();
+    output.news(&format!("{}: {} {records} kept; {lost}{lines}", out.display(), content.count))
+}
+
+/// A file with the frames of a recording, and how far it is whole.
+struct FramesFile {
+    file: PathBuf,
+    /// The copy of its whole part, where it is cut.
+    copy: PathBuf,
+    whole: Whole,
+    /// Bytes behind the whole part.
+    cut_bytes: u64,
+}
+
+impl FramesFile {
+    /// Looks at the files of a recorded folder, whose copies go beside `out`. Writes nothing.
+    fn all_in(folder: &Path, out: &Path) -> Result<Vec<Self>, Failure> {
+        let there = [CAPTURE, LOG].map(|name| folder.join(name)).into_iter().filter(|file| file.is_file());
+        let mut all = Vec::new();
+        for file in there {
+            let unread = |error: io::Error| {
+                let help = "move it out of the folder: the cycles are repaired without it";
+                Failure::about_file(
+                    Exit::ConfigInvalid,
+                    &file,
+                    format!("{} cannot be read: {error}", file.display()),
+                    help,
+                )
+            };
+            let is_capture = file.ends_with(CAPTURE);
+            let bytes = BufReader::new(File::open(&file).map_err(unread)?);
+            let length = fs::metadata(&file).map_err(unread)?.len();
+            let whole = if is_capture { whole_blocks(bytes) } else { whole_lines(bytes) }.map_err(unread)?;
+            let ending = if is_capture { "repaired.pcapng" } else { "repaired.log" };
+            let copy = out.with_file_name(file.file_name().unwrap_or_default()).with_extension(ending);
+            let cut_bytes = length.saturating_sub(whole.bytes);
+            let file = Self { file, copy, whole, cut_bytes };
+            if file.has_copy() {
+                Replace::default().check_new(&file.copy)?;
+            }
+            all.push(file);
+        }
+        Ok(all)
+    }
+
+    /// Whether it is cut, and something of it is whole.
+    fn has_copy(&self) -> bool {
+        self.cut_bytes > 0 && self.whole.bytes > 0
+    }
+
+    /// Copies the whole part. The copy is there with all of it, or not at all.
+    fn save(&self) -> Result<(), Failure> {
+        if !self.has_copy() {
+            return Ok(());
+        }
+        let cannot = |error: io::Error| unwritten(&self.copy, &error);
+        let unfinished = self.copy.with_extension(format!("{}.unfinished", std::process::id()));
+        let copied = || -> io::Result<()> {
+            let mut to = OpenOptions::new().write(true).create_new(true).open(&unfinished)?;
+            io::copy(&mut File::open(&self.file)?.take(self.whole.bytes), &mut to)?;
+            to.sync_all()?;
+            fs::rename(&unfinished, &self.copy)
+        };
+        copied().map_err(|error| {
+            discard(&unfinished);
+            cannot(error)
+        })
+    }
+
+    fn document(&self) -> serde_json::Value {
+        json!({
+            "file": self.file,
+            "out": self.has_copy().then_some(&self.copy),
+            "kept_frames": self.whole.frames,
+            "kept_bytes": self.whole.bytes,
+            "cut_bytes": self.cut_bytes,
+        })
+    }
+}
+
+impl fmt::Display for FramesFile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (file, Whole { frames, .. }) = (self.file.display(), self.whole);
+        match self.cut_bytes {
+            0 => write!(f, "{file}: {frames} frames, whole"),
+            cut if self.has_copy() => {
+                let copy = self.copy.display();
+                write!(
+                    f,
+                    "{copy}: {frames} frames kept; the last {cut} bytes of {file} are no whole frame and were cut off"
+                )
+            }
+            cut => write!(f, "{file}: none of its {cut} bytes is a whole frame, and nothing was written"),
+        }
+    }
+}
+
+/// Finds out how far a log consists of whole lines, of which each is a frame.
+fn whole_lines(mut log: impl BufRead) -> io::Result<Whole> {
+    let (mut whole, mut read) = (Whole::default(), 0);
+    loop {
+        let part = log.fill_buf()?;
+        if part.is_empty() {
+            return Ok(whole);
+        }
+        let ends = part.iter().enumerate().filter(|(_, byte)| **byte == b'\n');
+        for (at, _) in ends {
+            whole = Whole { bytes: read + at as u64 + 1, frames: whole.frames + 1 };
+        }
+        let length = part.len();
+        read += length as u64;
+        log.consume(length);
+    }
 }
 
 /// What is missing of a recording, in words.

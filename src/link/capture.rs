@@ -1,7 +1,7 @@
 //! Frames of all buses of a rig in one file of [pcapng](https://www.ietf.org/archive/id/draft-ietf-opsawg-pcapng-03.html), which Wireshark
 //! reads.
 
-use std::io::{self, Write};
+use std::io::{self, ErrorKind, Read, Write};
 
 use super::Packet;
 use crate::canopen::Frame;
@@ -54,7 +54,7 @@ impl<W: Write> CaptureWriter<W> {
     /// Those of the writer.
     pub fn new<'a>(out: W, buses: impl IntoIterator<Item = CapturedBus<'a>>) -> io::Result<Self> {
         let mut capture = Self { out, block: Vec::new() };
-        capture.begin(&0x1a2b_3c4d_u32.to_le_bytes());
+        capture.begin(&MAGIC);
         capture.block.extend([1, 0, 0, 0]);
         // Of a length that is not known before.
         capture.block.extend((-1_i64).to_le_bytes());
@@ -143,6 +143,54 @@ impl<W: Write> CaptureWriter<W> {
 /// Bytes before the data of a CAN frame.
 const CAN_HEADER: usize = 8;
 
+/// Byte-order magic of a section, as this computer writes it.
+const MAGIC: [u8; 4] = 0x1a2b_3c4d_u32.to_le_bytes();
+/// Bytes of a block without content: its type, and its length before and behind.
+const EMPTY_BLOCK: u32 = 12;
+/// Longest block that is believed, in bytes: far above that of the longest frame.
+const LONGEST_BLOCK: u32 = 1 << 20;
+
+/// The begin of a file that is whole.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Whole {
+    /// Length of the whole begin in bytes.
+    pub bytes: u64,
+    /// Frames in it.
+    pub frames: u64,
+}
+
+/// Finds out how far a capture consists of whole blocks. `file` should be buffered.
+///
+/// # Errors
+/// `InvalidData` if it begins as no capture of this program does, and those of the reader.
+pub fn whole_blocks(mut file: impl Read) -> io::Result<Whole> {
+    let (mut whole, mut block) = (Whole::default(), Vec::new());
+    loop {
+        block.clear();
+        file.by_ref().take(8).read_to_end(&mut block)?;
+        let Some(length) = word(&block, 4) else { break };
+        if !(EMPTY_BLOCK..=LONGEST_BLOCK).contains(&length) || !length.is_multiple_of(4) {
+            break;
+        }
+        file.by_ref().take(u64::from(length) - 8).read_to_end(&mut block)?;
+        if word(&block, length as usize - 4) != Some(length) {
+            break;
+        }
+        let kind = word(&block, 0);
+        if whole.bytes == 0 && (kind, block.get(8..12)) != (Some(SECTION), Some(&MAGIC[..])) {
+            return Err(io::Error::new(ErrorKind::InvalidData, "it begins as no capture of this program does"));
+        }
+        whole.bytes += u64::from(length);
+        whole.frames += u64::from(kind == Some(PACKET));
+    }
+    Ok(whole)
+}
+
+/// A word at a place of a block, if the block is so long.
+fn word(block: &[u8], at: usize) -> Option<u32> {
+    Some(u32::from_le_bytes(*block.get(at..)?.first_chunk()?))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -188,5 +236,52 @@ mod tests {
         let can = [[1, 0, 0, 0], [0, 0, 0, 0], [2, 0, 0, 0], [11, 0, 0, 0], [11, 0, 0, 0], [0, 0, 1, 0x81]].concat();
         assert_eq!(blocks[4].1, [&can[..], &[3, 0, 0, 0, 1, 2, 3, 0]].concat());
         assert_eq!(blocks[5].1[20..], [0x40, 0, 7, 5, 1, 0, 0, 0]);
+    }
+
+    /// A capture with a frame of a segment and two of CAN, and where each block ends.
+    fn captured() -> (Vec<u8>, Vec<usize>) {
+        let mut file = Vec::new();
+        let buses = ["main", "sensor"].map(|name| CapturedBus { name, is_segment: name == "main", interface: None });
+        let mut capture = CaptureWriter::new(&mut file, buses).unwrap();
+        for time in 0..2 {
+            capture.record(Time(time), Packet::Ethernet { bus: BusId::FIRST, bytes: &[7; 61] }).unwrap();
+            let frame = Frame::new(0x181, &[1, 2, 3]).on_bus(BusId::new(1));
+            capture.record(Time(time), Packet::Can(&frame)).unwrap();
+        }
+        let mut ends = vec![0];
+        ends.extend(blocks(&file).iter().scan(0, |end, (_, content)| {
+            *end += content.len() + 12;
+            Some(*end)
+        }));
+        (file, ends)
+    }
+
+    #[test]
+    fn a_capture_that_is_cut_at_any_byte_is_whole_up_to_its_last_whole_block() {
+        let (file, ends) = captured();
+        assert_eq!((ends.len(), *ends.last().unwrap()), (8, file.len()));
+        for cut in 0..=file.len() {
+            let blocks = ends.iter().rposition(|end| *end <= cut).unwrap();
+            // The section and two interfaces come first.
+            let expected = Whole { bytes: ends[blocks] as u64, frames: blocks.saturating_sub(3) as u64 };
+            assert_eq!(whole_blocks(&file[..cut]).unwrap(), expected, "cut at {cut}");
+        }
+    }
+
+    #[test]
+    fn no_length_is_believed_before_the_same_one_stands_behind_it() {
+        let (file, ends) = captured();
+        let begin = |bytes| Whole { bytes, frames: 1 };
+        for (at, byte) in [(ends[4] + 4, 0), (ends[4] + 4, 1), (ends[4] + 7, 0xff), (ends[5] - 1, 9), (ends[5] - 4, 8)]
+        {
+            let mut damaged = file.clone();
+            damaged[at] = byte;
+            assert_eq!(whole_blocks(&damaged[..]).unwrap(), begin(ends[4] as u64), "{byte} at {at}");
+        }
+        let mut other = file.clone();
+        other[8..12].reverse();
+        for other in [&other[..], &file[ends[1]..]] {
+            assert_eq!(whole_blocks(other).unwrap_err().kind(), ErrorKind::InvalidData);
+        }
     }
 }

@@ -24,7 +24,7 @@ mod linux;
 #[cfg(all(feature = "ethernet", target_os = "linux"))]
 mod role;
 
-pub use capture::{CaptureWriter, CapturedBus};
+pub use capture::{CaptureWriter, CapturedBus, Whole, whole_blocks};
 pub use error_frame::ErrorFrame;
 pub use ethernet::{EthernetArrival, EthernetLink, EthernetReceived};
 #[cfg(all(feature = "ethernet", target_os = "linux"))]

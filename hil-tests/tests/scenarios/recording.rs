@@ -449,3 +449,75 @@ fn a_capture_has_the_frames_of_all_buses_and_the_same_seed_gives_the_same_bytes(
     );
     assert!(!folder.0.join("none.log").exists());
 }
+
+/// The report of `record repair` of a recorded folder on one of its files with frames.
+fn repaired(folder: &Path, file: &str) -> serde_json::Value {
+    let mut repair = Command::new(hil_tests::program());
+    let done = output(repair.current_dir(folder).args(["record", "repair", "rec", "--json"]));
+    let text = String::from_utf8(done.stdout).expect("text");
+    let document: serde_json::Value = serde_json::from_str(&text).unwrap_or_else(|error| panic!("{error}: {text}"));
+    assert_eq!(done.status.code(), Some(0), "{document:#}");
+    std::fs::remove_file(folder.join("rec/cycles.repaired.mcap")).expect("it was written");
+    let frames = document["frames"].as_array().unwrap_or_else(|| panic!("no frames: {document:#}"));
+    let is_it = |told: &&serde_json::Value| told["file"] == format!("rec/{file}");
+    frames.iter().find(is_it).unwrap_or_else(|| panic!("no {file}: {document:#}")).clone()
+}
+
+/// Cut at every byte of the last two frames, as `kill -9` cuts them.
+#[test]
+fn a_repair_cuts_a_capture_and_a_log_behind_their_last_whole_frame() {
+    let folder = Folder::new();
+    let mut run = Command::new(hil_tests::program());
+    run.current_dir(&folder.0).args([
+        "-q",
+        "run",
+        "builtin:paper-ethercat-can-sensor.yaml",
+        "--duration",
+        "0.05",
+        "--record",
+        "rec",
+    ]);
+    let done = output(&mut run);
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let path = |name: &str| folder.0.join("rec").join(name);
+    let capture = std::fs::read(path("bus.pcapng")).expect("a capture");
+    let log = std::fs::read(path("bus.log")).expect("a log");
+    let mut blocks = vec![0];
+    while blocks.last() != Some(&capture.len()) {
+        let at = *blocks.last().expect("one");
+        blocks.push(at + u32::from_le_bytes(capture[at + 4..at + 8].try_into().expect("four")) as usize);
+    }
+    let lines =
+        [vec![0], log.iter().enumerate().filter(|(_, byte)| **byte == b'\n').map(|(at, _)| at + 1).collect()].concat();
+    for (name, ending, bytes, ends) in [("bus.pcapng", "pcapng", &capture, &blocks), ("bus.log", "log", &log, &lines)] {
+        let copy = path(&format!("bus.repaired.{ending}"));
+        let whole = repaired(&folder.0, name);
+        assert_eq!((&whole["cut_bytes"], &whole["out"]), (&0.into(), &serde_json::Value::Null), "{whole:#}");
+        assert!(!copy.exists(), "what is whole is not copied");
+        for cut in ends[ends.len() - 3]..bytes.len() {
+            std::fs::write(path(name), &bytes[..cut]).expect("it is written");
+            let kept = *ends.iter().rfind(|end| **end <= cut).expect("the begin");
+            let told = repaired(&folder.0, name);
+            let what = format!("{name} of {cut} bytes: {told:#}");
+            assert_eq!((&told["kept_bytes"], &told["cut_bytes"]), (&kept.into(), &(cut - kept).into()), "{what}");
+            assert_eq!(copy.exists(), kept < cut, "{what}");
+            if kept < cut {
+                assert!(std::fs::read(&copy).expect("a copy") == bytes[..kept], "{what}");
+                std::fs::remove_file(&copy).expect("it is there");
+            }
+            assert!(std::fs::read(path(name)).expect("the file") == bytes[..cut], "the file itself stays: {what}");
+        }
+        std::fs::write(path(name), bytes).expect("it is written");
+    }
+    // A copy that is there already is not written over, and then nothing is written.
+    std::fs::write(path("bus.log"), &log[..log.len() - 1]).expect("it is written");
+    std::fs::write(path("bus.repaired.log"), "mine").expect("it is written");
+    let mut repair = Command::new(hil_tests::program());
+    let done = output(repair.current_dir(&folder.0).args(["record", "repair", "rec"]));
+    let said = String::from_utf8(done.stderr).expect("text");
+    assert!(done.status.code() == Some(2) && said.contains("bus.repaired.log"), "{said}");
+    assert!(!path("cycles.repaired.mcap").exists());
+    let left: Vec<_> =
+        std::fs::read_dir(path("")).expect("a folder").map(|entry| entry.expect("an entry").path()).collect();
+    assert!(left.iter().all(|path| !path.to_string_lossy().contains("unfinished")), "{left:?}");
+}
