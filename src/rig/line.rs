@@ -3,9 +3,11 @@
 use std::time::Duration;
 
 use super::far_end::{DEVICES, SENSOR};
+use super::frame_faults::register_write;
 use super::misread::{ForceMisread, JointMisread};
 use crate::ethercat::AlStatusCode;
 use crate::ethercat::coe::CoeEmergency;
+use crate::ethercat::frame::SOURCE;
 use crate::injection::{Injection, Kind};
 use crate::sensing::Calibration;
 use crate::sim::ethercat::{Controller, EthercatApplication, Segment, SimulatedDevice};
@@ -190,6 +192,10 @@ impl Line {
             Kind::NodeReset => {
                 segment.set_power(now, place, false);
                 return segment.set_power(now, place, true);
+            }
+            Kind::HiddenRegisterWrite => {
+                segment.process(now, &mut register_write(SOURCE, place as u16, injection.size));
+                return;
             }
             Kind::EncoderJump | Kind::EncoderOffset | Kind::EncoderStuck | Kind::DriveRunaway => {
                 return self.joints.iter_mut().skip(device).take(1).for_each(|joint| joint.switch(injection, is_on));

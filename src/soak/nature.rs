@@ -6,6 +6,8 @@ use crate::injection::{Ending, Injection, Kind, Lasts, Medium, Recovery};
 
 /// Time in s for which what an injection falsified still shows after its end: the arm settles, the filter runs out.
 const LINGERS_S: f64 = 0.5;
+/// Time in s within which the network reads all registers back that safety rests on.
+const HIDDEN_S: f64 = 1.0;
 
 /// What an injection falsifies.
 pub(super) fn falsifies(kind: Kind) -> Falsified {
@@ -79,6 +81,9 @@ pub(super) fn falsifies(kind: Kind) -> Falsified {
         | Kind::DeviceBypassed
         | Kind::DeviceState
         | Kind::ClockJump => Falsified { drives: true, angles: true, force: true, ..none },
+        Kind::ForeignOutputs | Kind::ReplayedOutputs | Kind::ForeignRegisterWrite | Kind::HiddenRegisterWrite => {
+            Falsified { drives: true, angles: true, force: true, watchdog: true, ..none }
+        }
         Kind::MailboxStuck | Kind::EmergencyInSdo => none,
     }
 }
@@ -99,21 +104,39 @@ pub(super) fn usual(kind: Kind, start_s: f64, period_s: f64) -> Injection {
         | Kind::FrameDuplicated
         | Kind::FrameForeign
         | Kind::FrameShort
-        | Kind::FrameCorrupt => {
+        | Kind::FrameCorrupt
+        | Kind::ForeignOutputs
+        | Kind::ReplayedOutputs
+        | Kind::ForeignRegisterWrite => {
             Injection { duration_s: injection.duration_s.map(|duration_s| duration_s * scale), ..injection }
         }
         _ => injection,
     }
 }
 
-/// Whether its size is a moment of the cycle, and what has to follow is the same at all of them.
-pub(super) fn is_at_any_moment(kind: Kind) -> bool {
-    matches!(kind, Kind::ForeignSetPoint)
+/// Whether what has to follow is the same at all sizes.
+pub(super) fn is_alike_at_any_size(kind: Kind) -> bool {
+    matches!(kind, Kind::ForeignSetPoint) || is_a_register(kind)
+}
+
+/// Whether its size is the number of a register, which is whole.
+pub(super) fn is_a_register(kind: Kind) -> bool {
+    matches!(kind, Kind::ForeignRegisterWrite | Kind::HiddenRegisterWrite)
+}
+
+/// Time in s within which the first sign of an injection comes, beyond its first cycle.
+pub(super) fn shows_within_s(kind: Kind) -> f64 {
+    if kind == Kind::HiddenRegisterWrite { HIDDEN_S } else { 0.0 }
+}
+
+/// When an injection is over and has shown, in s since the scene began.
+pub(super) fn over_s(injection: &Injection) -> f64 {
+    injection.end_s() + shows_within_s(injection.kind)
 }
 
 /// When what an injection does has settled, in s since the scene began.
 pub(super) fn settled_s(injection: &Injection) -> f64 {
-    injection.end_s() + LINGERS_S
+    over_s(injection) + LINGERS_S
 }
 
 /// Whether nothing but a new process comes after it.
@@ -163,7 +186,7 @@ pub(super) fn is_certain(kind: Kind) -> bool {
     }
 }
 
-/// The fault of which the first cycle at or after the injection's start is the first observable sign. For all others
+/// The fault of which the first cycle at or after the injection's start is the first observable sign, or one within [`shows_within_s`]. For all others
 /// the sign grows with the motion, or stands only in what the rig itself has counted.
 pub(super) fn shows_at_once(kind: Kind, medium: Medium) -> &'static [Fault] {
     match kind {
@@ -172,7 +195,11 @@ pub(super) fn shows_at_once(kind: Kind, medium: Medium) -> &'static [Fault] {
         Kind::DriveFault if medium == Medium::Ethercat => &[Fault::DriveFault],
         Kind::FrameLost | Kind::FrameShort | Kind::DeviceBypassed => &[Fault::PdoMissed],
         Kind::DeviceState => &[Fault::DeviceState],
-        Kind::FrameForeign => &[Fault::Intruder],
+        Kind::FrameForeign
+        | Kind::ForeignOutputs
+        | Kind::ReplayedOutputs
+        | Kind::ForeignRegisterWrite
+        | Kind::HiddenRegisterWrite => &[Fault::Intruder],
         Kind::SensorInvalid => &[Fault::SensorInvalid],
         Kind::SensorStale | Kind::SensorSilent => &[Fault::SensorStale, Fault::SensorLost],
         Kind::PdoLost => &[Fault::PdoMissed],

@@ -94,6 +94,8 @@ pub struct Falsified {
     pub timing: bool,
     /// The host's frames do not reach the wire.
     pub link: bool,
+    /// The watchdogs of the drives may be others than the master has set.
+    pub watchdog: bool,
 }
 
 impl Falsified {
@@ -106,6 +108,7 @@ impl Falsified {
         self.arm |= other.arm;
         self.timing |= other.timing;
         self.link |= other.link;
+        self.watchdog |= other.watchdog;
     }
 }
 

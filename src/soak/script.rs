@@ -93,7 +93,8 @@ fn one_by_one(dice: &mut Dice, machine: &Machine, duration_s: f64) -> Vec<Inject
             vary(dice, &mut injection);
         }
         choose_moment(dice, machine, &mut injection);
-        let end_s = if injection.end_s().is_finite() { injection.end_s() } else { time_s };
+        let over_s = nature::over_s(&injection);
+        let end_s = if over_s.is_finite() { over_s } else { time_s };
         if end_s + APART_S[0] > duration_s {
             if time_s + APART_S[1] > duration_s {
                 break;
@@ -136,13 +137,16 @@ fn vary(dice: &mut Dice, injection: &mut Injection) {
     }
 }
 
-/// Any moment of the cycle, where the size says which; and half of the frames that are late are so by up to some cycles.
+/// Any moment of the cycle, or any register, where the size says which; and half of the frames that are late are so by up to some cycles.
 fn choose_moment(dice: &mut Dice, machine: &Machine, injection: &mut Injection) {
     if injection.kind == Kind::FrameDelayed && dice.chance(0.5) {
         injection.size = dice.between(0.1, MOST_LATE_CYCLES) * machine.period_s();
     }
-    if let (true, Some(size)) = (nature::is_at_any_moment(injection.kind), injection.kind.row().size) {
+    if let (true, Some(size)) = (nature::is_alike_at_any_size(injection.kind), injection.kind.row().size) {
         injection.size = dice.between(size.least, size.most);
+        if nature::is_a_register(injection.kind) {
+            injection.size = injection.size.round();
+        }
     }
 }
 

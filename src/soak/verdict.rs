@@ -18,6 +18,8 @@ use crate::guard::{Fault, Reaction, State};
 use crate::injection::{Ending, Injection, Kind, Medium, Target};
 use clock::{Clock, HAND_FAULTS};
 
+/// Slack of moments in s, far below a cycle.
+const SLACK_S: f64 = 1e-9;
 /// Cycles per reaction to a hand alone, on average over a run, below which it is a false alarm that comes all the time.
 const LEAST_CYCLES_BETWEEN: usize = 200;
 
@@ -166,12 +168,12 @@ fn attribute(machine: &Machine, clock: &Clock, script: &Script, play: &Play, ver
     for event in early {
         check_alone(clock, event, verdict);
     }
-    // What had not begun when a run broke off brought nothing about.
-    let end_s = match play.end {
-        End::Broken => play.simulated_s - clock.scene_from_ns as f64 * 1e-9 - clock.heartbeat_s,
-        _ => f64::INFINITY,
-    };
-    for (at, injection) in script.injections.iter().enumerate().filter(|(_, known)| known.start_s < end_s) {
+    // An injection that had not begun when the run ended brought nothing about.
+    let end_s = clock.scene_s(play.simulated_s);
+    let end_s = if play.end == End::Broken { end_s - clock.heartbeat_s } else { end_s };
+    for (at, injection) in
+        script.injections.iter().enumerate().filter(|(_, known)| known.start_s < end_s + 0.5 * clock.period_s)
+    {
         let until = starts.get(at + 1).copied().unwrap_or(f64::INFINITY) - 0.5 * clock.period_s;
         let from = injection.start_s - 0.5 * clock.period_s;
         let window: Vec<&Event> =
@@ -241,7 +243,7 @@ fn judge_window(
     let row = injection.kind.row();
     let met_running = state_at(play, clock, injection.start_s) == Some(State::Running);
     let usual = nature::usual(injection.kind, injection.start_s, clock.period_s).on(injection.target);
-    let usual = if nature::is_at_any_moment(injection.kind) { usual.sized(injection.size) } else { usual };
+    let usual = if nature::is_alike_at_any_size(injection.kind) { usual.sized(injection.size) } else { usual };
     let is_usual = usual == *injection;
     let mut latched = None;
     let mut has_expected = wanted.faults.is_empty();
@@ -273,7 +275,7 @@ fn judge_window(
         let is_first = window.iter().position(|other| other.cause == event.cause && other.to == event.to)
             == window.iter().position(|other| std::ptr::eq(*other, *event));
         let mut measured = (met_running && is_first && at_once.contains(&fault))
-            .then(|| measure((clock, wanted), injection, event, fault, reaction))
+            .then(|| measure((clock, wanted, play), injection, event, fault, reaction))
             .flatten();
         if let Some((cycles, bound)) = measured
             && cycles > bound
@@ -296,7 +298,9 @@ fn judge_window(
         Ending::DrivesStop => play.end == End::MasterGone,
     });
     let goes_on = wanted.endings == [Ending::GoesOn];
-    let as_expected = (met_running && is_usual).then_some(ends && (has_expected || goes_on));
+    let has_time =
+        play.end == End::MasterGone || clock.scene_s(play.simulated_s) >= shows_by_s(clock, injection, wanted);
+    let as_expected = (met_running && is_usual && has_time).then_some(ends && (has_expected || goes_on));
     let fails = as_expected == Some(false) && nature::is_certain(injection.kind);
     let pre_empted = pre_empted(clock, injection, wanted, window).filter(|_| fails);
     if let Some(excuse) = pre_empted {
@@ -321,6 +325,14 @@ fn judge_window(
     verdict.injections.push(Followed { name: row.name.to_owned(), met_running, as_expected });
 }
 
+/// When the reaction to an injection is there at the latest, in s since the scene began.
+fn shows_by_s(clock: &Clock, injection: &Injection, wanted: &Wanted) -> f64 {
+    let bounds = wanted.faults.iter().flat_map(|fault| fault.row().steps).map(|step| clock.cycles(step.bound));
+    let over_s = nature::over_s(injection);
+    let from_s = if over_s.is_finite() { over_s } else { injection.start_s };
+    from_s + f64::from(bounds.max().unwrap_or_default() + 2) * clock.period_s
+}
+
 /// Why the rig stopped by something else before the injection had to show, if it did: it then ends where that leads.
 fn pre_empted(clock: &Clock, injection: &Injection, wanted: &Wanted, window: &[&Event]) -> Option<Excuse> {
     let faults = &wanted.faults;
@@ -333,7 +345,7 @@ fn pre_empted(clock: &Clock, injection: &Injection, wanted: &Wanted, window: &[&
 
 /// Cycles from the first cycle at or after the injection's start to the event, and the bound of the row's step.
 fn measure(
-    (clock, wanted): (&Clock, &Wanted),
+    (clock, wanted, play): (&Clock, &Wanted, &Play),
     injection: &Injection,
     event: &Event,
     fault: Fault,
@@ -343,12 +355,16 @@ fn measure(
         step.reaction == reaction
             || (reaction >= Reaction::QuickStop && fault.row().final_state(step.reaction) == event.to)
     })?;
-    let since = (clock.time_s(event) - injection.start_s) / clock.period_s;
     // The cycle that begins with the injection is the first.
-    let cycles = (since + 1e-6).floor().max(0.0) as u32 + 1;
+    let start_ns = clock.scene_from_ns as f64 + (injection.start_s - SLACK_S) * 1e9;
+    let first_ns = play.syncs_ns.iter().map(|sync_ns| *sync_ns as f64).find(|sync_ns| *sync_ns >= start_ns)?;
+    // Cycles that did not run count too. A cycle on a segment may be longer than its period, but not by a half.
+    let since = (event.sync_ns as f64 - first_ns) * 1e-9 / clock.period_s;
+    let cycles = since.round().max(0.0) as u32 + 1;
     // What a cycle reads of a device on a segment was taken before the cycle began.
     let before = u32::from(wanted.medium == Medium::Ethercat);
-    Some((cycles, clock.cycles(step.bound) + before))
+    let within = (nature::shows_within_s(injection.kind) / clock.period_s).ceil() as u32;
+    Some((cycles, clock.cycles(step.bound) + before + within))
 }
 
 fn judge_boot(injection: &Injection, play: &Play, verdict: &mut Verdict) {

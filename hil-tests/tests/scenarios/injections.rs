@@ -13,6 +13,8 @@ use yieldwall_drives::cia402;
 const BEFORE: usize = 700;
 /// Cycles after the end of an injection in which the rig has come to its end, and stays there.
 const AFTER: usize = 600;
+/// Time in s within which a register is read back that safety rests on.
+const HIDDEN_S: f64 = 1.0;
 /// A heartbeat every 20 ms, lost after two, and one cycle.
 const HEARTBEAT_CYCLES: usize = 41;
 
@@ -34,7 +36,7 @@ fn both() -> [Scenario; 2] {
 }
 
 /// Injections whose first sign does not come in their first cycle, or hangs on the motion.
-const SIGN_COMES_LATER: [Kind; 17] = [
+const SIGN_COMES_LATER: [Kind; 18] = [
     Kind::SensorDrift,
     Kind::SetPointsLost,
     Kind::NodeSilent,
@@ -53,6 +55,7 @@ const SIGN_COMES_LATER: [Kind; 17] = [
     Kind::Emergency,
     Kind::EmergencyInSdo,
     Kind::FrameCorrupt,
+    Kind::HiddenRegisterWrite,
 ];
 
 /// What became of an injection.
@@ -68,7 +71,9 @@ struct Course {
 fn run(scenario: &Scenario, injection: Injection) -> (Session, Course) {
     let mut session = scenario.run(BEFORE);
     session.inject(injection);
-    let lasts_s = injection.duration_s.unwrap_or(0.0);
+    // Registers are read back within a second.
+    let usual_s = if injection.kind == Kind::HiddenRegisterWrite { HIDDEN_S } else { 0.0 };
+    let lasts_s = injection.duration_s.unwrap_or(usual_s);
     let mut course = Course::default();
     let mut state = session.machine.state();
     let mut rest = AFTER;
@@ -299,6 +304,37 @@ fn the_rig_on_ethercat_answers_every_injection_as_the_catalogue_says() {
 #[test]
 fn the_rig_on_both_buses_answers_every_injection_as_the_catalogue_says() {
     check_all(&on_both());
+}
+
+#[test]
+fn registers_that_a_foreign_node_writes_stop_the_rig_seen_at_once_and_unseen_within_a_second() {
+    for scenario in [on_ethercat(), on_both()] {
+        for kind in [Kind::ForeignRegisterWrite, Kind::HiddenRegisterWrite] {
+            for (target, register) in
+                kind.row().targets.iter().flat_map(|target| (0..3).map(move |size| (*target, size)))
+            {
+                let injection = Injection::new(kind, 0.0).on(target).sized(f64::from(register));
+                let (session, course) = run(&scenario, injection);
+                let what = format!(
+                    "{} of {register} on {}; {course:?}; {}",
+                    kind.row().name,
+                    target.name(),
+                    scenario.replay()
+                );
+                let hidden_cycles = (HIDDEN_S / scenario.period_s()) as usize;
+                // The left drive has the reference clock, whose time the cycle asks for by its address.
+                let expected = match (kind, target, register) {
+                    (Kind::HiddenRegisterWrite, Target::LeftDrive, 2) => (State::Lost, Fault::ClockLost, 4),
+                    (Kind::HiddenRegisterWrite, ..) => (State::Stopped, Fault::Intruder, hidden_cycles),
+                    _ => (State::Stopped, Fault::Intruder, 2),
+                };
+                let [(state, cycles, Some(cause)), ..] = course.states[..] else { panic!("{what}") };
+                assert_eq!((state, cause), (expected.0, expected.1), "{what}");
+                assert!(cycles <= expected.2, "{what}");
+                assert_eq!((session.machine.state(), session.fault()), (state, Some(cause)), "{what}");
+            }
+        }
+    }
 }
 
 #[test]

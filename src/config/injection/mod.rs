@@ -93,11 +93,15 @@ pub enum Kind {
     DeviceState,
     ClockJump,
     EmergencyInSdo,
+    ForeignOutputs,
+    ReplayedOutputs,
+    ForeignRegisterWrite,
+    HiddenRegisterWrite,
 }
 
 impl Kind {
     /// Number of kinds.
-    pub const COUNT: usize = Kind::EmergencyInSdo as usize + 1;
+    pub const COUNT: usize = Kind::HiddenRegisterWrite as usize + 1;
 
     /// The row of [`CATALOGUE`] that describes this kind.
     pub fn row(self) -> &'static Row {

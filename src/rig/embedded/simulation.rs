@@ -170,14 +170,10 @@ impl Simulation {
             if let Some(tap) = tap {
                 tap(now, Packet::Ethernet { bus, bytes });
             }
-            let is_passed = silence.as_mut().is_none_or(|silence| silence.passes(now, bytes));
-            if !(is_passed && faults.lets_in()) {
+            if !silence.as_mut().is_none_or(|silence| silence.passes(now, bytes)) {
                 return Ok(());
             }
-            if let Some(back) = far.on_ethernet(now, bytes)? {
-                faults.hand_back(back, bytes, &mut |bytes| inward.push(back, bytes));
-            }
-            Ok(())
+            faults.pass(bytes, |bytes| far.on_ethernet(now, bytes), &mut |back, bytes| inward.push(back, bytes))
         });
         if let Some(through) = through {
             return through.map(|()| true);

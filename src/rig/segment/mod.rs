@@ -168,9 +168,8 @@ impl SegmentServer {
             back(frame);
         };
         on_frames.send_due(*now, &mut back);
-        if on_frames.lets_in() && far.on_ethernet(*now, bytes)?.is_some() {
-            on_frames.hand_back(*now, bytes, &mut back);
-        }
+        let process = |bytes: &mut [u8]| Ok::<_, RigError>(far.on_ethernet(*now, bytes)?.map(|_| *now));
+        on_frames.pass(bytes, process, &mut |_, bytes: &[u8]| back(bytes))?;
         self.lead_hand();
         Ok(())
     }

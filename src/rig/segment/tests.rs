@@ -1,9 +1,10 @@
 //! The segment as a master sees it, in virtual time: whole bring-up, what the arm does, and each injection.
 
+use super::super::frame_faults::KEPT;
 use super::*;
 use crate::config::{builtin, load_rig};
 use crate::ethercat::coe::{CoeAnswer, CoeClient, CoeRequest, Heard};
-use crate::ethercat::frame::{FrameWriter, address};
+use crate::ethercat::frame::{Datagrams, FrameWriter, address};
 use crate::ethercat::mailbox::{self, Counter, Protocol};
 use crate::ethercat::sii::Sii;
 use crate::ethercat::{Direction, Fmmu, u16_at};
@@ -476,4 +477,55 @@ fn drives_and_sensor_are_in_fault_warned_without_voltage_and_invalid() {
     let frame = bench.cycle([(0, 0); 2], 10).unwrap();
     let at = 26 + 2 * (12 + INPUTS) + 24;
     assert_eq!(frame[at..at + 4], [0x20, 0, 0, 0x80]);
+}
+
+/// The datagrams of a frame that write: command, address, data, working counter.
+fn written(frame: &[u8]) -> Vec<(u8, u32, Vec<u8>, u16)> {
+    let all = Datagrams::of(frame).unwrap().map(Result::unwrap);
+    let writes = all.filter(|datagram| [Command::Lwr as u8, Command::Apwr as u8].contains(&datagram.header.command));
+    writes.map(|of| (of.header.command, of.header.address, of.data.to_vec(), of.working_counter)).collect()
+}
+
+#[test]
+fn a_foreign_node_sends_behind_outputs_with_the_source_of_the_master() {
+    let mut bench = Bench::operational(Pace::Free);
+    let cycle = |bench: &mut Bench, target: i32| {
+        bench.cycle([(0, target); 2], 8).unwrap();
+        bench.back.clone()
+    };
+    let good = cycle(&mut bench, 100);
+    assert_eq!(good.len(), 1);
+
+    bench.inject(usual(Kind::ForeignOutputs).lasting(Some(0.001)));
+    let [own, forged]: [Vec<u8>; 2] = cycle(&mut bench, 100).try_into().unwrap();
+    assert_eq!((written(&own), &own[..16]), (written(&good[0]), &forged[..16]), "it is the master's, and behind it");
+    for (own, forged) in written(&own).iter().zip(written(&forged)).take(2) {
+        let target = |data: &[u8]| i32::from_le_bytes(data[2..6].try_into().unwrap());
+        assert_eq!((own.0, own.1, &own.2[..2], own.3), (forged.0, forged.1, &forged.2[..2], forged.3));
+        assert_eq!(target(&forged.2), target(&own.2) + 131_072);
+    }
+
+    (0..KEPT).for_each(|_| drop(cycle(&mut bench, 100)));
+    bench.inject(usual(Kind::ReplayedOutputs).lasting(Some(0.002)));
+    for target in [200, 300] {
+        let [own, replayed]: [Vec<u8>; 2] = cycle(&mut bench, target).try_into().unwrap();
+        assert_eq!(written(&own)[0].2[2..6], target.to_le_bytes());
+        assert_eq!(written(&replayed), written(&good[0]), "an earlier one");
+    }
+    assert_eq!(cycle(&mut bench, 400).len(), 1, "it is over");
+
+    let registers = [(0x0420u16, 0x0000u16), (0x0400, 0xffff), (0x0010, 0x1fff)];
+    for (number, (register, value)) in (0..).zip(registers) {
+        let what = format!("{register:04x}h");
+        bench.inject(usual(Kind::ForeignRegisterWrite).lasting(Some(0.001)).sized(f64::from(number)));
+        let [own, write]: [Vec<u8>; 2] = cycle(&mut bench, 0).try_into().unwrap();
+        assert_eq!(write[6..12], own[6..12], "{what}");
+        let (command, address, data, counter) = written(&write).remove(0);
+        let expected = (Command::Apwr as u8, register, value.to_le_bytes().to_vec(), 1);
+        assert_eq!((command, (address >> 16) as u16, data, counter), expected, "{what}");
+
+        bench.inject(usual(Kind::HiddenRegisterWrite).on(Target::RightDrive).sized(f64::from(number)));
+        assert_eq!(cycle(&mut bench, 0).len(), 1, "{what}: the master hears nothing of it");
+        assert_eq!(bench.ask(Command::Aprd, Bench::at(1, register), &[0; 2]).0, value.to_le_bytes(), "{what}");
+    }
 }

@@ -67,6 +67,11 @@ impl Clock {
         (event.sync_ns as f64 - self.scene_from_ns as f64) * 1e-9
     }
 
+    /// A moment in s since switching on, in s since the scene began.
+    pub(super) fn scene_s(&self, time_s: f64) -> f64 {
+        time_s - self.scene_from_ns as f64 * 1e-9
+    }
+
     /// How a hand and where it has pushed the arm explain the fault without anything injected.
     pub(super) fn nature_of(&self, event: &Event, fault: Fault) -> Option<Excuse> {
         let shows_for = if fault == Fault::ForceImplausible { tolerance::BALANCE_CYCLES } else { 0 };

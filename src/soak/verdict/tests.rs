@@ -38,9 +38,20 @@ fn stopping(time_s: f64, fault: Fault) -> Event {
 fn verdict(injections: &[Injection], events: Vec<Event>) -> Verdict {
     let cycles = events.last().map_or(0, |event| event.cycle + 1);
     let events = [vec![event(0.0, [State::Enabling, State::Running], None)], events].concat();
-    let script = Script { injections: injections.to_vec(), is_tangle: false };
-    let play = Play { end: End::Complete, cycles, scene_from_ns: Some(0), events, ..Play::nothing() };
-    judge(&machine(), &script, &play)
+    // The run goes on for long after the last of them.
+    let syncs_ns: Vec<u64> = (0..u64::from(cycles) + 5000).map(|cycle| 4_000_000 * cycle).collect();
+    judged(&machine(), injections, Play { cycles, ..played(syncs_ns, events) })
+}
+
+/// A run with cycles at these moments.
+fn played(syncs_ns: Vec<u64>, events: Vec<Event>) -> Play {
+    let simulated_s = syncs_ns.last().map_or(0.0, |last_ns| *last_ns as f64 * 1e-9);
+    let cycles = syncs_ns.len() as u32;
+    Play { end: End::Complete, cycles, simulated_s, scene_from_ns: Some(0), syncs_ns, events, ..Play::nothing() }
+}
+
+fn judged(machine: &Machine, injections: &[Injection], play: Play) -> Verdict {
+    judge(machine, &Script { injections: injections.to_vec(), is_tangle: false }, &play)
 }
 
 #[track_caller]
@@ -132,4 +143,83 @@ fn an_arm_that_a_hand_carried_out_or_overpowers() {
     for late in [Event { since_torque_limit: Some(21), ..force }, Event { since_torque_limit: Some(1), ..edge }] {
         expect_found(&verdict(&[], vec![late]), Invariant::FalseAlarm);
     }
+}
+
+/// The rig at 2 ms on EtherCAT, whose force sensor takes 8000 samples a second.
+fn on_ethercat() -> Machine {
+    let machine = Machine::draw(&Shipped::load().unwrap(), 31_000_786);
+    assert_eq!((machine.title().as_str(), machine.period_s()), ("paper-admittance-2ms.yaml on EtherCAT", 2e-3));
+    machine
+}
+
+/// The verdict on a rig that holds and stops by invalid samples in these cycles, which begin at these moments.
+fn stopped_in(syncs_ns: &[u64], start_s: f64, [hold, stop]: [usize; 2]) -> Verdict {
+    use State::{Holding, Running, Stopped, Stopping};
+    let changed = |at: usize, states: [State; 2]| Event {
+        sync_ns: syncs_ns[at],
+        cycle: at as u32,
+        ..event(0.0, states, Some(Fault::SensorInvalid))
+    };
+    let events = vec![
+        event(0.0, [State::Enabling, Running], None),
+        changed(hold, [Running, Holding]),
+        changed(stop, [Holding, Stopping]),
+        Event { cause_before: Some(Fault::SensorInvalid), ..changed(stop + 3, [Stopping, Stopped]) },
+    ];
+    let invalid = usual(Kind::SensorInvalid, start_s, 2e-3);
+    judged(&on_ethercat(), &[invalid], played(syncs_ns.to_vec(), events))
+}
+
+/// The reference clock is slow by 989 parts per million. The injection begins 7 us after the begin of a cycle, so that after the fourth
+/// one more than four periods of the host have passed.
+#[test]
+fn the_cycles_of_a_bound_are_counted_where_they_follow_the_clock_of_a_device() {
+    let syncs_ns: Vec<u64> = (0..1000).map(|cycle| 2_001_978 * cycle).collect();
+    let start_s = (syncs_ns[100] + 7000) as f64 * 1e-9;
+    let cycles = |verdict: &Verdict| verdict.faults.iter().map(|seen| seen.cycles).collect::<Vec<_>>();
+    let found = stopped_in(&syncs_ns, start_s, [102, 104]);
+    assert_eq!((&found.violations[..], cycles(&found)), (&[][..], vec![Some(2), Some(4)]));
+    let late = stopped_in(&syncs_ns, start_s, [102, 105]);
+    expect_found(&late, Invariant::Reaction);
+    assert_eq!(cycles(&late), [Some(2), Some(5)]);
+    // A cycle that was left out has passed all the same.
+    let gap = [&syncs_ns[..103], &syncs_ns[104..]].concat();
+    let skipped = stopped_in(&gap, start_s, [102, 104]);
+    expect_found(&skipped, Invariant::Reaction);
+    assert_eq!(cycles(&skipped), [Some(2), Some(5)]);
+}
+
+#[test]
+fn an_injection_that_a_run_does_not_reach_or_is_too_short_for_brings_nothing_about() {
+    let invalid = usual(Kind::SensorInvalid, 1.0, 2e-3);
+    let ended = |cycles: u64| {
+        let events = vec![event(0.0, [State::Enabling, State::Running], None)];
+        judged(&on_ethercat(), &[invalid], played((0..cycles).map(|cycle| 2_000_000 * cycle).collect(), events))
+    };
+    let short = ended(450);
+    assert_eq!((short.violations, short.injections), (Vec::new(), Vec::new()));
+    let cut_off = ended(502);
+    assert_eq!((cut_off.violations, cut_off.injections[0].as_expected), (Vec::new(), None));
+    let whole = ended(1000);
+    expect_found(&whole, Invariant::Reaction);
+    assert_eq!(whole.injections[0].as_expected, Some(false));
+}
+
+/// A register that is written unseen is read back within a second, and 500 cycles are one here.
+#[test]
+fn a_hidden_write_is_found_within_a_second() {
+    let syncs_ns: Vec<u64> = (0..2000).map(|cycle| 2_000_000 * cycle).collect();
+    let found_in = |cycle: usize| {
+        let stopped = Event {
+            sync_ns: syncs_ns[cycle],
+            cycle: cycle as u32,
+            ..event(0.0, [State::Running, State::Stopped], Some(Fault::Intruder))
+        };
+        let events = vec![event(0.0, [State::Enabling, State::Running], None), stopped];
+        let hidden = usual(Kind::HiddenRegisterWrite, 0.2, 2e-3).sized(2.0);
+        judged(&on_ethercat(), &[hidden], played(syncs_ns.clone(), events))
+    };
+    let early = found_in(601);
+    assert_eq!((early.violations.as_slice(), early.injections[0].as_expected), (&[][..], Some(true)));
+    expect_found(&found_in(602), Invariant::Reaction);
 }

@@ -12,6 +12,10 @@ use yieldwall_motion::guard::Reaction::{self, Count, QuickStop, StopRamp};
 const DEVICES: &[Target] = &[LeftDrive, RightDrive, Sensor];
 /// Devices whose clocks the cycles follow.
 const DRIVES: &[Target] = &[LeftDrive, RightDrive];
+/// Another master is named, and the devices leave OP.
+const INTRUDED: (Reaction, Ending, Recovery) = (QuickStop, STOPPED, Restart);
+/// Size of a write to a register.
+const REGISTERS: &str = "a register: 0 for 0420h, 1 for 0400h, 2 for 0010h";
 /// The rig goes on.
 const NOTHING: (Reaction, Ending, Recovery) = (Count, GoesOn, Recovery::None);
 
@@ -28,7 +32,7 @@ const fn row(
     Row { kind, name, meaning, matrix: &[], targets, media, lasts, size: None, expected, on_ethercat: None }
 }
 
-pub(super) const ROWS: [Row; 11] = [
+pub(super) const ROWS: [Row; 15] = [
     row(
         (Kind::FrameLost, "frame-lost"),
         &[Bus],
@@ -64,7 +68,7 @@ pub(super) const ROWS: [Row; 11] = [
         For(0.02),
         "before each frame another one comes that the master has not sent, with the type of EtherCAT",
         &[F::Intruder],
-        (QuickStop, STOPPED, Restart),
+        INTRUDED,
     ),
     row(
         (Kind::FrameShort, "frame-short"),
@@ -154,5 +158,48 @@ pub(super) const ROWS: [Row; 11] = [
         "the drive sends an emergency between the next SDO request and its answer, such as that to a limit that is read back",
         &[F::Emergency],
         (QuickStop, STOPPED, Reset),
+    ),
+    row(
+        (Kind::ForeignOutputs, "foreign-outputs"),
+        &[Bus],
+        For(0.02),
+        "behind each output frame another one with the master's source sets other targets",
+        &[F::Intruder],
+        INTRUDED,
+    ),
+    row(
+        (Kind::ReplayedOutputs, "replayed-outputs"),
+        &[Bus],
+        For(0.02),
+        "behind each output frame the one of an earlier cycle is sent again",
+        &[F::Intruder],
+        INTRUDED,
+    ),
+    sized(
+        row(
+            (Kind::ForeignRegisterWrite, "foreign-register-write"),
+            &[Bus],
+            For(0.02),
+            "behind each output frame another one with the master's source writes to a register of a device",
+            &[F::Intruder],
+            INTRUDED,
+        ),
+        REGISTERS,
+        0.0,
+        (0.0, 2.0),
+    ),
+    sized(
+        row(
+            (Kind::HiddenRegisterWrite, "hidden-register-write"),
+            DRIVES,
+            Once,
+            "a foreign node writes to a register of the drive, by a frame that the master does not hear; found within 1 s",
+            // The address of the reference clock is that of the cycle's own datagram.
+            &[F::Intruder, F::ClockLost],
+            (QuickStop, STOPPED_OR_LOST, Restart),
+        ),
+        REGISTERS,
+        0.0,
+        (0.0, 2.0),
     ),
 ];
