@@ -177,8 +177,6 @@ impl Equation {
         if fit.inertia.is_nan() || fit.inertia <= 0.0 {
             return Err(NotIdentified::NoInertia);
         }
-        // Two real equations a frequency, three unknowns.
-        let degrees = (2 * self.turns.len()).saturating_sub(3).max(1);
         let mut rows = Vec::with_capacity(2 * self.turns.len());
         for ((acceleration, rate), [torque, slope]) in self.acceleration.iter().zip(&self.rate).zip(&sides) {
             let left = acceleration * fit.inertia + rate * fit.viscous - torque;
@@ -186,13 +184,14 @@ impl Equation {
                 rows.push((Vector3::new(part(acceleration), part(rate), -part(slope)), part(&left)));
             }
         }
-        let covariance = covariance(&rows).ok_or(NotIdentified::Indistinct)?;
-        let error = |at: usize| covariance[(at, at)].max(0.0).sqrt();
+        let errors = errors(&rows).ok_or(NotIdentified::Indistinct)?;
+        let estimate =
+            |value: f64, scale: f64, Spread { error, degrees }: Spread| Estimate::new(value, error * scale, degrees);
         let whole: f64 = sides.iter().map(|[torque, _]| torque.norm_sqr()).sum();
         let found = Dynamics {
-            inertia_kg_m2: Estimate::new(fit.inertia, error(0), degrees),
-            viscous_n_m_s_per_rad: Estimate::new(fit.viscous, error(1), degrees),
-            delay_s: Estimate::new(delay * period_s, error(2) * period_s, degrees),
+            inertia_kg_m2: estimate(fit.inertia, 1.0, errors[0]),
+            viscous_n_m_s_per_rad: estimate(fit.viscous, 1.0, errors[1]),
+            delay_s: estimate(delay * period_s, period_s, errors[2]),
             misfit: (fit.rest / whole).sqrt(),
             responses: Vec::new(),
         };
@@ -224,24 +223,37 @@ impl Equation {
     }
 }
 
-/// Covariance of what least squares have found, by the row of each equation and what it leaves: what an encoder rounds is an acceleration that
-/// grows with the square of the frequency, so that equations err unlike.
+/// A standard error, and with how many degrees of freedom it is known, at least 1.
+#[derive(Clone, Copy)]
+struct Spread {
+    error: f64,
+    degrees: f64,
+}
+
+/// Standard errors of what least squares have found, by the row of each equation and what it leaves: what an encoder rounds is an acceleration
+/// that grows with the square of the frequency, so that equations err unlike. A few equations then make most of an error, which is known with
+/// as few degrees of freedom.
 ///
 /// # Source
 /// J. G. MacKinnon and H. White, Some heteroskedasticity-consistent covariance matrix estimators with improved finite sample properties,
-/// J. of Econometrics 29 (1985): HC3.
-fn covariance(rows: &[(Vector3<f64>, f64)]) -> Option<Matrix3<f64>> {
+/// J. of Econometrics 29 (1985): HC3. F. E. Satterthwaite, An approximate distribution of estimates of variance components, Biometrics
+/// Bulletin 2 (1946): a sum of squares w with normal errors has `3 (sum w)^2 / sum w^2 - 2` degrees of freedom, without bias.
+fn errors(rows: &[(Vector3<f64>, f64)]) -> Option<[Spread; 3]> {
     let normal: Matrix3<f64> = rows.iter().map(|(row, _)| row * row.transpose()).sum();
     let inverse = normal.try_inverse()?;
-    let squares: Matrix3<f64> = rows
-        .iter()
-        .map(|(row, left)| {
+    let most = rows.len().saturating_sub(3).max(1) as f64;
+    let of = |unknown: usize| {
+        let (variance, squares) = rows.iter().fold((0.0, 0.0), |(variance, squares), (row, left)| {
+            let weighted = inverse * row;
             // What one equation alone decides leaves nothing.
-            let left = left / (1.0 - row.dot(&(inverse * row))).max(1e-3);
-            row * row.transpose() * (left * left)
-        })
-        .sum();
-    Some(inverse * squares * inverse)
+            let left = left / (1.0 - row.dot(&weighted)).max(1e-3);
+            let part = elementary::powi(weighted[unknown] * left, 2);
+            (variance + part, squares + part * part)
+        });
+        let degrees = if squares > 0.0 { (3.0 * variance * variance / squares - 2.0).clamp(1.0, most) } else { most };
+        Spread { error: variance.sqrt(), degrees }
+    };
+    Some([of(0), of(1), of(2)])
 }
 
 struct Fit {

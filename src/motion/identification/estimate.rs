@@ -18,7 +18,7 @@ pub struct Estimate {
 
 impl Estimate {
     /// A value with its standard error, which was estimated with so many degrees of freedom, at least 1.
-    pub fn new(value: f64, standard_error: f64, degrees: usize) -> Self {
+    pub fn new(value: f64, standard_error: f64, degrees: f64) -> Self {
         let half = student(degrees) * standard_error;
         Self { value, low: value - half, high: value + half }
     }
@@ -53,24 +53,24 @@ impl Estimate {
     }
 }
 
-/// The 97.5 % quantile of Student's t distribution, to 0.5 %.
+/// The 97.5 % quantile of Student's t distribution, to 0.5 % for whole degrees of freedom.
 ///
 /// # Source
-/// Abramowitz, Stegun, *Handbook of Mathematical Functions* (1964), 26.7.5; below four degrees of freedom from its table 26.10.
-fn student(degrees: usize) -> f64 {
-    match degrees {
-        0 | 1 => 12.706,
-        2 => 4.303,
-        3 => 3.182,
-        _ => {
-            let (n, z) = (degrees as f64, NORMAL);
-            let z = |power| elementary::powi(z, power);
-            NORMAL
-                + (z(3) + z(1)) / (4.0 * n)
-                + (5.0 * z(5) + 16.0 * z(3) + 3.0 * z(1)) / (96.0 * n * n)
-                + (3.0 * z(7) + 19.0 * z(5) + 17.0 * z(3) - 15.0 * z(1)) / (384.0 * n * n * n)
-        }
+/// Abramowitz, Stegun, *Handbook of Mathematical Functions* (1964), 26.7.5; below four degrees of freedom from its table 26.10, between whole
+/// ones by a straight line, which is above the curve.
+fn student(degrees: f64) -> f64 {
+    const TABLE: [f64; 4] = [12.706, 4.303, 3.182, 2.776];
+    let degrees = degrees.max(1.0);
+    let whole = degrees.floor() as usize;
+    if let [low, high, ..] = TABLE[(whole - 1).min(TABLE.len())..] {
+        return low + (high - low) * (degrees - whole as f64);
     }
+    let n = degrees;
+    let z = |power| elementary::powi(NORMAL, power);
+    NORMAL
+        + (z(3) + z(1)) / (4.0 * n)
+        + (5.0 * z(5) + 16.0 * z(3) + 3.0 * z(1)) / (96.0 * n * n)
+        + (3.0 * z(7) + 19.0 * z(5) + 17.0 * z(3) - 15.0 * z(1)) / (384.0 * n * n * n)
 }
 
 /// The 2.5 % and the 97.5 % quantile of the chi-square distribution, to 5 %.
@@ -121,7 +121,10 @@ mod tests {
     #[test]
     fn quantiles_are_those_of_the_tables() {
         for (degrees, quantile) in [(1, 12.706), (3, 3.182), (4, 2.776), (9, 2.262), (30, 2.042), (1000, 1.962)] {
-            assert!((student(degrees) / quantile - 1.0).abs() < 5e-3, "{degrees}: {}", student(degrees));
+            let found = student(f64::from(degrees));
+            assert!((found / quantile - 1.0).abs() < 5e-3, "{degrees}: {found}");
         }
+        let between: Vec<f64> = (2..80).map(|tenth| student(0.5 * f64::from(tenth))).collect();
+        assert!(between.is_sorted_by(|fewer, more| fewer > more), "{between:?}");
     }
 }

@@ -81,8 +81,8 @@ pub fn handle(passages: &[Shaken], excitation: &Excitation, period_s: f64) -> Re
     let degrees = seen.equations().saturating_sub(3).max(1);
     let covariance = fit.normal.try_inverse().ok_or(NotIdentified::Indistinct)? * (fit.rest / degrees as f64);
     let error = |place: usize| covariance[(place, place)].max(0.0).sqrt();
-    let mass_kg = Estimate::new(fit.mass, error(0), degrees);
-    let age_s = Estimate::new(age * period_s, error(1) * period_s, degrees);
+    let mass_kg = Estimate::new(fit.mass, error(0), degrees as f64);
+    let age_s = Estimate::new(age * period_s, error(1) * period_s, degrees as f64);
     let is_known = mass_kg.half_width() <= MASS_SHARE * mass_kg.value && age_s.half_width() <= AGE_CYCLES * period_s;
     if !is_known {
         let mass_kg = seen.least_mass();
@@ -91,7 +91,7 @@ pub fn handle(passages: &[Shaken], excitation: &Excitation, period_s: f64) -> Re
     if age >= longest - 1.0 {
         return Err(NotIdentified::NoDelay { longest_s: LONGEST_S });
     }
-    let surely = Estimate::new(squared, error(2), degrees).low.max(0.0).sqrt();
+    let surely = Estimate::new(squared, error(2), degrees as f64).low.max(0.0).sqrt();
     let hidden = if surely > 0.0 { (1.0 / (12.0 * surely)).min(0.5) } else { 0.5 };
     let between_s = [age_s.low - hidden * period_s, age_s.high + hidden * period_s];
     let misfit = (fit.rest / seen.whole()).sqrt();
@@ -284,10 +284,10 @@ impl<'a> Seen<'a> {
 
     /// The mass that fits a force without age, whatever the age is: too small to tell it.
     fn least_mass(&mut self) -> Estimate {
-        let Some(fit) = self.fit(0, [0.0; 2]) else { return Estimate::new(0.0, 0.0, 1) };
+        let Some(fit) = self.fit(0, [0.0; 2]) else { return Estimate::new(0.0, 0.0, 1.0) };
         let degrees = self.equations().saturating_sub(1).max(1);
         let squares = fit.normal[(0, 0)];
-        Estimate::new(fit.mass, (fit.rest / degrees as f64 / squares).sqrt(), degrees)
+        Estimate::new(fit.mass, (fit.rest / degrees as f64 / squares).sqrt(), degrees as f64)
     }
 }
 

@@ -122,7 +122,7 @@ pub fn kinematics(geometry: &Geometry, visited: &[Visited]) -> Result<Kinematics
     let covariance = normal.cholesky().ok_or(NotIdentified::Apart)?.inverse();
     let degrees = 2 * visited.len() - PARAMETERS;
     let variance = squares(&residuals) / degrees as f64;
-    let estimate = |at: usize| Estimate::new(best.0[at], (variance * covariance[(at, at)]).sqrt(), degrees);
+    let estimate = |at: usize| Estimate::new(best.0[at], (variance * covariance[(at, at)]).sqrt(), degrees as f64);
     let found = Kinematics {
         geometry: best.geometry(geometry),
         proximal_m: [estimate(0), estimate(1)],

@@ -116,6 +116,22 @@ fn what_was_planted_is_identified_at_each_cycle_time_and_on_each_bus() {
     }
 }
 
+/// Numbers by chance from a seed, between a least and a greatest one.
+fn drawn_from(seed: u64) -> impl FnMut(f64, f64) -> f64 {
+    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) + 77;
+    let mut drawn = move |low: f64, high: f64| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        low + (high - low) * (state >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    // Near seeds begin alike.
+    for _ in 0..8 {
+        drawn(0.0, 1.0);
+    }
+    drawn
+}
+
 /// Joints with other friction and other motors, on both buses: the delay is known, and so is how well.
 #[test]
 fn intervals_of_the_delay_hold_what_was_planted_nearly_as_often_as_they_say() {
@@ -124,17 +140,7 @@ fn intervals_of_the_delay_hold_what_was_planted_nearly_as_often_as_they_say() {
     let seeds = share(0..20_u64, 8);
     let count = seeds.len() as u32;
     for seed in seeds {
-        let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) + 77;
-        let mut drawn = |low: f64, high: f64| {
-            state ^= state << 13;
-            state ^= state >> 7;
-            state ^= state << 17;
-            low + (high - low) * (state >> 11) as f64 / (1_u64 << 53) as f64
-        };
-        // Near seeds begin alike.
-        for _ in 0..8 {
-            drawn(0.0, 1.0);
-        }
+        let mut drawn = drawn_from(seed);
         let file = ["paper-admittance.yaml", "paper-ethercat.yaml"][(seed % 2) as usize];
         let loaded = config::load_rig(config::builtin(file)).unwrap();
         let (mut rig, mut scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
@@ -152,7 +158,83 @@ fn intervals_of_the_delay_hold_what_was_planted_nearly_as_often_as_they_say() {
         off_us.push(1e6 * (delay_s.value - planted_s));
     }
     assert!(off_us.iter().all(|off| off.abs() < 50.0), "{off_us:?}");
-    assert!(held + 4 >= count, "{held} of {count}: {off_us:?}");
+    assert!(held + count.div_ceil(10) >= count, "{held} of {count}: {off_us:?}");
+}
+
+/// A joint by chance. Modes, laws, buses and joints alternate.
+fn drawn_joint(seed: u64) -> (config::Rig, config::Scene, usize) {
+    let mut drawn = drawn_from(1000 + seed);
+    let is_on_can = seed / 4 % 2 == 0;
+    let file = if is_on_can { "paper-admittance.yaml" } else { "paper-ethercat.yaml" };
+    let loaded = config::load_rig(config::builtin(file)).unwrap();
+    let (mut rig, mut scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
+    let periods_us: &[u32] = if is_on_can { &[1000, 2000, 4000] } else { &[250, 500, 1000, 2000, 4000] };
+    let period_us = periods_us[drawn(0.0, periods_us.len() as f64) as usize];
+    rig.cycle.period_us = period_us;
+    rig.cycle.compute_at_us = if is_on_can { 620 * period_us / 1000 } else { 12 * period_us / 25 };
+    if is_on_can {
+        rig.sensor.sample_rate_hz = config::Positive::new([1000.0, 500.0, 200.0][period_us as usize / 2000]).unwrap();
+    }
+    if seed / 8 % 2 == 1 {
+        rig.control.law = config::ControlLaw::Pid;
+    }
+    // Gains of the file are for 1 ms: with all times in cycles they stay the same.
+    let slower = (f64::from(period_us) / 1000.0).max(1.0);
+    match (seed % 4, &mut rig.control.gains) {
+        (
+            0 | 2,
+            config::ControlGains::Joint { stiffness_n_m_per_rad, damping_n_m_s_per_rad, integral_n_m_per_rad_s },
+        ) => {
+            let [stiffness, damping] = [stiffness_n_m_per_rad.get(), damping_n_m_s_per_rad.get()];
+            *stiffness_n_m_per_rad = config::Positive::new(stiffness / slower.powi(2)).unwrap();
+            *damping_n_m_s_per_rad = config::NotNegative::new(damping / slower).unwrap();
+            let integral = integral_n_m_per_rad_s.get() / slower.powi(3);
+            *integral_n_m_per_rad_s = config::NotNegative::new(integral).unwrap();
+        }
+        (1, gains) => {
+            rig.rig.command_mode = config::CommandMode::Velocity;
+            *gains = config::ControlGains::Rate { gain_per_s: config::Positive::new(60.0 / slower).unwrap() };
+        }
+        _ => rig.rig.command_mode = config::CommandMode::Position,
+    }
+    let arm = &mut rig.simulation.as_mut().unwrap().arm;
+    let mut value = |low: f64, high: f64| config::NotNegative::new(drawn(low, high)).unwrap();
+    arm.motor_kg_m2 = [value(0.12, 0.7), value(0.12, 0.7)].map(|motor| config::Positive::new(motor.get()).unwrap());
+    (arm.proximal_kg, arm.distal_kg, arm.tool_kg) = ([value(0.0, 1.0); 2], [value(0.0, 0.5); 2], value(0.5, 2.0));
+    (arm.coulomb_n_m, arm.viscous_n_m_s_per_rad) = ([value(0.5, 12.0); 2], [value(0.05, 3.0); 2]);
+    (scene.hand.mass_kg, scene.seed) = (value(0.0, 1.0), seed + 1);
+    let step_us = &mut scene.model.as_mut().unwrap().plant_step_us;
+    *step_us = if period_us.is_multiple_of(*step_us) { *step_us } else { 50 };
+    (rig, scene, (seed / 16 % 2) as usize)
+}
+
+/// Drives that close the loop report a torque of one moment in a cycle: its errors are those of a pattern, not of chance.
+#[test]
+fn intervals_of_friction_hold_what_was_planted_if_the_drive_closes_the_loop() {
+    let seeds = share((0..60_u64).filter(|seed| seed % 2 == 1), 12);
+    let most_missed = seeds.len().div_ceil(10);
+    let mut missed: [Vec<String>; 2] = Default::default();
+    for seed in seeds {
+        let (rig, scene, joint) = drawn_joint(seed);
+        let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
+        let plan = LoopPlan { joint, torque_n_m: None };
+        let traced = machine.tune_loop(&rig, &plan, &AtomicBool::new(false)).unwrap().unwrap();
+        let Some(found) = traced.found else {
+            // Its dry friction is more than the torque that is tried.
+            assert!(traced.is_cut, "{seed}: {:?}", traced.cause);
+            continue;
+        };
+        let friction = found.friction.unwrap();
+        let arm = &rig.simulation.as_ref().unwrap().arm;
+        let planted = [arm.coulomb_n_m, arm.viscous_n_m_s_per_rad].map(|both| both[joint].get());
+        let found = [friction.coulomb_n_m, friction.viscous_n_m_s_per_rad];
+        for ((missed, found), planted) in missed.iter_mut().zip(found).zip(planted) {
+            if !found.contains(planted) {
+                missed.push(format!("{seed}: {planted} {found:?}"));
+            }
+        }
+    }
+    assert!(missed.iter().all(|missed| missed.len() <= most_missed), "{missed:#?}");
 }
 
 #[test]

@@ -8,8 +8,9 @@ use crate::identification::{Excitation, MOST_SHIFTS};
 const DEG: f64 = PI / 180.0;
 /// How far each travel goes, rad.
 pub(super) const WAY_RAD: f64 = 12.0 * DEG;
-/// How fast the slow travels are, rad/s, the fastest first: one that is too weak shows early.
-pub(super) const RATES: [f64; 3] = [20.0 * DEG, 10.0 * DEG, 4.0 * DEG];
+/// How fast the slow travels are, rad/s, the fastest first: one that is too weak shows early. No rate is a simple fraction of another one: the
+/// counts of targets then make other patterns in the cycles of each.
+pub(super) const RATES: [f64; 5] = [20.0 * DEG, 13.7 * DEG, 9.4 * DEG, 6.3 * DEG, 4.1 * DEG];
 /// How fast the joint goes while it is excited or stepped, rad/s.
 const CARRIER: f64 = 10.0 * DEG;
 /// Greatest rate of the excitation, as a share of that: the joint never stands, even where its loop overshoots.
@@ -178,7 +179,7 @@ mod tests {
                 let turns = offsets.windows(2).all(|two| sign * (two[1] - two[0]) > 0.0);
                 assert!(turns, "{period_s}: {part:?} stands");
             }
-            assert_eq!(course.parts.len(), 16);
+            assert_eq!(course.parts.len(), 20);
         }
     }
 

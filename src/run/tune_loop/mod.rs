@@ -3,7 +3,7 @@
 //! ```text
 //! boot, permit with bounds -> Course -> lead_to() in each cycle -> reference, angle, torque, force -> Parts -> identification -> JointLoop
 //! ```
-//! The course is one enabling: slow travels at three rates, travels with an excitation on top, travels with a step. The other joint is held. In
+//! The course is one enabling: slow travels at five rates, travels with an excitation on top, travels with a step. The other joint is held. In
 //! torque mode the torque is what this program sets. In the other modes the drive closes the loop, and is asked for its torque (6077h)
 //! beside the cycles: that shows friction. It does not show inertia: a drive that draws straight lines between set-points makes a torque that
 //! goes up and down within each cycle, of which one moment is told. A joint that does not follow is tried again with more torque, after another boot.

@@ -159,3 +159,18 @@ fn what_does_not_tell_is_refused() {
     turned.iter_mut().flat_map(|passage| &mut passage.torques_n_m).for_each(|torque| *torque = -*torque);
     assert!(dynamics(&turned, &excitation, 1e-3).is_err());
 }
+
+#[test]
+fn an_error_that_one_equation_makes_is_known_with_one_degree_of_freedom() {
+    let rows = |left: [f64; 3]| -> Vec<(Vector3<f64>, f64)> {
+        let of = |at: usize| {
+            let sign = if at % 2 == 0 { 1.0 } else { -1.0 };
+            (Vector3::ith(at % 3, 1.0), sign * left[if at < 3 { at } else { 0 }])
+        };
+        (0..60).map(of).collect()
+    };
+    let alike = errors(&rows([1.0; 3])).unwrap();
+    assert!(alike.iter().all(|spread| spread.degrees > 30.0));
+    let one = errors(&rows([0.01, 1.0, 0.01])).unwrap();
+    assert!(one[1].degrees < 1.1 && one[0].degrees > 30.0);
+}
