@@ -164,7 +164,7 @@ fn intervals_of_the_delay_hold_what_was_planted_nearly_as_often_as_they_say() {
 /// A joint by chance. Modes, laws, buses and joints alternate.
 fn drawn_joint(seed: u64) -> (config::Rig, config::Scene, usize) {
     let mut drawn = drawn_from(1000 + seed);
-    let is_on_can = seed / 4 % 2 == 0;
+    let is_on_can = (seed / 4).is_multiple_of(2);
     let file = if is_on_can { "paper-admittance.yaml" } else { "paper-ethercat.yaml" };
     let loaded = config::load_rig(config::builtin(file)).unwrap();
     let (mut rig, mut scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
@@ -186,9 +186,9 @@ fn drawn_joint(seed: u64) -> (config::Rig, config::Scene, usize) {
             config::ControlGains::Joint { stiffness_n_m_per_rad, damping_n_m_s_per_rad, integral_n_m_per_rad_s },
         ) => {
             let [stiffness, damping] = [stiffness_n_m_per_rad.get(), damping_n_m_s_per_rad.get()];
-            *stiffness_n_m_per_rad = config::Positive::new(stiffness / slower.powi(2)).unwrap();
+            *stiffness_n_m_per_rad = config::Positive::new(stiffness / (slower * slower)).unwrap();
             *damping_n_m_s_per_rad = config::NotNegative::new(damping / slower).unwrap();
-            let integral = integral_n_m_per_rad_s.get() / slower.powi(3);
+            let integral = integral_n_m_per_rad_s.get() / (slower * slower * slower);
             *integral_n_m_per_rad_s = config::NotNegative::new(integral).unwrap();
         }
         (1, gains) => {

@@ -164,7 +164,7 @@ fn what_does_not_tell_is_refused() {
 fn an_error_that_one_equation_makes_is_known_with_one_degree_of_freedom() {
     let rows = |left: [f64; 3]| -> Vec<(Vector3<f64>, f64)> {
         let of = |at: usize| {
-            let sign = if at % 2 == 0 { 1.0 } else { -1.0 };
+            let sign = if at.is_multiple_of(2) { 1.0 } else { -1.0 };
             (Vector3::ith(at % 3, 1.0), sign * left[if at < 3 { at } else { 0 }])
         };
         (0..60).map(of).collect()
