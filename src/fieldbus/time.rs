@@ -12,16 +12,19 @@ impl Time {
     pub const NEVER: Time = Time(u64::MAX);
 
     /// Whole microseconds since the start.
+    #[inline]
     pub const fn from_micros(us: u64) -> Self {
         Time(us * 1000)
     }
 
     /// Seconds since the start, for reports and simulation; not for comparing deadlines.
+    #[inline]
     pub fn as_secs_f64(self) -> f64 {
         self.0 as f64 * 1e-9
     }
 
     /// Time elapsed since `earlier`, zero if `earlier` is later.
+    #[inline]
     pub const fn since(self, earlier: Time) -> Duration {
         Duration::from_nanos(self.0.saturating_sub(earlier.0))
     }
@@ -29,6 +32,7 @@ impl Time {
 
 impl Add<Duration> for Time {
     type Output = Time;
+    #[inline]
     fn add(self, wait: Duration) -> Time {
         Time(self.0.saturating_add(wait.as_nanos().min(u128::from(u64::MAX)) as u64))
     }
@@ -36,6 +40,7 @@ impl Add<Duration> for Time {
 
 impl Sub<Time> for Time {
     type Output = Duration;
+    #[inline]
     fn sub(self, earlier: Time) -> Duration {
         self.since(earlier)
     }

@@ -193,13 +193,15 @@ fn plant(root: &Path, folder: &Path) -> Result<PathBuf, String> {
     for (index, defect) in DEFECTS.iter().enumerate() {
         replace(&tree.join(defect.file), defect.from, &choice(index + 1, defect))?;
     }
-    let library = tree.join("src/lib.rs");
-    let text = fs::read_to_string(&library).map_err(|error| at(&library, &error))?;
-    let text = format!(
-        "#![allow(warnings)]\n{text}\npub(crate) fn planted() -> usize {{\n    static WHICH: std::sync::OnceLock<usize> = std::sync::OnceLock::new();\n    \
-         *WHICH.get_or_init(|| std::env::var(\"{WHICH}\").ok().and_then(|which| which.parse().ok()).unwrap_or(0))\n}}\n"
-    );
-    fs::write(&library, text).map_err(|error| at(&library, &error))?;
+    for package in ["src", "src/fieldbus", "src/motion"] {
+        let library = tree.join(package).join("lib.rs");
+        let text = fs::read_to_string(&library).map_err(|error| at(&library, &error))?;
+        let text = format!(
+            "#![allow(warnings)]\n{text}\npub(crate) fn planted() -> usize {{\n    static WHICH: std::sync::OnceLock<usize> = std::sync::OnceLock::new();\n    \
+             *WHICH.get_or_init(|| std::env::var(\"{WHICH}\").ok().and_then(|which| which.parse().ok()).unwrap_or(0))\n}}\n"
+        );
+        fs::write(&library, text).map_err(|error| at(&library, &error))?;
+    }
     let main = tree.join("src/program/main.rs");
     fs::write(&main, MAIN).map_err(|error| at(&main, &error))?;
     // A program of another name without the command line, so that it can share the built dependencies.
@@ -212,9 +214,8 @@ fn plant(root: &Path, folder: &Path) -> Result<PathBuf, String> {
     replace(&tree.join("Cargo.toml"), plain, &format!("{plain}+planted"))?;
     let lock = tree.join("Cargo.lock");
     let mut locked = fs::read_to_string(&lock).map_err(|error| at(&lock, &error))?;
-    for package in ["yieldwall", "yieldwall-drives", "yieldwall-program", "hil-tests"] {
-        let named = format!("name = \"{package}\"\nversion = \"0.1.0");
-        locked = locked.replace(&format!("{named}\""), &format!("{named}+planted\""));
+    for package in locked.clone().split("[[package]]\n").filter(|package| !package.contains("\nsource = ")) {
+        locked = locked.replace(package, &package.replace("version = \"0.1.0\"", "version = \"0.1.0+planted\""));
     }
     fs::write(&lock, locked).map_err(|error| at(&lock, &error))?;
     let target = root.join("target");

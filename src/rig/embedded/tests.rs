@@ -1,5 +1,5 @@
 // Each of its users takes a part of it.
-#[allow(dead_code, unused_imports)]
+#[allow(dead_code, unused_imports, clippy::duplicate_mod)]
 #[path = "../../config/malformed/mod.rs"]
 mod malformed;
 

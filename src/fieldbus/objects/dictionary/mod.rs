@@ -348,7 +348,7 @@ impl ObjectDictionary {
         fits(entry, len).map(|()| entry)
     }
 
-    /// Copies bytes that [`fits`] accepted.
+    /// Copies bytes that `fits` accepted.
     pub fn store(&mut self, at: Address, data: &[u8]) {
         let Ok((place, _)) = self.find(at) else { return };
         let Some(entry) = self.entries.get_mut(place) else { return };
