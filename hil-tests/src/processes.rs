@@ -15,11 +15,11 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
 use std::thread;
 use std::time::Duration;
 
-/// How long a test may take that starts processes; only one that hangs does.
+/// Limit of a test that starts processes; only one that hangs reaches it.
 pub const LIMIT: Duration = Duration::from_secs(240);
-/// How long a test may still take once its processes are killed.
+/// Time that a test has left once its processes are killed.
 const GRACE: Duration = Duration::from_secs(10);
-/// How often a process is asked whether it has ended.
+/// Time between two looks at a process that may have ended.
 const POLL: Duration = Duration::from_millis(10);
 /// Bytes of an output that a report has.
 const LAST_BYTES: usize = 4096;

@@ -101,7 +101,7 @@ pub(super) struct Script {
     verifying: bool,
     /// Increments and revolutions of the encoder, as the drive tells them.
     resolution: [u32; 2],
-    /// Time that it takes to copy its outputs, as it tells it, in ns.
+    /// Time that it takes to copy its outputs, as the device reports it, in ns.
     copy_ns: u32,
     /// When the object is read again that has not come to its value yet, and when it is given up.
     pub(super) again_at: Time,

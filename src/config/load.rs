@@ -132,7 +132,7 @@ impl Document {
         }
     }
 
-    /// What its checks have found that keeps nobody from using it.
+    /// Findings of its checks that keep nobody from using it.
     pub fn warnings(&self) -> &[Diagnostic] {
         match self {
             Self::Rig(rig) => &rig.warnings,

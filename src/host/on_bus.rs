@@ -165,7 +165,7 @@ pub struct Outcome<T = Played> {
     pub foreign_downloads: u32,
     /// What was wrong with the devices of an EtherCAT segment, a line each.
     pub segment: Vec<String>,
-    /// How long this computer stood still in the seconds before the fault, or before the end of what did not run, if it did.
+    /// Standstill of this computer in the seconds before the fault, or before a boot or a read failed.
     pub standstill: Option<Standstill>,
 }
 

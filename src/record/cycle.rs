@@ -28,9 +28,9 @@ pub struct Moment {
 /// A time in which the loop was due and the computer did not let it run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Standstill {
-    /// How long it lasted.
+    /// Its length.
     pub lasted: Duration,
-    /// How long it has been over.
+    /// Time since its end.
     pub ago: Duration,
 }
 

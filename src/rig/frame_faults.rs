@@ -14,7 +14,7 @@ use crate::time::Time;
 /// Who sends frames that the master has not sent, and the number of their datagram.
 const STRANGER: [u8; 6] = [0x02, 0, 0, 0, 0, 0x99];
 const STRANGE_INDEX: u8 = 0xee;
-/// How far foreign targets are from the last own ones: in per mille of the rated torque, and in counts or counts per second.
+/// Distance of foreign targets from the last own ones: in per mille of the rated torque, and in counts or counts per second.
 const FOREIGN_TORQUE_PER_MILLE: i16 = 500;
 const FOREIGN_COUNTS: i32 = 131_072;
 /// Output frames that are kept: the oldest is of an earlier cycle, also where a cycle has two.

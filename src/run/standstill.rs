@@ -13,7 +13,7 @@ const MEMORY: Duration = Duration::from_secs(3);
 /// The longest standstill of the last seconds, on the clock of the place.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StandstillWatch {
-    /// When the loop is due next.
+    /// Moment at which the loop is due next.
     due: Time,
     lasted: Duration,
     ended: Time,

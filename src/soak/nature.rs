@@ -129,7 +129,7 @@ pub(super) fn shows_within_s(kind: Kind) -> f64 {
     if kind == Kind::HiddenRegisterWrite { HIDDEN_S } else { 0.0 }
 }
 
-/// When an injection is over and has shown, in s since the scene began.
+/// Moment at which an injection is over and has shown, in s since the scene began.
 pub(super) fn over_s(injection: &Injection) -> f64 {
     injection.end_s() + shows_within_s(injection.kind)
 }

@@ -54,7 +54,7 @@ pub struct OnCableAt {
 pub(super) struct Segment {
     inputs: Vec<u8>,
     outputs: Vec<u8>,
-    /// Whether outputs have left in this cycle: the drives are told them once more before SYNC0.
+    /// Whether outputs have left in this cycle: the master sends them once more before SYNC0.
     has_outputs: bool,
 }
 

@@ -325,7 +325,7 @@ fn judge_window(
     verdict.injections.push(Followed { name: row.name.to_owned(), met_running, as_expected });
 }
 
-/// When the reaction to an injection is there at the latest, in s since the scene began.
+/// Latest moment of the reaction to an injection, in s since the scene began.
 fn shows_by_s(clock: &Clock, injection: &Injection, wanted: &Wanted) -> f64 {
     let bounds = wanted.faults.iter().flat_map(|fault| fault.row().steps).map(|step| clock.cycles(step.bound));
     let over_s = nature::over_s(injection);

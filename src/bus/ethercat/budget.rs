@@ -118,7 +118,7 @@ pub struct Budget {
     pub frames: [FrameBudget; 4],
     /// Time before SYNC0, or before the next cycle, in which outputs that somebody else sends act, in ns.
     pub exposed_ns: u64,
-    /// What output and service frame leave before the outputs act, in ns.
+    /// Time that output and service frame leave before the outputs act, in ns.
     room_ns: u64,
     /// Time from the first bit of the repeat to its last one at the last device, in ns.
     repeat_delay_ns: u64,
@@ -185,7 +185,7 @@ impl Budget {
         others.iter().fold(first, |least, other| if other.left_ns() < least.left_ns() { other } else { least })
     }
 
-    /// What output and service frame leave before the outputs act.
+    /// Time that output and service frame leave before the outputs act.
     pub(super) fn room(&self) -> Duration {
         Duration::from_nanos(self.room_ns)
     }

@@ -27,9 +27,9 @@ pub(super) struct Repeat {
     /// Time from the first bit of the frame to its last one at the last device.
     on_the_wire: Duration,
     spare: Duration,
-    /// How late this computer was at most, as far as that is remembered.
+    /// Greatest lateness of this computer, less what was forgotten since.
     late: Duration,
-    /// What the frames that are sent at the control step leave before SYNC0.
+    /// Time that the frames of the control step leave before SYNC0.
     room: Duration,
 }
 

@@ -34,7 +34,7 @@ pub(super) struct Narrator {
     /// Of the last cycle; none before the first.
     drives: Option<[cia402::State; 2]>,
     cause: Option<Cause>,
-    /// How long the computer stood still before the present cycle.
+    /// Last standstill of the computer before the present cycle.
     standstill: Option<Standstill>,
     now: Now,
     /// Faults that held or stopped the rig.

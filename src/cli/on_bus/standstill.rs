@@ -7,10 +7,10 @@ use crate::config;
 use crate::guard::Fault;
 use crate::record::Standstill;
 
-/// What to do about a computer that does not run in time.
+/// Next step for a computer that does not run in time.
 const NEXT: &str = "stop other programs, or measure this computer with `yieldwall latency`; then run again";
 
-/// How long this computer stood still.
+/// Names the standstill of this computer and its length.
 pub(in crate::cli) fn stood(standstill: Standstill) -> String {
     let Standstill { lasted, ago } = standstill;
     let [lasted, ago] = [lasted, ago].map(|time| match time.as_secs_f64() {
@@ -84,7 +84,7 @@ mod tests {
         let failure = after_standstill(Failure::new(Exit::SafetyStop, "heartbeat-lost", "check the cable"), why);
         let first = &failure.report.diagnostics[0];
         assert!(first.message.starts_with("this computer stood still for 2.1 s"), "{}", first.message);
-        // What a computer cannot bring about.
+        // A late computer cannot bring this about.
         assert_eq!(not_in_time(Fault::Intruder, Some(standstill), &rig), None);
         assert_eq!(said_first(None, words.clone()), words);
         // Simulated drives come from a program that has to run in time.

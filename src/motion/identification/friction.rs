@@ -68,7 +68,7 @@ pub fn friction(travels: &[Steady], inertia_kg_m2: f64) -> Result<Friction, NotI
     Ok(Friction { coulomb_n_m, viscous_n_m_s_per_rad, offset_n_m })
 }
 
-/// What both ways have in common at a rate: half of the difference of their torques, and half of the sum.
+/// Common part of both ways at a rate: half of the difference of their torques, and half of the sum.
 struct Point {
     rate: f64,
     torque: f64,

@@ -138,7 +138,7 @@ impl<P: Place> Runner<P> {
         self.standstill.last(self.place.now(), least)
     }
 
-    /// How long lockstep waits for own frames, on the wall.
+    /// Longest time that lockstep waits for own frames, by the wall clock.
     fn patience_with_frames(&self) -> Duration {
         if self.absent.is_empty() { PATIENCE } else { IMPATIENCE }
     }

@@ -8,7 +8,7 @@ use crate::identification::{Excitation, MOST_SHIFTS};
 const DEG: f64 = PI / 180.0;
 /// How far each travel goes, rad.
 pub(super) const WAY_RAD: f64 = 12.0 * DEG;
-/// How fast the slow travels are, rad/s, the fastest first: one that is too weak shows early. No rate is a simple fraction of another one: the
+/// Rates of the slow travels, rad/s, the fastest first: one that is too weak shows early. No rate is a simple fraction of another one: the
 /// counts of targets then make other patterns in the cycles of each.
 pub(super) const RATES: [f64; 5] = [20.0 * DEG, 13.7 * DEG, 9.4 * DEG, 6.3 * DEG, 4.1 * DEG];
 /// How fast the joint goes while it is excited or stepped, rad/s.
