@@ -183,7 +183,7 @@ impl<P: Place> Runner<P> {
             absent: DeviceSet::NONE,
             looked_at: started,
             back_since: Time(0),
-            standstill: StandstillWatch::new(started),
+            standstill: StandstillWatch::new(),
             cause: None,
             stood: None,
             counts: LinkCounts::default(),

@@ -20,8 +20,9 @@ pub(super) struct StandstillWatch {
 }
 
 impl StandstillWatch {
-    pub(super) fn new(now: Time) -> Self {
-        Self { due: now, lasted: Duration::ZERO, ended: now }
+    /// Of a loop that is not due yet: what comes before it runs first takes its time.
+    pub(super) fn new() -> Self {
+        Self { due: Time::NEVER, lasted: Duration::ZERO, ended: Time(0) }
     }
 
     /// The loop waits until a moment, or until something comes before.
@@ -62,7 +63,9 @@ mod tests {
 
     #[test]
     fn waiting_is_no_standstill_and_being_late_is_one() {
-        let mut watch = StandstillWatch::new(ms(0));
+        let mut watch = StandstillWatch::new();
+        watch.run(ms(250));
+        assert_eq!(watch.last(ms(300), LEAST), None, "the loop runs first");
         watch.wait_until(ms(500));
         watch.run(ms(300));
         watch.run(ms(301));

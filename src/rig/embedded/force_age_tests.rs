@@ -77,8 +77,9 @@ fn the_age_of_a_force_behind_a_low_pass_is_identified_on_each_bus() {
                 handle.mass_kg.half_width(),
                 handle.misfit
             );
-            let age_s = handle.age_s.value;
-            assert!(age_s > low - 50e-6 && age_s < high + 50e-6, "{name} {joint} {lag_ms} ms: {handle:?}");
+            // A sensor that samples right behind an edge of the torque is seen older by all that the hold hides.
+            let (beyond_s, [least_s, most_s]) = (0.02 * period_s, handle.between_s);
+            assert!(most_s > low - beyond_s && least_s < high + beyond_s, "{name} {joint} {lag_ms} ms: {handle:?}");
             assert!((handle.mass_kg.value / 0.3 - 1.0).abs() < 0.1, "{name}: {:?}", handle.mass_kg);
             let force = ForceFound { between_s: handle.between_s, mass_kg: handle.mass_kg.value };
             let later_s = later_s(&loaded.value, &force).unwrap();

@@ -187,7 +187,8 @@ proptest! {
             let inertia = eigen.eigenvalues[i];
             prop_assert!(eigenvalues.iter().any(|value| (value - inertia).abs() < 1e-12));
             let single = free_run(gains, Vector2::new(direction.dot(&start), 0.0), |torque| torque / inertia);
-            prop_assert!((direction.dot(&coupled) - single.x).abs() < 1e-9);
+            // A loop that is too light for its gains grows, and its rounding with it.
+            prop_assert!((direction.dot(&coupled) - single.x).abs() < 1e-9 * (1.0 + coupled.norm()));
         }
     }
 }
