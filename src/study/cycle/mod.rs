@@ -369,11 +369,12 @@ mod tests {
     /// On EtherCAT the sample lies behind SYNC0, at which drives in position mode begin another line.
     #[test]
     fn what_is_printed_of_a_rig_on_ethercat_is_what_its_runs_show() {
-        for period_us in crate::sample::share([500, 1000, 5000], 1) {
-            let setting = Setting { wire: Wire::Ethercat, mode: Mode::Position, period_us };
+        let usual = crate::sample::share([500, 1000, 5000], 1).into_iter().map(|period_us| (Mode::Position, period_us));
+        for (mode, period_us) in usual.chain([(Mode::StiffPosition, 10_000)]) {
+            let setting = Setting { wire: Wire::Ethercat, mode, period_us };
             let (printed_kg, run_kg) = least_kg(&setting.machine().unwrap()).unwrap();
             let ratio = printed_kg.unwrap() / run_kg.unwrap();
-            assert!((0.97..1.03).contains(&ratio), "{period_us} us: {printed_kg:?} {run_kg:?}");
+            assert!((0.97..1.03).contains(&ratio), "{mode:?}, {period_us} us: {printed_kg:?} {run_kg:?}");
         }
     }
 

@@ -208,6 +208,6 @@ mod tests {
     #[test]
     fn counts_and_torque_of_stiff_drives_are_no_swing() {
         assert_edge(Mode::StiffPosition, 250, [1.02, 1.05]);
-        assert_edge(Mode::StiffPosition, 10_000, [1.2, 1.1]);
+        assert_edge(Mode::StiffPosition, 10_000, [1.03, 1.05]);
     }
 }

@@ -22,6 +22,9 @@ const NUDGE_CYCLES: f64 = 4.0;
 const NUDGE_RAD: f64 = 0.6;
 /// By how much a sample is later than the moment that its phase says, s: it is to be behind SYNC for certain.
 const BEHIND_S: f64 = 1e-6;
+/// The same on EtherCAT, where it is to be behind SYNC0 of both drives: a sample between steps of their loops would see the one and not the other for as
+/// long as its phase stays.
+const BEHIND_SYNC0_S: f64 = 5e-6;
 /// Effective mass of the arms at the tool, kg, and lever of the tool on a joint, m: what a count of torque moves.
 const ARM_KG: f64 = 2.0;
 const LEVER_M: f64 = 0.3;
@@ -129,7 +132,8 @@ impl Bench {
         let share = f64::from(phase) / f64::from(self.phases);
         // The phase stays: a sample that drifts past the frame, and shows more counts there, looks like a swing that grows.
         machine.stop_drift();
-        machine.align_sensor(Duration::from_secs_f64(BEHIND_S + share * interval_s));
+        let behind_s = if rig.has_drives_on_ethercat() { BEHIND_SYNC0_S } else { BEHIND_S };
+        machine.align_sensor(Duration::from_secs_f64(behind_s + share * interval_s));
         let floor_m_per_s = self.floor_m_per_s(mass_kg, per_count);
         Ok(Trial { machine, fast_m_per_s, nudge_n, floor_m_per_s })
     }
