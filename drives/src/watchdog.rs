@@ -20,15 +20,17 @@ pub enum Watchdog {
     Heartbeat,
     /// Process data have to be written (the watchdog of a sync manager, 0420h).
     Outputs,
+    /// The device has to be in OP, whatever comes: it is asked for SAFE-OP when somebody else writes to it, since it takes no outputs there.
+    Operational,
 }
 
 impl Watchdog {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Sync, Self::SetPoints, Self::Heartbeat, Self::Outputs];
+    pub const ALL: [Self; 5] = [Self::Sync, Self::SetPoints, Self::Heartbeat, Self::Outputs, Self::Operational];
     /// Those of drives on CANopen.
     pub const CANOPEN: [Self; 3] = [Self::Sync, Self::SetPoints, Self::Heartbeat];
-    /// That of drives on EtherCAT.
-    pub const ETHERCAT: [Self; 1] = [Self::Outputs];
+    /// Those of drives on EtherCAT.
+    pub const ETHERCAT: [Self; 2] = [Self::Outputs, Self::Operational];
 
     /// Its bit in 2010h of a simulated drive.
     pub const fn bit(self) -> u8 {
@@ -42,7 +44,13 @@ impl Watchdog {
             Watchdog::SetPoints => "set-points",
             Watchdog::Heartbeat => "heartbeat",
             Watchdog::Outputs => "outputs",
+            Watchdog::Operational => "OP",
         }
+    }
+
+    /// Whether it acts when the master dies.
+    pub const fn guards_against_silence(self) -> bool {
+        !matches!(self, Watchdog::Operational)
     }
 }
 

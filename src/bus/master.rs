@@ -501,6 +501,11 @@ impl Master {
         self.segment.iter_mut().for_each(|segment| segment.close(now, &orders, &mut self.outgoing));
     }
 
+    /// Has the drives of a segment leave OP, until it is booted again.
+    pub fn leave_op(&mut self) {
+        self.segment.iter_mut().for_each(EthercatNetwork::leave_op);
+    }
+
     /// Outside of any cycle, the statuswords of the left and of the right drive that the inputs since [`Master::repeat_sync`] have
     /// brought; nothing where drives are on CAN.
     pub fn take_statuswords(&mut self, now: Time) -> Option<[Option<u16>; 2]> {

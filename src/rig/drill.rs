@@ -8,6 +8,7 @@ use super::silence::Silence;
 use crate::config;
 use crate::guard::Request;
 use crate::run::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, watchdogs};
+use yieldwall_drives::watchdog::Watchdog;
 
 /// Drills the simulated drives of a rig in virtual time; `prepare` may change each rig before it is enabled.
 ///
@@ -28,8 +29,12 @@ pub fn drill(
         for _ in 0..CYCLES_BEFORE_SILENCE {
             machine.run_cycle(Request::None)?;
         }
+        let now = machine.now();
         if let Some(silence) = machine.silence_mut() {
-            silence.begin();
+            silence.begin(now);
+        }
+        if watchdog == Watchdog::Operational {
+            machine.leave_op();
         }
         let limit = machine.now() + DRILL_LIMIT;
         while machine.now() < limit && machine.silence_mut().as_ref().is_some_and(Silence::is_awaited) {

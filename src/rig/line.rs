@@ -145,6 +145,15 @@ impl Line {
         self.segment.controllers_mut().for_each(|controller| controller.set_drift(now, 0));
     }
 
+    /// Has the drives leave OP.
+    pub(super) fn leave_op(&mut self, now: Time) {
+        for place in self.places.into_iter().take(SENSOR).flatten() {
+            if let Some(controller) = self.segment.controller_mut(place) {
+                controller.fail(now, AlStatusCode(0));
+            }
+        }
+    }
+
     /// Has the sensor take its next sample at `next` and the others so long after one another.
     pub(super) fn align_sensor(&mut self, next: Time, period: Duration) {
         if let Some(sensor) = self.sensor_mut() {

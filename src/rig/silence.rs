@@ -44,7 +44,7 @@ impl Silence {
             Watchdog::SetPoints => drive.is_some(),
             Watchdog::Heartbeat => cob::is_heartbeat(frame.id()),
             // No frame of CAN.
-            Watchdog::Outputs => false,
+            Watchdog::Outputs | Watchdog::Operational => false,
         };
         if self.is_on {
             // A master that notices and stops the drives would hide what they do by themselves.
@@ -83,8 +83,11 @@ impl Silence {
     }
 
     /// From now on it is silent.
-    pub(super) fn begin(&mut self) {
+    pub(super) fn begin(&mut self, now: Time) {
         self.is_on = true;
+        if self.watchdog == Watchdog::Operational {
+            self.last = now;
+        }
     }
 
     /// Whether a drive has not stopped.

@@ -1,7 +1,7 @@
 //! The watchdog drill over the bus.
 //!
 //! Without SYNC the drives on CAN send no process data, so they are asked for their statusword (6041h) over SDO, once a cycle. Inputs of a
-//! segment come without outputs too, and have it.
+//! segment come without outputs too, and have it. A device that is asked for SAFE-OP goes on getting outputs, which it does not take there.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -170,6 +170,10 @@ impl<P: Place> Runner<P> {
             let grid = self.next_sync;
             self.watch_until(grid, drives);
             let now = self.now();
+            if !sends(Watchdog::Operational) && last == Time(0) {
+                self.send(|master, _, _| master.leave_op());
+                last = now;
+            }
             if sends(Watchdog::Sync) {
                 self.send(|master, _, out| master.repeat_sync(out));
                 last = if watchdog == Watchdog::Sync { now } else { last };

@@ -75,7 +75,7 @@ pub struct Settled {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Unsafe {
     /// A drive goes on.
-    #[error("the {side} drive goes on for more than {} s when {} stay away", DRILL_LIMIT.as_secs_f64(), .watchdog.name())]
+    #[error("the {side} drive goes on for more than {} s without {}", DRILL_LIMIT.as_secs_f64(), .watchdog.name())]
     GoesOn {
         /// Which drive.
         side: &'static str,
@@ -166,8 +166,12 @@ impl Drilled {
             let mut fastest = Duration::MAX;
             for &watchdog in demands.watchdogs {
                 let finding = self.findings.iter().find(|finding| finding.watchdog == watchdog);
+                // Records of drills that did not try it are believed for what they tried.
+                let was_tried = finding.is_some() || watchdog.guards_against_silence();
                 match finding.and_then(|finding| finding.stopped_after.get(drive).copied().flatten()) {
-                    Some(takes) => fastest = fastest.min(takes),
+                    Some(takes) if watchdog.guards_against_silence() => fastest = fastest.min(takes),
+                    Some(_) => {}
+                    None if !was_tried => {}
                     None if matches!(watchdog, Watchdog::Sync | Watchdog::SetPoints)
                         && demands.lacks[drive] & watchdog.bit() != 0 => {}
                     None => return Err(Unsafe::GoesOn { side, watchdog }),
@@ -186,6 +190,12 @@ impl Drilled {
 fn to_write(servo: &Servo, watchdog: Watchdog, stops_in: Option<State>) -> Option<(String, String)> {
     let (word, kind, reaction) = match watchdog {
         Watchdog::Heartbeat | Watchdog::Outputs => return None,
+        Watchdog::Operational => {
+            let reaction = servo.watchdogs.leaving_op.as_ref().map_or(Reaction::Unknown, |leaving| leaving.reaction);
+            let seen = stops_in.map(seen_in).filter(|_| reaction == Reaction::Unknown)?;
+            let key = "device.servo.watchdogs.leaving_op".to_owned();
+            return Some((key, format!("{{reaction: {seen}, source: drill}}")));
+        }
         Watchdog::Sync => match &servo.watchdogs.sync {
             SyncWatch::None => ("sync", "none", Reaction::Nothing),
             SyncWatch::BuiltIn(watch) => ("sync", "built_in", watch.reaction),
@@ -199,10 +209,7 @@ fn to_write(servo: &Servo, watchdog: Watchdog, stops_in: Option<State>) -> Optio
         },
     };
     let key = format!("device.servo.watchdogs.{word}");
-    let seen = stops_in.map(|state| match state {
-        State::Fault | State::FaultReactionActive => "fault",
-        _ => "abort_connection",
-    });
+    let seen = stops_in.map(seen_in);
     match (kind, reaction, seen) {
         ("none", _, Some(seen)) => {
             Some((key, format!("{{built_in: {{periods: null, reaction: {seen}, source: drill}}}}")))
@@ -211,6 +218,14 @@ fn to_write(servo: &Servo, watchdog: Watchdog, stops_in: Option<State>) -> Optio
         (_, Reaction::Unknown, Some(seen)) => Some((format!("{key}.{kind}.reaction"), seen.to_owned())),
         (_, Reaction::Unknown, None) => Some((key, "none".to_owned())),
         _ => None,
+    }
+}
+
+/// The reaction of a drive that stops in this state.
+fn seen_in(state: State) -> &'static str {
+    match state {
+        State::Fault | State::FaultReactionActive => "fault",
+        _ => "abort_connection",
     }
 }
 
@@ -258,6 +273,44 @@ mod tests {
             ])
         );
         assert_eq!(settled(["simulated-servo"; 2], stops, State::Fault), [], "its profile says it all");
+    }
+
+    /// Torque mode, a drive on EtherCAT.
+    #[test]
+    fn a_drive_that_keeps_its_torque_when_it_leaves_op_is_refused_and_a_record_that_did_not_try_it_counts() {
+        let demands = Demands { is_torque: true, watchdogs: &Watchdog::ETHERCAT, lacks: [0; 2] };
+        let finding = |watchdog, after_ms: [Option<u64>; 2]| Finding {
+            watchdog,
+            stopped_after: after_ms.map(|ms| ms.map(Duration::from_millis)),
+            stopped_in: [None; 2],
+        };
+        let judged = |of_op: Option<[Option<u64>; 2]>| {
+            let findings = [finding(Watchdog::Outputs, [Some(5); 2])].into_iter();
+            let findings = findings.chain(of_op.map(|after_ms| finding(Watchdog::Operational, after_ms))).collect();
+            Drilled { findings, resolution: Duration::ZERO }.judge(demands)
+        };
+        assert_eq!(judged(None), Ok(()));
+        assert_eq!(judged(Some([Some(40), Some(1)])), Ok(()), "outputs guard against a master that dies");
+        let goes_on = Unsafe::GoesOn { side: "right", watchdog: Watchdog::Operational };
+        assert_eq!(judged(Some([Some(1), None])), Err(goes_on));
+    }
+
+    #[test]
+    fn what_a_drive_does_when_it_leaves_op_is_a_line_of_its_profile() {
+        let mut rig = config::load_rig(config::builtin("paper-ethercat.yaml")).unwrap().value;
+        let settled = |rig: &config::Rig| {
+            let stops = [Some(Duration::from_millis(1)); 2];
+            let finding = Finding {
+                watchdog: Watchdog::Operational,
+                stopped_after: stops,
+                stopped_in: [Some(State::QuickStopActive), Some(State::SwitchOnDisabled)],
+            };
+            Drilled { findings: vec![finding], resolution: Duration::ZERO }.settled(rig)
+        };
+        assert_eq!(settled(&rig), [], "its profile says it");
+        rig.drives.iter_mut().for_each(|drive| drive.profile = "zeroerr-edriver".to_owned().into());
+        let lines: Vec<_> = settled(&rig).into_iter().map(|settled| (settled.key, settled.value)).collect();
+        assert_eq!(lines, wanted(&[("leaving_op", "{reaction: abort_connection, source: drill}")]));
     }
 
     #[test]

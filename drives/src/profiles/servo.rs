@@ -71,8 +71,8 @@ impl Servo {
             Watchdog::Sync => self.watchdogs.sync == SyncWatch::None,
             Watchdog::SetPoints => self.watchdogs.set_points == SetPointWatch::None,
             Watchdog::Heartbeat => self.watchdogs.heartbeat == HeartbeatWatch::None,
-            // The controller has it, and the master sets it.
-            Watchdog::Outputs => false,
+            // The controller has it, and the master sets it or asks for it.
+            Watchdog::Outputs | Watchdog::Operational => false,
         }
     }
 }
@@ -289,6 +289,22 @@ pub struct Watchdogs {
     /// SYNC.
     #[cfg_attr(feature = "config", garde(dive))]
     pub sync: SyncWatch,
+    /// On EtherCAT, what it does when its device leaves OP while it makes torque; left out if no source that was read says it.
+    #[cfg_attr(feature = "config", garde(dive))]
+    #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub leaving_op: Option<LeavingOp>,
+}
+
+/// What a drive does when its device leaves OP.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct LeavingOp {
+    /// What it does.
+    pub reaction: Reaction,
+    /// Where that was read: a key of `profile.sources`.
+    #[cfg_attr(feature = "config", garde(length(min = 1)))]
+    pub source: String,
 }
 
 /// How a drive watches the master's heartbeat.

@@ -7,6 +7,7 @@ mod processes;
 mod refused;
 mod rigs;
 mod served;
+mod two_masters;
 
 use std::process::Command;
 use std::time::Duration;

@@ -61,6 +61,13 @@ impl Running {
         )
     }
 
+    /// In a network namespace.
+    pub(super) fn start_in(namespace: &str, arguments: &[&str]) -> Self {
+        let mut ip = Command::new("ip");
+        ip.args(["netns", "exec", namespace]).arg(program()).args(arguments).env("XDG_STATE_HOME", own_state());
+        Self::piped(&mut ip)
+    }
+
     /// An example of the library, with the records of [`Running::start`].
     pub(super) fn example(name: &str, arguments: &[&str]) -> Self {
         let example = program().with_file_name("examples").join(name);

@@ -363,7 +363,8 @@ impl EthercatNetwork {
         self.has_restored = restores;
         let leaves = self.is_defending();
         self.has_defended |= leaves;
-        self.stations.iter_mut().for_each(|station| station.disarm(now, leaves));
+        let is_stopping = self.is_stopping;
+        self.stations.iter_mut().for_each(|station| station.disarm(now, leaves, is_stopping));
         if !restores && self.stations.iter().all(|station| station.wanted.is_none()) {
             return false;
         }
@@ -391,9 +392,9 @@ impl EthercatNetwork {
         is_sent
     }
 
-    /// Whether devices are asked to leave OP since somebody else writes to them.
+    /// Whether devices are asked to leave OP, as a rule since somebody else writes to them.
     fn is_defending(&self) -> bool {
-        self.has_intruder && self.is_stopping
+        self.leaves_op || self.has_intruder && self.is_stopping
     }
 
     /// Reads registers of the next device; whether there are any.

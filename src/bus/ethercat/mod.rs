@@ -160,7 +160,11 @@ pub struct EthercatNetwork {
     held: held::Turn,
     /// Whether somebody else has written to the devices since the network was started, as far as it was seen.
     has_intruder: bool,
-    /// Whether this master has asked the devices for SAFE-OP because of that.
+    /// Source address of the first frame of somebody else since then.
+    stranger: Option<[u8; 6]>,
+    /// Whether the devices are to leave OP whoever writes to them.
+    leaves_op: bool,
+    /// Whether this master has asked the devices for SAFE-OP because of either.
     has_defended: bool,
     /// Whether the devices' watchdogs are to be written back, and whether they were in the cycle before.
     restores: bool,
@@ -222,6 +226,8 @@ impl EthercatNetwork {
             told: LastTold::default(),
             held: held::Turn::START,
             has_intruder: false,
+            stranger: None,
+            leaves_op: false,
             has_defended: false,
             restores: false,
             has_restored: false,
@@ -259,6 +265,11 @@ impl EthercatNetwork {
     /// Real-time: yes.
     pub(in crate::bus) fn set_stopping(&mut self, is_stopping: bool) {
         self.is_stopping = is_stopping;
+    }
+
+    /// Has the devices leave OP, until the network is started again.
+    pub(in crate::bus) fn leave_op(&mut self) {
+        self.leaves_op = true;
     }
 
     /// Falls silent, or goes on when a person has the exchange go on.
@@ -337,7 +348,17 @@ impl EthercatNetwork {
             format!("{}: inputs missing in {inputs} cycles, outputs not taken in {outputs}", station.title())
         });
         let altered = self.stations.iter().filter_map(|station| Some(station.altered?.sentence(&station.title())));
-        altered.chain(left).chain(grid).chain(clocks).chain(links).chain(errors).chain(missed).collect()
+        let stranger = self.stranger.map(|source| format!("somebody else writes: {}", SegmentSign::Frame(source)));
+        stranger
+            .into_iter()
+            .chain(altered)
+            .chain(left)
+            .chain(grid)
+            .chain(clocks)
+            .chain(links)
+            .chain(errors)
+            .chain(missed)
+            .collect()
     }
 
     /// Whether a device is on the segment.
@@ -394,7 +415,8 @@ impl EthercatNetwork {
         self.events = LinkEvents::default();
         (self.clock_lost, self.is_silent) = (DeviceSet::NONE, false);
         (self.grid_off_ns, self.ports, self.cut_off) = (None, PortWatch::default(), DeviceSet::NONE);
-        (self.has_intruder, self.restores) = (false, false);
+        (self.has_intruder, self.leaves_op, self.restores) = (false, false, false);
+        self.stranger = None;
         self.enter(now, Phase::Configuring);
         self.poll(now, out);
     }
@@ -474,6 +496,7 @@ impl EthercatNetwork {
             Phase::Operational => {
                 self.events.intruder = true;
                 (self.has_intruder, self.restores) = (true, true);
+                self.stranger = self.stranger.or(Some(source));
             }
             Phase::Failed(_) => {}
             Phase::Off | Phase::Resetting | Phase::Configuring | Phase::Starting => {

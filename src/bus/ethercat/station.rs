@@ -225,16 +225,17 @@ impl Station {
     }
 
     /// Has it leave OP, so that it takes no outputs any more. A drive that stays in Operation Enabled in SAFE-OP gets Disable Voltage through
-    /// the mailbox, and is asked for PRE-OP then.
+    /// the mailbox while the drives are being stopped, and is asked for PRE-OP then.
     ///
     /// Real-time: yes.
-    pub(super) fn disarm(&mut self, now: Time, leaves: bool) {
+    pub(super) fn disarm(&mut self, now: Time, leaves: bool, is_stopping: bool) {
         let state = self.status.state().filter(|_| self.has_status);
         if !leaves || state == Some(AlState::Operational) || state.is_none() {
             self.wanted = leaves.then_some(AlState::SafeOperational);
             return;
         }
-        let is_enabled = state == Some(AlState::SafeOperational)
+        let is_enabled = is_stopping
+            && state == Some(AlState::SafeOperational)
             && self.words.statusword.is_some_and(|word| State::decode(word) == Some(State::OperationEnabled));
         match self.disarming {
             Disarming::No if is_enabled => self.disarming = Disarming::Seen(now),

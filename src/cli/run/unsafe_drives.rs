@@ -27,6 +27,10 @@ pub(in crate::cli) fn judge(drilled: &Drilled, rig: &Rig, before: &str) -> Resul
 const OUTPUTS: &str = "the master sets the watchdog of its sync manager (0420h): look whether the drive's controller has one, and what its manual \
                        says about it";
 
+/// A drive that keeps its torque in SAFE-OP.
+const OPERATIONAL: &str = "the drive was asked for SAFE-OP and kept its torque: look in its manual for what it does when it leaves OP (6007h as a rule), \
+                           and set it to stop";
+
 /// A drive in torque mode that stops too late.
 fn too_slow(rig: &Rig) -> String {
     let period_us = rig.cycle.period_us;
@@ -51,6 +55,7 @@ fn goes_on(drive: &Drive, watchdog: Watchdog, rig: &Rig) -> String {
     let why = match watchdog {
         Watchdog::Heartbeat => return without_heartbeat(drive, servo),
         Watchdog::Outputs => return OUTPUTS.to_owned(),
+        Watchdog::Operational => return OPERATIONAL.to_owned(),
         Watchdog::Sync => watch_of_sync(servo),
         Watchdog::SetPoints => watch_of_set_points(servo),
     };

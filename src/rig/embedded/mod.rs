@@ -189,6 +189,12 @@ impl EmbeddedRig {
         far.line.iter_mut().for_each(|line| line.stop_drift(*now));
     }
 
+    /// Has the drives on a segment leave OP, as one does that is asked for SAFE-OP.
+    pub(super) fn leave_op(&mut self) {
+        let Simulation { now, far, .. } = self.place_mut();
+        far.line.iter_mut().for_each(|line| line.leave_op(*now));
+    }
+
     /// Forgets what was injected and what the scene would.
     pub(super) fn clear_injections(&mut self) {
         self.place_mut().clear_injections();

@@ -44,6 +44,26 @@ fn a_rig_that_was_enabled_to_rest_is_stopped_when_somebody_leads_it_away() {
     assert!(farthest < 0.04 && state == State::Stopped, "{farthest} {state:?}");
 }
 
+/// The master's own drill asks for SAFE-OP by frames; the other one takes the devices there.
+#[test]
+fn drives_on_ethercat_stop_without_outputs_and_without_op() {
+    let loaded = config::load_rig(config::builtin("paper-ethercat.yaml")).unwrap();
+    let (rig, scene) = (&loaded.value, loaded.scene().unwrap().value);
+    let mut machine = EmbeddedRig::new(rig, &scene, &rig.fixture, scene.seed).unwrap();
+    let by_frames = machine.runner.drill(50, &AtomicBool::new(false), |_| ()).unwrap();
+    let virtually = crate::rig::drill(rig, &scene, |_| ()).unwrap();
+    for drilled in [by_frames, virtually] {
+        let of = |finding: &crate::run::Finding| (finding.watchdog.name(), finding.stopped_in.map(Option::unwrap));
+        let [outputs, op] = drilled.findings.as_slice() else { panic!("{drilled:?}") };
+        let off = [cia402::State::SwitchOnDisabled; 2];
+        assert_eq!([of(outputs), of(op)], [("outputs", off), ("OP", off)]);
+        for (finding, [least_ms, most_ms]) in [(outputs, [4, 8]), (op, [0, 4])] {
+            let is_within = |after: Option<Duration>| (least_ms..=most_ms).contains(&after.unwrap().as_millis());
+            assert!(finding.stopped_after.into_iter().all(is_within), "{drilled:?}");
+        }
+    }
+}
+
 #[test]
 fn bring_up_is_kept_within_its_bounds() {
     let loaded = config::load_rig(config::Source::named("builtin:paper-admittance.yaml")).unwrap();

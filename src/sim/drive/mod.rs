@@ -213,7 +213,7 @@ impl Drive {
             Watchdog::SetPoints => self.device.watches.set_points = Watch::None,
             Watchdog::Heartbeat => self.ignores_heartbeats = true,
             // The controller's.
-            Watchdog::Outputs => {}
+            Watchdog::Outputs | Watchdog::Operational => {}
         }
     }
 

@@ -33,8 +33,18 @@ fn devices_of_another_process_are_drilled_and_run() {
     let tries = std::iter::repeat_with(attempt).take(TRIES);
     let done = { tries }.find_map(|tried| tried.map_err(|late| println!("this computer was too late: {late:#}")).ok());
     let (drilled, document, served, devices) = done.expect("a computer that is in time once");
-    for finding in drilled["watchdogs"]["findings"].as_array().expect("findings") {
-        assert!(finding["left_stops_after_ms"].is_number() && finding["right_stops_after_ms"].is_number(), "{finding}");
+    let findings = drilled["watchdogs"]["findings"].as_array().expect("findings");
+    assert_eq!(
+        findings.iter().map(|finding| &finding["without"]).collect::<Vec<_>>(),
+        ["outputs", "OP"],
+        "{drilled:#}"
+    );
+    for finding in findings {
+        // Outputs come on while a device is in SAFE-OP: it takes none, and the drive stops by itself.
+        for side in ["left", "right"] {
+            assert!(finding[format!("{side}_stops_after_ms")].is_number(), "{finding}");
+            assert_ne!(finding[format!("{side}_stops_in")], "OperationEnabled", "{finding}");
+        }
     }
     assert_eq!((&document["state"], &document["segment"]), (&"Running".into(), &Value::Array(vec![])), "{document:#}");
     assert_eq!(document["cycles"], 3_000_000 / PERIOD_US, "{document:#}");

@@ -61,6 +61,12 @@ impl Slow {
         Running::start(&["run", &self.rig, "--bus", NEAR, "--json", "--ignore-latency", "--duration", seconds])
     }
 
+    /// A master in a network namespace of its own, where its interface is `e0`.
+    pub(super) fn run_in(&self, namespace: &str, seconds: &str) -> Running {
+        let run = ["run", &self.rig, "--bus", "main=e0", "--json", "--ignore-latency", "--duration", seconds];
+        Running::start_in(namespace, &run)
+    }
+
     pub(super) fn drill(&self) -> Running {
         Running::start(&["drill", &self.rig, "--bus", NEAR, "--json"])
     }
