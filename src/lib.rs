@@ -27,11 +27,12 @@ pub use yieldwall_config::{self as config, injection};
 #[doc(inline)]
 pub use yieldwall_fieldbus::{canopen, ethercat, objects, plain_can, time};
 #[doc(inline)]
+pub use yieldwall_link::{self as link, checkup};
+#[doc(inline)]
 pub use yieldwall_motion::{
     control, cycle, elementary, fixture, guard, identification, linkage, quantity, sensing, setvalued,
 };
 
-pub mod checkup;
 #[cfg(feature = "config")]
 pub mod explanation;
 
@@ -47,7 +48,6 @@ pub mod batch;
 pub mod bus;
 #[cfg(feature = "config")]
 pub mod host;
-pub mod link;
 #[cfg(feature = "sim")]
 pub mod live;
 pub mod record;

@@ -2,11 +2,12 @@
 
 use std::time::Duration;
 
+use super::LinkEvent;
 use super::axis::{self, Axis, AxisSetup, HomingState};
 use super::can::{BootPlan, CanNetwork, Waiting};
 use super::error::BootError;
 use super::ethercat::{EthercatNetwork, Outgoing, SegmentSetup};
-use super::phase::{LinkEvent, Phase};
+use super::phase::Phase;
 use super::script::Written;
 use super::setup::MasterSetup;
 use super::told::Told;

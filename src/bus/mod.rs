@@ -28,12 +28,13 @@ pub use axis::{AxisSetup, HomingState, words_to_enable};
 pub use can::{BootPlan, NodePlan, PlannedWrite, Waiting, budget};
 pub use error::{BootError, BootFailure, Others, Said};
 pub use master::{Master, SEGMENT_LISTENING};
-pub use phase::{LinkEvent, Phase};
+pub use phase::Phase;
 pub use script::Written;
 pub use setup::{BrakeWords, DriveSetup, HomingOrder, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
 pub use signs::{Heard, LISTENING, Sign, Signs};
 pub use told::Told;
 pub use yieldwall_drives::cia402::CommandMode;
+pub use yieldwall_fieldbus::LinkEvent;
 
 #[cfg(test)]
 mod tests;

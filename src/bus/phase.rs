@@ -1,4 +1,4 @@
-//! Where the network stands, and what an interface tells of itself.
+//! Where the network stands.
 
 use crate::bus::error::BootError;
 
@@ -17,15 +17,4 @@ pub enum Phase {
     Operational,
     /// A node is missing or is not what it should be, or there is another master. Final: nothing is enabled.
     Failed(BootError),
-}
-
-/// What one of the caller's interfaces tells of itself. The rig has one fate: what one bus suffers acts on all axes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LinkEvent {
-    /// Own frames could not be sent, or the interface is down.
-    SendFailed,
-    /// The controller is error-passive.
-    ErrorPassive,
-    /// The controller is bus-off.
-    BusOff,
 }

@@ -12,10 +12,10 @@ use super::interfaces::Interfaces;
 use super::keep::state_folder;
 use super::latency::now_unix_s;
 use super::output::Output;
-use crate::checkup::Check;
 use crate::config::{self, Rig, Source};
 use crate::host::Untimely;
 use crate::host::system::{ComputerFacts, Limits, Readiness, coalescing, coalescing_check, computer, limits};
+use crate::link::checkup::Check;
 use crate::link::{Attachment, InterfaceFacts, is_ethernet};
 
 /// The cycle for which a computer is judged unless a rig says another.

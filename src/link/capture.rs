@@ -4,8 +4,8 @@
 use std::io::{self, ErrorKind, Read, Write};
 
 use super::Packet;
-use crate::canopen::Frame;
-use crate::time::Time;
+use yieldwall_fieldbus::canopen::Frame;
+use yieldwall_fieldbus::time::Time;
 
 /// Types of blocks.
 const SECTION: u32 = 0x0a0d_0d0a;
@@ -194,7 +194,7 @@ fn word(block: &[u8], at: usize) -> Option<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::canopen::BusId;
+    use yieldwall_fieldbus::canopen::BusId;
 
     /// Each block: type and content; the length stands before and behind it.
     fn blocks(mut file: &[u8]) -> Vec<(u32, Vec<u8>)> {

@@ -5,7 +5,7 @@ use std::time::Duration;
 use rustix::event::{PollFd, Timespec, poll};
 use rustix::time::{ClockId, clock_gettime};
 
-use crate::time::Time;
+use yieldwall_fieldbus::time::Time;
 
 /// The clock of the loop.
 pub(super) fn monotonic() -> Time {

@@ -3,7 +3,7 @@
 //! # Source
 //! Linux, `include/uapi/linux/can/error.h`: classes in the identifier of an error frame, details in its eight bytes.
 
-use crate::bus::LinkEvent;
+use yieldwall_fieldbus::LinkEvent;
 
 const ARBITRATION_LOST: u32 = 0x002;
 const CONTROLLER: u32 = 0x004;

@@ -7,8 +7,8 @@ use super::{
     Arrival, CanLink, EthernetArrival, EthernetLink, PacketSocket, SendError, SocketCan, SocketCans, Wires,
     linux::MOST_PORTS,
 };
-use crate::canopen::Frame;
-use crate::time::Time;
+use yieldwall_fieldbus::canopen::Frame;
+use yieldwall_fieldbus::time::Time;
 
 /// One interface for each bus of a rig.
 #[derive(Debug)]
@@ -69,7 +69,7 @@ impl CanLink for Interfaces {
 
 impl Wires for Interfaces {
     fn source(&self) -> [u8; 6] {
-        self.segment.as_ref().map_or(crate::ethercat::frame::SOURCE, EthernetLink::source)
+        self.segment.as_ref().map_or(yieldwall_fieldbus::ethercat::frame::SOURCE, EthernetLink::source)
     }
 
     fn receive_ethernet(&mut self, buffer: &mut [u8]) -> Option<EthernetArrival> {

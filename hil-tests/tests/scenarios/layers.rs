@@ -23,7 +23,7 @@ assembly             from config to the parts below run; names nothing simulated
 run                  the loop: names assembly, link, record and what they name; never rig, sim, host, cli
 sim                  may name drives, canopen, linkage, sensing, setvalued, quantity; never cycle, guard, control, fixture
 explanation          faults and codes in words: names config, guard, canopen, ethercat, objects, drives; named by report, host, cli
-link                 names canopen, ethercat and bus; named by run, rig, host, live, service, cli
+link                 names canopen and ethercat; named by run, rig, host, live, service, cli
 host                 the computer, and a rig on its interfaces: names run and what run names; named by cli
 analysis             what can be said of a rig before it runs: names rig and what rig names; named by study, cli
 report               what a run shows: names rig and what rig names; named by study, cli
@@ -33,15 +33,13 @@ config               names the parameter types of the layers below cycle; named 
 identification       what a joint, an arm or a force sensor is, from what was measured: names elementary, linkage, quantity; named by run, cli
 elementary           names nothing; named by all
 batch                names nothing; named by study, soak, cli
-checkup              names nothing; named by link, host, service, cli
 record               names what enters and leaves a cycle: cycle, guard, sensing, quantity, the states of `drives::cia402`; named by run, rig, study, soak, cli
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
-const LAYERS: [&str; 34] = [
+const LAYERS: [&str; 33] = [
     "analysis",
     "batch",
-    "checkup",
     "elementary",
     "identification",
     "quantity",
@@ -84,7 +82,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
     let bus = || [&stages[..], &["guard", "cycle", "plain_can", "ethercat"], &engines, &["config"]].concat();
     let run = vec!["assembly", "bus", "link", "record"];
     Some(match layer {
-        "elementary" | "time" | "quantity" | "setvalued" | "batch" | "checkup" => vec![],
+        "elementary" | "time" | "quantity" | "setvalued" | "batch" => vec![],
         "identification" => vec!["elementary", "linkage", "quantity"],
         "objects" => vec!["time"],
         "canopen" | "ethercat" => vec!["time", "objects"],
@@ -94,17 +92,17 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "plain_can" => vec!["time", "canopen", "sensing"],
         "bus" => bus(),
         "explanation" => [&engines[..], &["ethercat", "guard", "config"]].concat(),
-        "link" => vec!["time", "canopen", "ethercat", "bus", "checkup"],
+        "link" => vec!["time", "canopen", "ethercat"],
         "config" => [&stages[..], &engines, &["guard"]].concat(),
         "sim" => [&base[..], &engines, &["ethercat", "plain_can", "sensing", "linkage", "config"]].concat(),
         "record" => [&["elementary", "quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
         "assembly" => [bus(), vec!["bus"]].concat(),
         "run" => [bus(), run, vec!["identification"]].concat(),
-        "host" => [bus(), run, vec!["run", "checkup", "explanation"]].concat(),
+        "host" => [bus(), run, vec!["run", "explanation"]].concat(),
         "rig" => [bus(), run, vec!["run", "sim", "ethercat"]].concat(),
         "analysis" => [bus(), run, vec!["run", "sim", "rig"]].concat(),
         "report" => [bus(), run, vec!["run", "explanation", "sim", "rig"]].concat(),
-        "service" => [&engines[..], &["bus", "ethercat", "link", "checkup"]].concat(),
+        "service" => [&engines[..], &["bus", "ethercat", "link"]].concat(),
         "live" => [bus(), run, vec!["run", "sim", "rig", "ethercat"]].concat(),
         "soak" => [bus(), run, vec!["run", "batch", "sim", "rig"]].concat(),
         "study" => [bus(), run, vec!["run", "batch", "sim", "rig", "analysis", "report"]].concat(),
@@ -112,7 +110,6 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
             let above = [
                 "analysis",
                 "batch",
-                "checkup",
                 "explanation",
                 "ethercat",
                 "run",
@@ -157,6 +154,7 @@ fn layers_name_only_what_lies_below_them() {
         ("motion/lib.rs", "lib"),
         ("fieldbus/lib.rs", "lib"),
         ("config/lib.rs", "config"),
+        ("link/lib.rs", "link"),
         ("lib.rs", "lib"),
         ("program/main.rs", "main"),
     ] {

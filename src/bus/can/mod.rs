@@ -13,9 +13,10 @@ mod waiting;
 
 use std::time::Duration;
 
+use super::LinkEvent;
 use super::axis::{Arrived, DriveOrders};
 use super::error::{BootError, BootFailure};
-use super::phase::{LinkEvent, Phase};
+use super::phase::Phase;
 use super::setup::{MasterSetup, SensorLink};
 use super::signs::Signs;
 use super::told::{LastTold, Told};

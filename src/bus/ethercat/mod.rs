@@ -27,8 +27,9 @@ mod writes;
 
 use std::time::Duration;
 
+use super::LinkEvent;
 use super::error::{BootError, BootFailure};
-use super::phase::{LinkEvent, Phase};
+use super::phase::Phase;
 use super::script::Written;
 use super::told::{LastTold, Told};
 use crate::canopen::{BusId, EmcyCode, ErrorRegister};

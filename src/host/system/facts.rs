@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use super::Readiness;
-use crate::checkup::Check;
+use crate::link::checkup::Check;
 
 /// Clock sources that are read in some tens of ns and do not stop.
 const GOOD_CLOCKS: [&str; 4] = ["tsc", "kvm-clock", "arch_sys_counter", "hyperv_clocksource_tsc_page"];
@@ -166,7 +166,7 @@ impl ComputerFacts {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::checkup::Verdict;
+    use crate::link::checkup::Verdict;
 
     fn good() -> ComputerFacts {
         ComputerFacts {

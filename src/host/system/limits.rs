@@ -6,7 +6,7 @@ use std::thread;
 use rustix::process::{Resource, getrlimit};
 
 use super::scheduler::{PRIORITY, Refusal, lock_memory, run_first};
-use crate::checkup::Check;
+use crate::link::checkup::Check;
 
 /// What this process may have, and what it gets when it asks as the loop does.
 #[derive(Debug)]
@@ -81,7 +81,7 @@ fn cause(refusal: &Refusal) -> &io::Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::checkup::Verdict;
+    use crate::link::checkup::Verdict;
 
     #[test]
     fn no_real_time_priority_is_found_by_name_with_the_command_that_grants_it() {

@@ -8,7 +8,7 @@ use rustix::io::Errno;
 use rustix::net::{AddressFamily, SocketFlags, SocketType, socket_with};
 use thiserror::Error;
 
-use crate::checkup::Check;
+use crate::link::checkup::Check;
 
 /// Longest name of an interface, with the zero behind it (`IFNAMSIZ`).
 const LONGEST_NAME: usize = 16;
@@ -111,7 +111,7 @@ pub fn coalescing_check(name: &str, found: Result<Coalescing, CardError>) -> Che
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::checkup::Verdict;
+    use crate::link::checkup::Verdict;
 
     #[test]
     fn a_card_that_waits_is_told_not_to() {

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use super::PRIORITY;
-use crate::checkup::Check;
+use crate::link::checkup::Check;
 
 /// Share of the cycle that waking up from an idle state may take: the bound of tier A for a late wake-up.
 const WAKING_SHARE: u32 = 10;

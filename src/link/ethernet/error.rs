@@ -4,7 +4,7 @@ use std::io;
 
 use rustix::io::Errno;
 
-use crate::link::{Holder, Role};
+use crate::{Holder, Role};
 
 /// What is wrong with an interface.
 #[derive(Debug, thiserror::Error)]

@@ -13,7 +13,7 @@ pub use error::EthernetError;
 pub use packet::{PacketSocket, is_ethernet};
 
 use super::SendError;
-use crate::time::Time;
+use yieldwall_fieldbus::time::Time;
 
 /// What has come over a wire, and when.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

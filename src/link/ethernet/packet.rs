@@ -11,11 +11,11 @@ use rustix::net::{AddressFamily, SendFlags, SocketFlags, SocketType, netdevice, 
 use super::error::EthernetError;
 use super::system::{self, Device};
 use super::{EthernetArrival, EthernetLink, EthernetReceived};
-use crate::ethercat::frame;
-use crate::link::clock::{monotonic, wait_for_any};
-use crate::link::hold::{Hold, NotHeld};
-use crate::link::{Role, SendError};
-use crate::time::Time;
+use crate::clock::{monotonic, wait_for_any};
+use crate::hold::{Hold, NotHeld};
+use crate::{Role, SendError};
+use yieldwall_fieldbus::ethercat::frame;
+use yieldwall_fieldbus::time::Time;
 
 /// An Ethernet interface that carries EtherCAT.
 ///

@@ -15,7 +15,7 @@
 
 use std::time::Duration;
 
-use crate::time::Time;
+use yieldwall_fieldbus::time::Time;
 
 /// Half of the longest time for which a difference counts.
 const HALF: Duration = Duration::from_millis(50);

@@ -5,8 +5,8 @@ use std::io;
 use rustix::io::Errno;
 
 use crate::checkup::Check;
-use crate::link::hold::NotHeld;
-use crate::link::{Holder, Role};
+use crate::hold::NotHeld;
+use crate::{Holder, Role};
 
 /// What is wrong with an interface.
 #[derive(Debug, thiserror::Error)]

@@ -39,12 +39,12 @@ use socketcan::{CanSocket, Socket, SocketOptions};
 use super::clock::{monotonic, wait_for_any};
 use super::hold::Hold;
 use super::{Arrival, CanLink, ErrorFrame, Received, Role, SendError};
-use crate::canopen::{BusId, Frame};
-use crate::time::Time;
 use controller_clock::ControllerClock;
 use filter::Identifiers;
 use message::{Message, Told};
 use wall::Wall;
+use yieldwall_fieldbus::canopen::{BusId, Frame};
+use yieldwall_fieldbus::time::Time;
 
 /// Stamps of the kernel, and of the controller where it has a clock.
 const STAMPS: u32 = libc::SOF_TIMESTAMPING_RX_SOFTWARE

@@ -10,16 +10,16 @@ use std::os::fd::{AsFd, BorrowedFd};
 use rustix::event::{PollFd, PollFlags};
 
 use super::SocketCan;
-use crate::canopen::{BusId, Frame};
-use crate::link::clock::{monotonic, wait_for_any};
-use crate::link::{Arrival, CanLink, Received, SendError};
-use crate::time::Time;
+use crate::clock::{monotonic, wait_for_any};
+use crate::{Arrival, CanLink, Received, SendError};
+use yieldwall_fieldbus::canopen::{BusId, Frame};
+use yieldwall_fieldbus::time::Time;
 
 /// Most interfaces of one link.
 const MOST: usize = 4;
 
 /// Most sockets of one link.
-pub(in crate::link) const MOST_PORTS: usize = 2 * MOST;
+pub(crate) const MOST_PORTS: usize = 2 * MOST;
 
 /// One interface for each CAN bus of a rig, at the places of the buses: frames come with their bus and go
 /// where theirs says ([`Frame::bus`]).
@@ -42,12 +42,12 @@ impl SocketCans {
     }
 
     /// Whether something was taken from a socket and not handed out yet.
-    pub(in crate::link) fn has_pending(&self) -> bool {
+    pub(crate) fn has_pending(&self) -> bool {
         !self.merge.is_empty() || self.links().any(SocketCan::has_pending)
     }
 
     /// The sockets, at most [`MOST_PORTS`].
-    pub(in crate::link) fn ports(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
+    pub(crate) fn ports(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
         self.links().flat_map(SocketCan::ports).map(AsFd::as_fd)
     }
 }

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use rustix::time::ClockId;
 
-use crate::link::clock::{monotonic, nanos, since_begin};
-use crate::time::Time;
+use crate::clock::{monotonic, nanos, since_begin};
+use yieldwall_fieldbus::time::Time;
 
 /// How long a comparison of the clocks is good for: a clock that is slewed drifts by 5 us in it at most, and one that is set
 /// moves the stamps of this time only.

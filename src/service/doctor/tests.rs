@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::*;
 use crate::canopen::BusId;
-use crate::checkup::{Check, Verdict};
+use crate::link::checkup::{Check, Verdict};
 use crate::live::{PlantedLink, Trouble, VirtualLink};
 
 fn node(raw: u8) -> NodeId {

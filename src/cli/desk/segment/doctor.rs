@@ -4,10 +4,10 @@ use super::super::errors;
 use super::super::scan::fit_of;
 use super::super::sii::wrong;
 use super::{Device, SegmentDesk};
-use crate::checkup::{Check, Verdict};
 use crate::cli::checkup::Section;
 use crate::cli::failure::{Exit, Failure};
 use crate::ethercat::{AlState, AlStatusCode};
+use crate::link::checkup::{Check, Verdict};
 use crate::objects::Address;
 use crate::service::{Present, number};
 

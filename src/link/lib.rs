@@ -8,9 +8,10 @@
 //!
 //! A link keeps no frame back: what [`CanLink::send`] refuses is gone and is never sent later. What is already in the
 //! queue of the kernel or of the controller can no longer be taken back by anybody but the interface going down, which is why
-//! [`Master`](crate::bus::Master) has at most one cycle in flight.
+//! `bus::Master` has at most one cycle in flight.
 
 mod capture;
+pub mod checkup;
 #[cfg(all(feature = "ethernet", target_os = "linux"))]
 mod clock;
 mod error_frame;
@@ -39,9 +40,9 @@ pub use linux::{
 #[cfg(all(feature = "ethernet", target_os = "linux"))]
 pub use role::{Holder, Role};
 
-use crate::bus::LinkEvent;
-use crate::canopen::{BusId, Frame, Outbox};
-use crate::time::Time;
+use yieldwall_fieldbus::LinkEvent;
+use yieldwall_fieldbus::canopen::{BusId, Frame, Outbox};
+use yieldwall_fieldbus::time::Time;
 
 /// What has come over a link, and when.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -136,7 +137,7 @@ pub trait CanLink {
 pub trait Wires: CanLink {
     /// The source address of frames over the segment; that of [`EthernetLink::source`] on an interface.
     fn source(&self) -> [u8; 6] {
-        crate::ethercat::frame::SOURCE
+        yieldwall_fieldbus::ethercat::frame::SOURCE
     }
 
     /// The next thing that has come over the segment, a frame in `buffer`; never waits.
