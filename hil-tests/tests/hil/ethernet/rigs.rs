@@ -44,6 +44,11 @@ impl Slow {
         Served::new(&self.rig, &self.scene)
     }
 
+    /// The same with a hand that rests.
+    pub(super) fn resting(&self) -> Served {
+        Served::new(&self.rig, &self.rest)
+    }
+
     /// The devices as a program that tells in JSON of its end, with a hand that rests.
     pub(super) fn sim(&self) -> Running {
         let bus = format!("main={FAR}");
@@ -79,7 +84,7 @@ impl Slow {
             return None;
         }
         for _ in 0..TRIES {
-            let devices = Served::new(&self.rig, &self.rest);
+            let devices = self.resting();
             let (code, document) = self.drill().document();
             drop(devices);
             if code == OK {

@@ -8,6 +8,8 @@ use super::super::programs::*;
 use super::ip;
 use super::rigs::Slow;
 
+/// From Operation Enabled to where the fixture leads the tool.
+const RUNS: Duration = Duration::from_secs(1);
 const NAMESPACES: [&str; 2] = ["first", "second"];
 
 /// A bridge with `veth0` and an interface of each namespace in it, for as long as this is there.
@@ -48,17 +50,19 @@ fn a_master_that_stood_still_and_the_one_in_its_place_name_each_other() {
     slow.drilled();
     let _bridge = Bridge::new();
     let attempt = || {
-        let devices = slow.served();
+        let devices = slow.resting();
         let first = RefCell::new(slow.run_in("first", "600"));
         if !devices.until(|| first.borrow_mut().has_ended(), |seen| seen.is_enabled()) {
             return Err(first.into_inner().document());
         }
+        std::thread::sleep(RUNS);
         first.borrow().signal("STOP");
         assert!(devices.until(|| false, |seen| !seen.is_enabled()), "the watchdogs");
         let second = RefCell::new(slow.run_in("second", "600"));
         if !devices.until(|| second.borrow_mut().has_ended(), |seen| seen.is_enabled()) {
             return Err(second.into_inner().document());
         }
+        std::thread::sleep(RUNS);
         first.borrow().signal("CONT");
         let both = [first, second].map(|master| master.into_inner().document());
         assert!(!devices.end().is_enabled());
