@@ -54,7 +54,7 @@ fn an_adopted_drive_runs_by_its_profile() {
     // and its drill refuses it.
     let unseen = yieldwall(&folder.0, "run with.yaml --duration 3");
     assert_eq!(unseen.status.code(), Some(7));
-    assert!(String::from_utf8_lossy(&unseen.stderr).contains("set-points stay away"));
+    assert!(String::from_utf8_lossy(&unseen.stderr).contains("without set-points"));
     let found = std::fs::read_to_string(folder.0.join("found.yaml")).unwrap();
     assert_eq!(found.matches("reaction: unknown").count(), 1, "{found}");
     std::fs::write(folder.0.join("found.yaml"), found.replace("reaction: unknown", "reaction: fault")).unwrap();

@@ -708,16 +708,20 @@ fn a_rig_on_ethercat_follows_the_hand_and_stops_in_both_paces() {
 }
 
 #[test]
-fn drives_on_ethercat_stop_by_themselves_without_outputs() {
+fn drives_on_ethercat_stop_by_themselves_without_outputs_and_without_op() {
     let (cable, config, mut rig) = on_segment(Pace::Free);
     let drilled = rig.drill(50, &AtomicBool::new(false), |_| ()).unwrap();
     drilled.judge(Demands::of(&config)).unwrap();
-    let [finding] = drilled.findings.as_slice() else { panic!("{drilled:?}") };
-    assert_eq!(finding.watchdog, Watchdog::Outputs);
+    let [outputs, op] = drilled.findings.as_slice() else { panic!("{drilled:?}") };
+    assert_eq!([outputs.watchdog, op.watchdog], [Watchdog::Outputs, Watchdog::Operational]);
     assert!(drilled.resolution.abs_diff(Duration::from_millis(1)) < Duration::from_micros(10), "a period: {drilled:?}");
     // Five cycles, and up to one more until the inputs say so.
-    let is_in_time = |after: &Option<Duration>| after.is_some_and(|it| (5000..=6500).contains(&it.as_micros()));
-    assert!(finding.stopped_after.iter().all(is_in_time), "{finding:?}");
+    // SAFE-OP is asked for in the next frame beside the cycle.
+    for (finding, [least_us, most_us]) in [(outputs, [5000, 6500]), (op, [0, 2500])] {
+        let is_in_time =
+            |after: &Option<Duration>| after.is_some_and(|it| (least_us..=most_us).contains(&it.as_micros()));
+        assert!(finding.stopped_after.iter().all(is_in_time), "{finding:?}");
+    }
     assert_eq!(cable.change(|server| server.torques_n_m()), [0.0; 2]);
 }
 

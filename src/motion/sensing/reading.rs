@@ -10,6 +10,9 @@ use crate::quantity::Force;
 /// than two intervals old.
 pub const STALE_AFTER_MISSED_SAMPLES: u32 = 3;
 
+/// Forces from here on are refused, N: differences of two that are less, and their squares, stay finite.
+const GREATEST_N: f64 = 1e150;
+
 /// What a sensing chain is built from.
 #[derive(Clone, Debug)]
 pub struct SensingParameters {
@@ -200,7 +203,7 @@ impl Sensing {
     /// accelerates the handle: `h = sensed + m a`.
     ///
     /// Without a new sample the force stays as it is, in the base frame. If the sensor says that the sample is not valid,
-    /// or if rotation or acceleration are not finite, the force stays too and the reading is not valid. A force further from
+    /// or if the force would not be finite or is beyond 1e150 N, the force stays too and the reading is not valid. A force further from
     /// that of the sample before than the limit, once for each sample interval between them, is moved towards it by the
     /// limit. While a tare is under way the force is zero and not valid.
     ///
@@ -259,7 +262,9 @@ impl Sensing {
         let wrench = Wrench(wrench.0 - self.bias.0);
         let sensed = self.mounting.to_base(&wrench, link);
         let hand = sensed + Force(tool_acceleration * self.handle_mass_kg);
-        if !hand.is_finite() {
+        // Not a number is not below anything.
+        let is_bounded = hand.norm() < GREATEST_N;
+        if !is_bounded {
             return self.refuse();
         }
         let (hand, stepped) = self.limit_step(hand, intervals * self.force_step_limit_n);
