@@ -20,7 +20,7 @@ pub enum Watchdog {
     Heartbeat,
     /// Process data have to be written (the watchdog of a sync manager, 0420h).
     Outputs,
-    /// The device has to be in OP, whatever comes: it is asked for SAFE-OP when somebody else writes to it, since it takes no outputs there.
+    /// The device has to be in OP. The master asks it for SAFE-OP when another master writes to it, since it takes no outputs there.
     Operational,
 }
 
@@ -29,7 +29,7 @@ impl Watchdog {
     pub const ALL: [Self; 5] = [Self::Sync, Self::SetPoints, Self::Heartbeat, Self::Outputs, Self::Operational];
     /// Those of drives on CANopen.
     pub const CANOPEN: [Self; 3] = [Self::Sync, Self::SetPoints, Self::Heartbeat];
-    /// Those of drives on EtherCAT.
+    /// Watches of drives on EtherCAT.
     pub const ETHERCAT: [Self; 2] = [Self::Outputs, Self::Operational];
 
     /// Its bit in 2010h of a simulated drive.
@@ -48,7 +48,7 @@ impl Watchdog {
         }
     }
 
-    /// Whether it acts when the master dies.
+    /// Whether the drive acts by it when the master dies.
     pub const fn guards_against_silence(self) -> bool {
         !matches!(self, Watchdog::Operational)
     }

@@ -502,7 +502,7 @@ impl Master {
         self.segment.iter_mut().for_each(|segment| segment.close(now, &orders, &mut self.outgoing));
     }
 
-    /// Has the drives of a segment leave OP, until it is booted again.
+    /// Asks the devices of a segment for SAFE-OP, until it is booted again.
     pub fn leave_op(&mut self) {
         self.segment.iter_mut().for_each(EthercatNetwork::leave_op);
     }

@@ -1,4 +1,4 @@
-//! Where the network stands.
+//! Phases of the network.
 
 use crate::bus::error::BootError;
 

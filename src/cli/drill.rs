@@ -73,8 +73,8 @@ fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<
     let mut on_bus = on_bus.map_err(|error| open_failure(&error))?;
     warn_of(output, on_bus.memory());
     let times = match watchdogs(&rig).len() {
-        1 => "once",
-        _ => "three times",
+        1 => "once".to_owned(),
+        several => format!("{several} times"),
     };
     output.news(&format!("the rig is enabled {times}, at rest; nobody may hold the handle"))?;
     let (listening, watch) = Listening::start(events, Watched::Interfaces(interfaces.names()), &rig)?;

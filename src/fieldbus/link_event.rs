@@ -1,6 +1,6 @@
-//! What an interface tells of itself.
+//! Events that an interface reports.
 
-/// What one of the caller's interfaces tells of itself. The rig has one fate: what one bus suffers acts on all axes.
+/// Event of one of the caller's interfaces. The rig has one fate: what one bus suffers acts on all axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LinkEvent {
     /// Own frames could not be sent, or the interface is down.

@@ -145,7 +145,7 @@ impl Line {
         self.segment.controllers_mut().for_each(|controller| controller.set_drift(now, 0));
     }
 
-    /// Has the drives leave OP.
+    /// Takes the drives from OP to SAFE-OP.
     pub(super) fn leave_op(&mut self, now: Time) {
         for place in self.places.into_iter().take(SENSOR).flatten() {
             if let Some(controller) = self.segment.controller_mut(place) {

@@ -20,7 +20,7 @@ pub(super) struct StandstillWatch {
 }
 
 impl StandstillWatch {
-    /// Of a loop that is not due yet: what comes before it runs first takes its time.
+    /// The loop is not due before it runs first.
     pub(super) fn new() -> Self {
         Self { due: Time::NEVER, lasted: Duration::ZERO, ended: Time(0) }
     }

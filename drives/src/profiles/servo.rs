@@ -289,20 +289,20 @@ pub struct Watchdogs {
     /// SYNC.
     #[cfg_attr(feature = "config", garde(dive))]
     pub sync: SyncWatch,
-    /// On EtherCAT, what it does when its device leaves OP while it makes torque; left out if no source that was read says it.
+    /// Reaction on EtherCAT if its device leaves OP while it makes torque; left out if no source that was read says it.
     #[cfg_attr(feature = "config", garde(dive))]
     #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Option::is_none"))]
     pub leaving_op: Option<LeavingOp>,
 }
 
-/// What a drive does when its device leaves OP.
+/// Reaction of a drive whose device leaves OP while it makes torque.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct LeavingOp {
-    /// What it does.
+    /// The reaction.
     pub reaction: Reaction,
-    /// Where that was read: a key of `profile.sources`.
+    /// Its source: a key of `profile.sources`.
     #[cfg_attr(feature = "config", garde(length(min = 1)))]
     pub source: String,
 }

@@ -392,7 +392,7 @@ impl EthercatNetwork {
         is_sent
     }
 
-    /// Whether devices are asked to leave OP, as a rule since somebody else writes to them.
+    /// Whether devices are asked to leave OP, as a rule since another master writes to them.
     fn is_defending(&self) -> bool {
         self.leaves_op || self.has_intruder && self.is_stopping
     }

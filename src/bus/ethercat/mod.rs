@@ -161,9 +161,9 @@ pub struct EthercatNetwork {
     held: held::Turn,
     /// Whether somebody else has written to the devices since the network was started, as far as it was seen.
     has_intruder: bool,
-    /// Source address of the first frame of somebody else since then.
-    stranger: Option<[u8; 6]>,
-    /// Whether the devices are to leave OP whoever writes to them.
+    /// Source address of the first foreign frame since then.
+    foreign_source: Option<[u8; 6]>,
+    /// Whether the devices are asked for SAFE-OP without an intruder.
     leaves_op: bool,
     /// Whether this master has asked the devices for SAFE-OP because of either.
     has_defended: bool,
@@ -227,7 +227,7 @@ impl EthercatNetwork {
             told: LastTold::default(),
             held: held::Turn::START,
             has_intruder: false,
-            stranger: None,
+            foreign_source: None,
             leaves_op: false,
             has_defended: false,
             restores: false,
@@ -268,7 +268,7 @@ impl EthercatNetwork {
         self.is_stopping = is_stopping;
     }
 
-    /// Has the devices leave OP, until the network is started again.
+    /// Asks the devices for SAFE-OP, until the network is started again.
     pub(in crate::bus) fn leave_op(&mut self) {
         self.leaves_op = true;
     }
@@ -349,8 +349,9 @@ impl EthercatNetwork {
             format!("{}: inputs missing in {inputs} cycles, outputs not taken in {outputs}", station.title())
         });
         let altered = self.stations.iter().filter_map(|station| Some(station.altered?.sentence(&station.title())));
-        let stranger = self.stranger.map(|source| format!("somebody else writes: {}", SegmentSign::Frame(source)));
-        stranger
+        let foreign =
+            self.foreign_source.map(|source| format!("another master writes: {}", SegmentSign::Frame(source)));
+        foreign
             .into_iter()
             .chain(altered)
             .chain(left)
@@ -417,7 +418,7 @@ impl EthercatNetwork {
         (self.clock_lost, self.is_silent) = (DeviceSet::NONE, false);
         (self.grid_off_ns, self.ports, self.cut_off) = (None, PortWatch::default(), DeviceSet::NONE);
         (self.has_intruder, self.leaves_op, self.restores) = (false, false, false);
-        self.stranger = None;
+        self.foreign_source = None;
         self.enter(now, Phase::Configuring);
         self.poll(now, out);
     }
@@ -497,7 +498,7 @@ impl EthercatNetwork {
             Phase::Operational => {
                 self.events.intruder = true;
                 (self.has_intruder, self.restores) = (true, true);
-                self.stranger = self.stranger.or(Some(source));
+                self.foreign_source = self.foreign_source.or(Some(source));
             }
             Phase::Failed(_) => {}
             Phase::Off | Phase::Resetting | Phase::Configuring | Phase::Starting => {

@@ -3,7 +3,6 @@
 
 use serde_json::{Value as Json, json};
 use yieldwall_drives::eds::Value;
-use yieldwall_drives::watchdog::Watchdog;
 
 use super::place::{Desk, Entry, Node};
 use super::words::{self, nmt_words};
@@ -16,7 +15,7 @@ use crate::cli::output::Output;
 use crate::config::{Loaded, Rig};
 use crate::guard::Device;
 use crate::objects::Address;
-use crate::run::{ANNOUNCED, DRILL_LIMIT, END_OF_WATCH, REST_RAD, settling_on_bus};
+use crate::run::{ANNOUNCED, DRILL_LIMIT, END_OF_WATCH, REST_RAD, settling_on_bus, watchdogs};
 use crate::service::{Error, known, type_by_length};
 
 /// Columns of a terminal.
@@ -71,7 +70,8 @@ pub(in crate::cli) fn run(
     let (lines, end) = lines(&rig.value, &plan, &mut desks)?;
     let places: Vec<&str> = desks.iter().map(|desk| desk.place.as_str()).collect();
     let place = places.join(", ");
-    let rounds = if sender == Sender::Drill { Watchdog::CANOPEN.len() } else { 1 };
+    let watchdogs = watchdogs(&rig.value);
+    let rounds = if sender == Sender::Drill { watchdogs.len() } else { 1 };
     if output.is_json() {
         let document = json!({
             "dry_run": true, "place": place, "times": rounds,
@@ -95,9 +95,10 @@ pub(in crate::cli) fn run(
     }
     text.push_str(&motion_text(&rig.value, sender));
     if rounds > 1 {
-        let each = Watchdog::CANOPEN.map(Watchdog::name).join(", ");
+        let each: Vec<&str> = watchdogs.iter().map(|watchdog| watchdog.name()).collect();
+        let each = each.join(", ");
         text.push_str(&words::wrapped(&format!(
-            "\nAll of it {rounds} times: while the rig rests, {each} stay away, one each time, until both drives have stopped, {} s at most.",
+            "\nAll of it {rounds} times: while the rig rests, the drives go without one of {each} each time, until both have stopped, {} s at most.",
             DRILL_LIMIT.as_secs()
         )));
     }

@@ -189,7 +189,7 @@ impl EmbeddedRig {
         far.line.iter_mut().for_each(|line| line.stop_drift(*now));
     }
 
-    /// Has the drives on a segment leave OP, as one does that is asked for SAFE-OP.
+    /// Takes the drives on a segment from OP to SAFE-OP.
     pub(super) fn leave_op(&mut self) {
         let Simulation { now, far, .. } = self.place_mut();
         far.line.iter_mut().for_each(|line| line.leave_op(*now));

@@ -22,7 +22,7 @@ const NUDGE_CYCLES: f64 = 4.0;
 const NUDGE_RAD: f64 = 0.6;
 /// By how much a sample is later than the moment that its phase says, s: it is to be behind SYNC for certain.
 const BEHIND_S: f64 = 1e-6;
-/// The same on EtherCAT, where it is to be behind SYNC0 of both drives: a sample between steps of their loops would see the one and not the other for as
+/// Lateness of a sample on EtherCAT, s, behind SYNC0 of both drives: a sample between steps of their loops would see the one and not the other for as
 /// long as its phase stays.
 const BEHIND_SYNC0_S: f64 = 5e-6;
 /// Effective mass of the arms at the tool, kg, and lever of the tool on a joint, m: what a count of torque moves.

@@ -44,7 +44,7 @@ impl Slow {
         Served::new(&self.rig, &self.scene)
     }
 
-    /// The same with a hand that rests.
+    /// The devices in this process, with a hand that rests.
     pub(super) fn resting(&self) -> Served {
         Served::new(&self.rig, &self.rest)
     }

@@ -80,7 +80,7 @@ fn a_master_that_stood_still_and_the_one_in_its_place_name_each_other() {
         let named = both.map(|(code, document)| {
             assert_eq!((code, &document["cause"]), (SAFETY_STOP, &"intruder".into()), "{document:#}");
             let sign = document["segment"][0].as_str().expect("a finding").to_owned();
-            assert!(sign.starts_with("somebody else writes: an EtherCAT frame came from "), "{document:#}");
+            assert!(sign.starts_with("another master writes: an EtherCAT frame came from "), "{document:#}");
             sign
         });
         assert_ne!(named[0], named[1], "each has its own address");

@@ -179,7 +179,7 @@ fn frames_of_somebody_else_are_an_intruder_in_op() {
     // Four frames a cycle.
     assert!((7..=9).contains(&intruders), "{intruders}");
     let found = bench.network.findings();
-    assert_eq!(found[0], "somebody else writes: an EtherCAT frame came from 02:00:00:00:00:07", "{found:?}");
+    assert_eq!(found[0], "another master writes: an EtherCAT frame came from 02:00:00:00:00:07", "{found:?}");
 }
 
 #[test]
