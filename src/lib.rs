@@ -50,7 +50,14 @@ pub mod bus;
 pub mod host;
 #[cfg(feature = "sim")]
 pub mod live;
-pub mod record;
+/// What a run leaves, and figures of it.
+pub mod record {
+    #[cfg(feature = "figures")]
+    #[doc(inline)]
+    pub use yieldwall_figures as figure;
+    #[doc(inline)]
+    pub use yieldwall_record::*;
+}
 #[cfg(feature = "sim")]
 pub mod report;
 #[cfg(feature = "sim")]

@@ -37,3 +37,12 @@ pub(crate) fn share<T>(cases: impl IntoIterator<Item = T>, count: usize) -> Vec<
 pub(crate) fn cases(whole: u32) -> u32 {
     if is_whole() { whole } else { whole.div_ceil(4) }
 }
+
+/// Lets every user write to a file or folder.
+#[cfg(unix)]
+pub(crate) fn let_others_write(path: &std::path::Path) {
+    use std::os::unix::fs::PermissionsExt;
+
+    let mode = std::fs::metadata(path).unwrap().permissions().mode();
+    std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode | 0o022)).unwrap();
+}

@@ -360,7 +360,7 @@ mod tests {
         let rig = rig("paper-admittance-5ms.yaml");
         let path = measured(computer(), 5000, GOOD).store(&folder).unwrap().path;
         for at in [&path, &folder] {
-            trusted::let_others_write(at);
+            crate::sample::let_others_write(at);
             let refused = computer().check(&rig, &folder, NOW_S).unwrap_err();
             let command = format!("`chmod go-w {}`", at.display());
             assert!(

@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use super::Row;
-use crate::cycle::{Inputs, Outputs, Signals};
-use crate::guard::{Cause, Directive, Fault, JointCommand, State};
-use crate::quantity::{JointTorques, TipPoint, TipVelocity};
+use yieldwall_motion::cycle::{Inputs, Outputs, Signals};
+use yieldwall_motion::guard::{Cause, Directive, Fault, JointCommand, State};
+use yieldwall_motion::quantity::{JointTorques, TipPoint, TipVelocity};
 
 /// Which cycle it was, and when it was planned. Times are those of the cycle's own clock: virtual in a simulation. By how
 /// much it was late, and how long the one before took, is in [`Inputs::timing`].
@@ -35,7 +35,7 @@ pub struct Standstill {
 }
 
 /// When the stages of a cycle were over, beside those that the cycle itself has to know
-/// ([`Timing`](crate::cycle::Timing)): in their order
+/// ([`Timing`](yieldwall_motion::cycle::Timing)): in their order
 ///
 /// ```text
 /// grid point         sync_woke_ns    frames taken, SYNC leaves: sync_late_ns

@@ -11,13 +11,13 @@ use std::path::Path;
 ///
 /// # Errors
 /// If the system refuses, or the folder is there and [`check`] refuses it.
-pub(crate) fn make_folder(folder: &Path) -> io::Result<()> {
+pub fn make_folder(folder: &Path) -> io::Result<()> {
     make_private(folder)?;
     check(folder)
 }
 
 /// The same without looking at a folder that is there.
-pub(crate) fn make_private(folder: &Path) -> io::Result<()> {
+pub fn make_private(folder: &Path) -> io::Result<()> {
     let mut folders = fs::DirBuilder::new();
     folders.recursive(true);
     #[cfg(unix)]
@@ -29,7 +29,7 @@ pub(crate) fn make_private(folder: &Path) -> io::Result<()> {
 ///
 /// # Errors
 /// [`ErrorKind::PermissionDenied`] with the command that changes it; what the system says if it cannot be looked at.
-pub(crate) fn check(folder: &Path) -> io::Result<()> {
+pub fn check(folder: &Path) -> io::Result<()> {
     check_owner(folder, &fs::metadata(folder)?)
 }
 
@@ -37,7 +37,7 @@ pub(crate) fn check(folder: &Path) -> io::Result<()> {
 ///
 /// # Errors
 /// [`ErrorKind::NotFound`] if there is none. [`ErrorKind::PermissionDenied`] if it cannot be believed, with the command that changes it.
-pub(crate) fn read(path: &Path) -> io::Result<String> {
+pub fn read(path: &Path) -> io::Result<String> {
     check(folder_of(path))?;
     let metadata = fs::symlink_metadata(path)?;
     if !metadata.is_file() {
@@ -55,7 +55,7 @@ pub(crate) fn read(path: &Path) -> io::Result<String> {
 ///
 /// # Errors
 /// If the folder cannot be made or belongs to others, and if the file cannot be written.
-pub(crate) fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
+pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     make_folder(folder_of(path))?;
     let unfinished = path.with_extension(format!("{}.unfinished", std::process::id()));
     match fs::remove_file(&unfinished) {
@@ -79,7 +79,7 @@ fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-#[cfg(all(feature = "ethernet", target_os = "linux"))]
+#[cfg(all(feature = "owners", target_os = "linux"))]
 fn check_owner(path: &Path, metadata: &Metadata) -> io::Result<()> {
     use std::os::unix::fs::MetadataExt;
 
@@ -108,7 +108,7 @@ fn check_owner(path: &Path, metadata: &Metadata) -> io::Result<()> {
 }
 
 /// Without interfaces there is no rig that a record would let be enabled.
-#[cfg(not(all(feature = "ethernet", target_os = "linux")))]
+#[cfg(not(all(feature = "owners", target_os = "linux")))]
 fn check_owner(_: &Path, _: &Metadata) -> io::Result<()> {
     Ok(())
 }
@@ -123,16 +123,7 @@ fn quoted(path: &Path) -> String {
     format!("'{}'", text.replace('\'', r"'\''"))
 }
 
-/// Lets every user write to a file or folder.
-#[cfg(all(test, feature = "ethernet", target_os = "linux"))]
-pub(crate) fn let_others_write(path: &Path) {
-    use std::os::unix::fs::PermissionsExt;
-
-    let mode = fs::metadata(path).unwrap().permissions().mode();
-    fs::set_permissions(path, fs::Permissions::from_mode(mode | 0o022)).unwrap();
-}
-
-#[cfg(all(test, feature = "ethernet", target_os = "linux"))]
+#[cfg(all(test, feature = "owners", target_os = "linux"))]
 mod tests {
     use std::os::unix::fs::{MetadataExt, PermissionsExt, chown, symlink};
     use std::path::PathBuf;

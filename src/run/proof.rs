@@ -335,7 +335,7 @@ mod tests {
         let subject = Subject::new(&rig(), drives(7));
         let path = subject.store(&drilled([5, 6, 40]), &folder).unwrap();
         for at in [&path, &folder] {
-            trusted::let_others_write(at);
+            crate::sample::let_others_write(at);
             let refused = subject.check(&folder).unwrap_err();
             let command = format!("`chmod go-w {}`", at.display());
             assert!(

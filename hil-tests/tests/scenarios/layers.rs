@@ -34,10 +34,11 @@ identification       what a joint, an arm or a force sensor is, from what was me
 elementary           names nothing; named by all
 batch                names nothing; named by study, soak, cli
 record               names what enters and leaves a cycle: cycle, guard, sensing, quantity, the states of `drives::cia402`; named by run, rig, study, soak, cli
+figures              drawn traces: names record and elementary; named as `record::figure` by report, study, cli
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
-const LAYERS: [&str; 33] = [
+const LAYERS: [&str; 34] = [
     "analysis",
     "batch",
     "elementary",
@@ -61,6 +62,7 @@ const LAYERS: [&str; 33] = [
     "config",
     "sim",
     "record",
+    "figures",
     "report",
     "assembly",
     "run",
@@ -95,6 +97,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "link" => vec!["time", "canopen", "ethercat"],
         "config" => [&stages[..], &engines, &["guard"]].concat(),
         "sim" => [&base[..], &engines, &["ethercat", "plain_can", "sensing", "linkage", "config"]].concat(),
+        "figures" => vec!["elementary", "record"],
         "record" => [&["elementary", "quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
         "assembly" => [bus(), vec!["bus"]].concat(),
         "run" => [bus(), run, vec!["identification"]].concat(),
@@ -137,7 +140,7 @@ const ONLY_IN: [(&str, &[&str]); 13] = [
     ("ratatui", &["cli::tui"]),
     ("granit_parser", &["config::yaml"]),
     ("serde_saphyr", &["config::yaml"]),
-    ("kuva", &["record::figure", "study::chart"]),
+    ("kuva", &["figures", "study::chart"]),
     ("canopen_rs", &["canopen"]),
     ("mcap", &["record::recording"]),
     ("rtrb", &["record::recording"]),
@@ -155,6 +158,8 @@ fn layers_name_only_what_lies_below_them() {
         ("fieldbus/lib.rs", "lib"),
         ("config/lib.rs", "config"),
         ("link/lib.rs", "link"),
+        ("record/lib.rs", "record"),
+        ("figures/lib.rs", "figures"),
         ("lib.rs", "lib"),
         ("program/main.rs", "main"),
     ] {
@@ -233,7 +238,7 @@ fn the_checker_lets_the_rest_pass() {
         ("fixture", "#[cfg(all(test, unix))] #[allow(dead_code)] fn f(a: [u8; 2]) -> u8 { crate::bus::g() }"),
         ("fixture", "struct A { #[cfg(test)] probe: crate::bus::Probe, b: u8 }"),
         ("canopen::sdo", "use canopen_rs::sdo; use std::fmt;"),
-        ("record::figure::page", "use kuva::render::Scene;"),
+        ("figures::page", "use kuva::render::Scene;"),
         ("config::yaml", "use serde_saphyr::from_str;"),
         ("cycle", "use yieldwall_drives::cia402; use yieldwall_drives::cia402::State;"),
         ("main", "use yieldwall::cli; use miette::Result;"),

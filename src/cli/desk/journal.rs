@@ -429,7 +429,7 @@ mod tests {
         assert_eq!((journals.len(), &journals[0].kept), (1, &kept));
         #[cfg(all(feature = "ethernet", target_os = "linux"))]
         {
-            trusted::let_others_write(&folder.join("1-1.json"));
+            crate::sample::let_others_write(&folder.join("1-1.json"));
             let failure = all(&folder).unwrap_err();
             assert!(failure.report.diagnostics[0].message.contains("`chmod go-w "), "{failure:?}");
             store(&folder.join("1-1.json"), &kept).unwrap();

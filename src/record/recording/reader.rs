@@ -16,7 +16,7 @@ use super::about::{ABOUT, About, Machine};
 use super::error::ReadError;
 use super::forms;
 use super::recorded::Recorded;
-use crate::record::{CycleRecord, DeviceRecord};
+use crate::{CycleRecord, DeviceRecord};
 
 /// Largest chunk that is read, bytes.
 const MAX_CHUNK: u64 = 64 << 20;

@@ -2,7 +2,7 @@
 
 use super::about::Machine;
 use super::fields::{Visitor, walk_cycle, walk_sample};
-use crate::record::{CycleRecord, DeviceRecord};
+use crate::{CycleRecord, DeviceRecord};
 
 /// A record with a list of fields, from which schema, bytes, text and comparison come. Those of this program alone.
 pub trait Recorded: Copy + Send + 'static {
@@ -45,8 +45,8 @@ impl Recorded for CycleRecord {
     }
 
     fn blank() -> Self {
-        use crate::cycle::{DriveSample, Inputs, LinkEvents, Signals, Timing};
-        use crate::guard::{Directive, JointCommand, Request};
+        use yieldwall_motion::cycle::{DriveSample, Inputs, LinkEvents, Signals, Timing};
+        use yieldwall_motion::guard::{Directive, JointCommand, Request};
         use yieldwall_drives::cia402;
         let drive = DriveSample {
             angle_rad: None,

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::guard::{DeviceSet, Fault, Motion, Request, State, fault};
+use yieldwall_motion::guard::{DeviceSet, Fault, Motion, Request, State, fault};
 use yieldwall_drives::cia402;
 
 /// A value of at most eight bytes.

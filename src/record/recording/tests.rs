@@ -11,9 +11,9 @@ use proptest::prelude::*;
 use super::fields::{Field, Visitor};
 use super::scalar::Scalar;
 use super::*;
-use crate::cycle::DriveSample;
-use crate::guard::{Cause, DeviceSet, Fault, State};
-use crate::record::{CycleRecord, DeviceRecord, Stages};
+use yieldwall_motion::cycle::DriveSample;
+use yieldwall_motion::guard::{Cause, DeviceSet, Fault, State};
+use crate::{CycleRecord, DeviceRecord, Stages};
 use yieldwall_drives::cia402;
 
 /// A folder of this test's own, removed at the end.

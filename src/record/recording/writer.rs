@@ -13,7 +13,7 @@ use super::about::About;
 use super::feed::Sink;
 use super::forms;
 use super::recorded::Recorded;
-use crate::record::CycleRecord;
+use crate::CycleRecord;
 
 /// Time after which a chunk is closed and handed to the operating system, in ns of the cycle's clock: what is lost
 /// when the program is killed. Not of the wall clock, so that the same run gives the same bytes.

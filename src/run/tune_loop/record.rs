@@ -193,7 +193,7 @@ mod tests {
         assert_eq!(MeasuredLoop::load(&rig, &folder).unwrap().unwrap().force(&rig), None);
         #[cfg(all(feature = "ethernet", target_os = "linux"))]
         {
-            trusted::let_others_write(&path);
+            crate::sample::let_others_write(&path);
             let refused = MeasuredLoop::load(&rig, &folder).unwrap_err();
             assert!(refused.to_string().contains("`chmod go-w "), "{refused}");
             measured.store(&folder).unwrap();

@@ -7,8 +7,8 @@ use super::legend::{self, Entry, Sample};
 use super::page::{Anchor, Color, GREY, Page, Stroke, WIDTH};
 use super::plane::{self, MM_PER_M, Places};
 use super::{Drawing, Error, Excerpt, Options, marks};
-use crate::elementary;
-use crate::record::{ForceMeaning, Phase, Reference, Row, Trace};
+use yieldwall_motion::elementary;
+use yieldwall_record::{ForceMeaning, Phase, Reference, Row, Trace};
 
 pub(super) const LEFT: f64 = 100.0;
 /// Distance of a panel's letter from its frame, to the left.

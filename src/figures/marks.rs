@@ -2,7 +2,7 @@
 
 use super::curve::Point;
 use super::page::{BLACK, GREY, Page, Stroke};
-use crate::elementary;
+use yieldwall_motion::elementary;
 
 /// The strokes on the forbidden side of a wall: thinner than its line, 1.6 mm long, 2.2 mm apart.
 const HATCH: Stroke = Stroke { color: GREY, width: 1.5, dash: &[] };

@@ -2,7 +2,7 @@
 
 use super::curve::{self, Frame, Point};
 use super::page::{Anchor, BLACK, GREY, LETTER, Page, Stroke};
-use crate::elementary;
+use yieldwall_motion::elementary;
 
 /// Ticks wished for per tenth of a millimetre of axis: one every 11 mm upright, one every 15 mm across and where both
 /// directions have one scale.

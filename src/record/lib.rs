@@ -1,5 +1,5 @@
 //! What a run leaves: a [`CycleRecord`] of every control cycle, or a [`DeviceRecord`] of every sample, and what is made of records: the [`Row`]s of a [`Trace`]
-//! with the figures drawn from them, and recordings on disk.
+//! and recordings on disk.
 //!
 //! Rows and traces are plain data without units of their own: every field carries its unit in its name, lengths and
 //! forces are in the base frame. Planar rigs leave the third component zero.
@@ -7,11 +7,8 @@
 mod cycle;
 mod device;
 mod trace;
-#[cfg(feature = "config")]
-pub(crate) mod trusted;
+pub mod trusted;
 
-#[cfg(feature = "figures")]
-pub mod figure;
 #[cfg(feature = "recording")]
 pub mod recording;
 

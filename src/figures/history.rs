@@ -5,7 +5,7 @@ use super::legend::{self, Entry, Sample};
 use super::page::{Anchor, BLACK, GREY, Page, Stroke, VERMILION, WIDTH};
 use super::plane::{self, MM_PER_M, PROXY, SURFACE, SURFACE_BAND, TOOL};
 use super::{Drawing, Error, Excerpt, Options};
-use crate::record::{Row, Trace};
+use yieldwall_record::{Row, Trace};
 
 const FORCE: Stroke = Stroke { color: BLACK, width: 3.0, dash: &[] };
 const LEVEL: Stroke = Stroke { color: BLACK, width: 2.0, dash: &[18.0, 10.0] };

@@ -1,4 +1,4 @@
-//! Figures of traces, as SVG and PNG, laid out like those of [KTF08, Figs 8 to 16]. This folder alone names the plotting crate.
+//! Figures of traces, as SVG and PNG, laid out like those of [KTF08, Figs 8 to 16]. This package and the charts of studies alone name the plotting crate.
 //!
 //! All figures are 160 mm wide with letters of about 7 pt. Curves differ in lightness, width and dashes as well as in
 //! colour, so that they can be told apart in print without colours and by the colour-blind.
@@ -27,9 +27,9 @@ pub use history::hold_comparison;
 pub use magnified::{View, magnified};
 pub use trajectory::trajectory_and_time;
 
-use super::{FaultMark, Row, Trace};
 use page::Page;
 use std::path::Path;
+use yieldwall_record::{FaultMark, Row, Trace};
 
 /// Part of the plane of x and y: a square, or the middle square of a wider panel.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -7,7 +7,7 @@ use super::page::{Color, Page, SKY, Stroke, VERMILION, WIDTH};
 use super::plane::{self, Places, SURFACE, SURFACE_BAND};
 use super::trajectory::{BESIDE_PLANE, LEFT, LETTER_OFFSET, around, corners, force_name};
 use super::{Drawing, Error, Excerpt, Options};
-use crate::record::Trace;
+use yieldwall_record::Trace;
 
 /// Lines that differ in lightness, width and dashes as well as in colour, the widest first: it lies below the others.
 const LINES: [Stroke; 6] = [
@@ -92,7 +92,7 @@ pub fn comparison(runs: &[(&str, &Trace)], options: &Options) -> Result<Drawing,
         levels(&mut page, &upper, first);
     }
     for (one, line) in all.iter().zip(LINES) {
-        let shown = |row: &&crate::record::Row| (one.excerpt.shown_time(row.time_s), shown_force_n(one.trace, row));
+        let shown = |row: &&yieldwall_record::Row| (one.excerpt.shown_time(row.time_s), shown_force_n(one.trace, row));
         upper.curve(&mut page, one.excerpt.rows.iter().map(shown), Kind::History, thinner(line));
     }
     let is_like_first = |one: &Overlaid<'_>| force_name(one.trace) == force_name(first);

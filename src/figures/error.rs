@@ -1,6 +1,6 @@
 //! What keeps a figure from being drawn.
 
-use crate::record::{Phase, Reference, Row, Trace};
+use yieldwall_record::{Phase, Reference, Row, Trace};
 use std::path::PathBuf;
 
 /// Magnitude up to which a value is drawn: far beyond any rig, and small enough that no sum overflows.

@@ -7,7 +7,7 @@
 
 use super::Error;
 use super::curve::{Frame, Point, dashes};
-use crate::elementary;
+use yieldwall_motion::elementary;
 use kuva::RasterBackend;
 use kuva::backend::svg::SvgBackend;
 use kuva::render::color::Color as Paint;

@@ -1,6 +1,6 @@
 //! Curves on paper: cut to a frame, thinned, dashed. Lengths in tenths of a millimetre.
 
-use crate::elementary;
+use yieldwall_motion::elementary;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Half of the greatest distance by which thinning may move a line: 0.02 mm.

@@ -5,8 +5,8 @@ use super::curve::{Frame, Point};
 use super::legend::{Entry, Sample};
 use super::page::{GREY, PALE, Page, SKY, Stroke, VERMILION};
 use super::{Error, Excerpt, Window, marks};
-use crate::elementary;
-use crate::record::{Reference, Trace};
+use yieldwall_motion::elementary;
+use yieldwall_record::{Reference, Trace};
 use std::f64::consts::TAU;
 
 pub(super) const MM_PER_M: f64 = 1000.0;

@@ -4,7 +4,7 @@ use super::axes::Axes;
 use super::page::{Page, WIDTH};
 use super::plane::Places;
 use super::{Drawing, Error, Excerpt, Options, Window, legend, plane};
-use crate::record::Trace;
+use yieldwall_record::Trace;
 
 /// Most panels: three rows of three.
 const MOST_PANELS: usize = 9;
