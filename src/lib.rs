@@ -21,6 +21,8 @@
 //! # Units
 //! SI in `f64`, base frame. Conversion happens in two places only: [`sensing`] and the scaling of `yieldwall_drives`.
 
+#[doc(inline)]
+pub use yieldwall_bus as bus;
 #[cfg(feature = "config")]
 #[doc(inline)]
 pub use yieldwall_config::{self as config, injection};
@@ -32,45 +34,30 @@ pub use yieldwall_link::{self as link, checkup};
 pub use yieldwall_motion::{
     control, cycle, elementary, fixture, guard, identification, linkage, quantity, sensing, setvalued,
 };
-
-#[cfg(feature = "config")]
-pub mod explanation;
-
-#[cfg(test)]
-mod sample;
-
 #[cfg(feature = "sim")]
-pub mod analysis;
+#[doc(inline)]
+pub use yieldwall_rig::{self as rig, analysis, batch, live, report};
 #[cfg(feature = "config")]
-pub mod assembly;
-#[cfg(feature = "config")]
-pub mod batch;
-pub mod bus;
-#[cfg(feature = "config")]
-pub mod host;
+#[doc(inline)]
+pub use yieldwall_run::{self as run, assembly, explanation, host};
+#[doc(inline)]
+pub use yieldwall_service as service;
 #[cfg(feature = "sim")]
-pub mod live;
-/// What a run leaves, and figures of it.
+#[doc(inline)]
+pub use yieldwall_sim as sim;
+#[cfg(feature = "sim")]
+#[doc(inline)]
+pub use yieldwall_soak as soak;
+#[cfg(feature = "figures")]
+#[doc(inline)]
+pub use yieldwall_study as study;
+
 pub mod record {
+    //! What a run leaves: a record of every cycle, traces, recordings and figures.
+
     #[cfg(feature = "figures")]
     #[doc(inline)]
     pub use yieldwall_figures as figure;
     #[doc(inline)]
     pub use yieldwall_record::*;
 }
-#[cfg(feature = "sim")]
-pub mod report;
-#[cfg(feature = "sim")]
-pub mod rig;
-#[cfg(feature = "config")]
-pub mod run;
-pub mod service;
-#[cfg(feature = "sim")]
-pub mod sim;
-#[cfg(feature = "sim")]
-pub mod soak;
-#[cfg(feature = "sim")]
-pub mod study;
-
-#[cfg(feature = "cli")]
-pub mod cli;

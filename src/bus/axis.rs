@@ -1,11 +1,11 @@
 //! One axis, whatever its bus: the walk through the states of CiA 402, counts to radians and back.
 
-use crate::cycle::{DriveSample, LinkEvents};
-use crate::guard::{Allowed, JointCommand};
-use crate::sensing::RawSample;
 use yieldwall_drives::cia402::{Command, Goal, OptionCodes, State, StateMachine, StateWalk, Statusword, controlword};
 use yieldwall_drives::profiles::Homing;
 use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
+use yieldwall_motion::cycle::{DriveSample, LinkEvents};
+use yieldwall_motion::guard::{Allowed, JointCommand};
+use yieldwall_motion::sensing::RawSample;
 
 /// What a drive has sent since the last cycle: raw words, as any fieldbus carries them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -338,7 +338,7 @@ mod tests {
     /// An axis whose joint is taken to be at 2 rad until it is homed.
     fn axis(direction: Direction) -> Axis {
         let scaling = AxisScaling::new(COUNTS_PER_RAD * std::f64::consts::TAU, direction, 0.0, 60.0).unwrap();
-        let profile = crate::config::shipped_profile("simulated-servo");
+        let profile = yieldwall_config::shipped_profile("simulated-servo");
         let homing = profile.servo().unwrap().homing.clone().unwrap();
         Axis::new(AxisSetup { scaling, expected_rad: 2.1, home: Some((homing, 2.0)) })
     }

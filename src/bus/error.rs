@@ -6,8 +6,8 @@ use thiserror::Error;
 
 use super::ethercat::SegmentFailure;
 use super::signs::Heard;
-use crate::canopen::{Emergency, NmtState, NodeSet};
-use crate::objects::AbortCode;
+use yieldwall_fieldbus::canopen::{Emergency, NmtState, NodeSet};
+use yieldwall_fieldbus::objects::AbortCode;
 
 /// What a node said last of itself since the boot began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -11,14 +11,14 @@ use super::phase::Phase;
 use super::script::Written;
 use super::setup::MasterSetup;
 use super::told::Told;
-use crate::canopen::{BusId, Frame, Outbox};
-use crate::cycle::{Cycle, Inputs, LeadLimits, LinkEvents, Outputs, Timing};
-use crate::guard::{Allowed, Cause, Device, DeviceSet, Directive, Fault, Request, State};
-use crate::objects::{ObjectAnswer, ObjectError, ObjectRequest};
-use crate::quantity::JointAngles;
-use crate::sensing::{SensingError, TareParameters, Wrench};
-use crate::time::Time;
 use yieldwall_drives::cia402::Goal;
+use yieldwall_fieldbus::canopen::{BusId, Frame, Outbox};
+use yieldwall_fieldbus::objects::{ObjectAnswer, ObjectError, ObjectRequest};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::cycle::{Cycle, Inputs, LeadLimits, LinkEvents, Outputs, Timing};
+use yieldwall_motion::guard::{Allowed, Cause, Device, DeviceSet, Directive, Fault, Request, State};
+use yieldwall_motion::quantity::JointAngles;
+use yieldwall_motion::sensing::{SensingError, TareParameters, Wrench};
 
 /// How long frames of another master are listened for on a segment: ten cycles of a slow one.
 pub const SEGMENT_LISTENING: Duration = Duration::from_millis(100);

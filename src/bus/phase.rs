@@ -1,6 +1,6 @@
 //! Phases of the network.
 
-use crate::bus::error::BootError;
+use crate::error::BootError;
 
 /// Where the network stands.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,14 +1,14 @@
 //! The configuration of one device by its objects, as a list of steps: the same on every bus that carries objects.
 
-use crate::bus::error::BootFailure;
-use crate::bus::setup::HomingOrder;
-use crate::canopen::BusId;
-use crate::objects::{AbortCode, Address, ObjectError, ObjectRequest};
-use crate::time::Time;
+use crate::error::BootFailure;
+use crate::setup::HomingOrder;
 use std::time::Duration;
 use yieldwall_drives::cia402::{CommandMode, OperationMode};
 use yieldwall_drives::objects::{self, Object};
 use yieldwall_drives::profiles::{DeviceProfile, Entry, Identity, PdoMap, Quantity, Revisions, Servo, Setting};
+use yieldwall_fieldbus::canopen::BusId;
+use yieldwall_fieldbus::objects::{AbortCode, Address, ObjectError, ObjectRequest};
+use yieldwall_fieldbus::time::Time;
 
 /// Time between two looks at an object that has not come to its value.
 const READ_AGAIN: Duration = Duration::from_millis(10);

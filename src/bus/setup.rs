@@ -3,10 +3,10 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::canopen::BusId;
-use crate::plain_can;
 use yieldwall_drives::cia402::CommandMode;
 use yieldwall_drives::profiles::{DeviceProfile, Pdo, Servo};
+use yieldwall_fieldbus::canopen::BusId;
+use yieldwall_fieldbus::plain_can;
 
 /// How long a device is waited for while the network is booted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -7,9 +7,9 @@
 use std::fmt;
 use std::time::Duration;
 
-use crate::bus::setup::{MasterSetup, SensorLink};
-use crate::canopen::{BusId, Frame, NodeId, cob};
-use crate::guard::DeviceSet;
+use crate::setup::{MasterSetup, SensorLink};
+use yieldwall_fieldbus::canopen::{BusId, Frame, NodeId, cob};
+use yieldwall_motion::guard::DeviceSet;
 
 /// How long is listened at least.
 pub const LISTENING: Duration = Duration::from_secs(1);

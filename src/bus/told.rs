@@ -1,8 +1,8 @@
 //! What devices have told of themselves by emergency messages, over whatever bus.
 
-use crate::canopen::{EmcyCode, ErrorRegister};
-use crate::guard::Device;
-use crate::time::Time;
+use yieldwall_fieldbus::canopen::{EmcyCode, ErrorRegister};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::guard::Device;
 
 /// Emergencies that are remembered.
 const EMERGENCIES: usize = 8;

@@ -5,8 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use super::confirm::{ask, is_yes};
-use crate::quantity::Force;
-use crate::run::Task;
+use yieldwall_motion::quantity::Force;
+use yieldwall_run::Task;
 
 /// How often a wait looks whether a person has asked for the end.
 const LOOK_UP: Duration = Duration::from_millis(100);

@@ -17,7 +17,7 @@ use super::fit;
 use super::keep::state_folder;
 use super::output::Output;
 use super::replace::Replace;
-use crate::config::Source;
+use yieldwall_config::Source;
 
 /// Largest file of messages that is taken, bytes.
 const MOST_MESSAGES: u64 = 1 << 20;

@@ -12,10 +12,10 @@ use self::can::CanPlan;
 use self::segment::SegmentPlan;
 use super::failure::{Exit, Failure};
 use super::output::Output;
-use crate::assembly::{bus_id, bus_plan, segment};
-use crate::bus::budget::{Advice, Budget, Conditions};
-use crate::config::{self, Bus, Diagnostic, Loaded, Rig, Source};
-use crate::rig::RigError;
+use yieldwall_bus::budget::{Advice, Budget, Conditions};
+use yieldwall_config::{self as config, Bus, Diagnostic, Loaded, Rig, Source};
+use yieldwall_rig::RigError;
+use yieldwall_run::assembly::{bus_id, bus_plan, segment};
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
@@ -191,7 +191,7 @@ impl Plan<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{builtin, builtin_names, load_rig};
+    use yieldwall_config::{builtin, builtin_names, load_rig};
 
     /// A simulation on buses whose frames take no time.
     const IDEAL: (&str, &str) = (

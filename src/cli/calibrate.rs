@@ -13,13 +13,13 @@ use super::on_bus::live_failure;
 use super::output::Output;
 use super::replace::Replace;
 use super::run::check_buses;
-use crate::config::{self, Loaded, Source};
-use crate::elementary::sin_cos;
-use crate::identification::{Estimate, Kinematics, Mistaken, Visited, kinematics, mistaken};
-use crate::linkage::FiveBar;
-use crate::quantity::{JointAngles, TipPoint};
-use crate::rig::EmbeddedRig;
-use crate::run::RunError;
+use yieldwall_config::{self as config, Loaded, Source};
+use yieldwall_motion::elementary::sin_cos;
+use yieldwall_motion::identification::{Estimate, Kinematics, Mistaken, Visited, kinematics, mistaken};
+use yieldwall_motion::linkage::FiveBar;
+use yieldwall_motion::quantity::{JointAngles, TipPoint};
+use yieldwall_rig::EmbeddedRig;
+use yieldwall_run::RunError;
 
 /// Points of the simulated plate on each of two circles, and their radii as shares of the working radius.
 const POINTS: u32 = 8;

@@ -5,7 +5,7 @@ use textwrap::{Options, WordSeparator, WordSplitter};
 
 use super::failure::{Exit, Failure};
 use super::output::Output;
-use crate::link::checkup::{Check, Verdict};
+use yieldwall_link::checkup::{Check, Verdict};
 
 /// Columns of a line.
 const WIDTH: usize = 80;

@@ -16,11 +16,11 @@ use super::latency::now_unix_s;
 use super::output::Output;
 use super::replace::Replace;
 use super::run::check_buses;
-use crate::config::{self, Source};
-use crate::injection::{DEFECTS, Defect, DefectError};
-use crate::rig::EmbeddedRig;
-use crate::run::commission::{Begin, Commissioned, STEPS, Step, StepReport, Verdict};
 use earlier::Earlier;
+use yieldwall_config::injection::{DEFECTS, Defect, DefectError};
+use yieldwall_config::{self as config, Source};
+use yieldwall_rig::EmbeddedRig;
+use yieldwall_run::commission::{Begin, Commissioned, STEPS, Step, StepReport, Verdict};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -96,7 +96,7 @@ pub(super) fn add_defects(scene: &mut config::Scene, rig: &config::Rig, defects:
 
 fn list(output: &mut Output) -> Result<(), Failure> {
     if output.is_json() {
-        let row = |row: &crate::injection::DefectRow| {
+        let row = |row: &yieldwall_config::injection::DefectRow| {
             let size = row
                 .size
                 .map(|size| json!({ "what": size.what, "usual": size.usual, "least": size.least, "most": size.most }));

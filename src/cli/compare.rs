@@ -18,9 +18,9 @@ use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
 use super::replace::Replace;
 use super::run::check_duration;
-use crate::record::Trace;
-use crate::record::figure::{Options, comparison};
-use crate::report::Overrides;
+use yieldwall_figures::{Options, comparison};
+use yieldwall_record::Trace;
+use yieldwall_rig::report::Overrides;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {

@@ -11,9 +11,9 @@ use serde_json::{Value, json};
 pub(super) use self::checked::Checked;
 use super::failure::{Exit, Failure};
 use super::output::Output;
-use crate::config::{
-    self, Coupling, Diagnostic, Document, Figure, Fixture, ImpedanceDevice, Report, Rig, Scene, Severity, Simulation,
-    Source,
+use yieldwall_config::{
+    self as config, Coupling, Diagnostic, Document, Figure, Fixture, ImpedanceDevice, Report, Rig, Scene, Severity,
+    Simulation, Source,
 };
 use yieldwall_drives::profiles::{DeviceProfile, Tried};
 
@@ -245,7 +245,7 @@ fn fixture_summary(fixture: &Fixture) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::builtin_names;
+    use yieldwall_config::builtin_names;
 
     #[test]
     fn what_is_shown_of_a_shipped_file_can_be_kept_in_another_folder() {

@@ -12,11 +12,11 @@ use super::interfaces::Interfaces;
 use super::keep::state_folder;
 use super::latency::now_unix_s;
 use super::output::Output;
-use crate::config::{self, Rig, Source};
-use crate::host::Untimely;
-use crate::host::system::{ComputerFacts, Limits, Readiness, coalescing, coalescing_check, computer, limits};
-use crate::link::checkup::Check;
-use crate::link::{Attachment, InterfaceFacts, is_ethernet};
+use yieldwall_config::{self as config, Rig, Source};
+use yieldwall_link::checkup::Check;
+use yieldwall_link::{Attachment, InterfaceFacts, is_ethernet};
+use yieldwall_run::host::Untimely;
+use yieldwall_run::host::system::{ComputerFacts, Limits, Readiness, coalescing, coalescing_check, computer, limits};
 
 /// The cycle for which a computer is judged unless a rig says another.
 const PERIOD_US: u32 = 1000;
@@ -117,7 +117,7 @@ fn wanted(arguments: &Arguments, rig: Option<&Rig>) -> Result<Vec<Wanted>, Failu
 #[cfg(feature = "full")]
 pub(super) fn text(rig: Option<&Rig>) -> String {
     let period = Duration::from_micros(period_us(rig).into());
-    let of_interfaces = crate::link::interfaces().into_iter().map(|name| of_interface(&name, None, period));
+    let of_interfaces = yieldwall_link::interfaces().into_iter().map(|name| of_interface(&name, None, period));
     std::iter::once(of_computer(rig)).chain(of_interfaces).map(|section| section.text()).collect()
 }
 

@@ -17,10 +17,10 @@ use super::on_bus::{
 };
 use super::output::Output;
 use super::run::{check_buses, judge, settled_json, settled_text, watchdogs_json, watchdogs_text};
-use crate::config::{self, Source};
-use crate::host::{News, RigOnBus};
-use crate::record::trusted;
-use crate::run::{Drilled, Pace, RunError, Subject, watchdogs};
+use yieldwall_config::{self as config, Source};
+use yieldwall_record::trusted;
+use yieldwall_run::host::{News, RigOnBus};
+use yieldwall_run::{Drilled, Pace, RunError, Subject, watchdogs};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {

@@ -1,15 +1,15 @@
 //! Why a run ended badly, and with which exit code.
 
 use super::failure::{Exit, Failure};
-use crate::bus::ethercat::SegmentFailure;
-use crate::bus::{BootError, BootFailure};
-use crate::config;
-use crate::explanation::{self, Explanation};
-use crate::guard::{Cause, DeviceSet, Fault, State};
-use crate::injection::{Injection, Lasts};
-use crate::report::RunReport;
-use crate::report::measures::Measures;
-use crate::rig::RigError;
+use yieldwall_bus::ethercat::SegmentFailure;
+use yieldwall_bus::{BootError, BootFailure};
+use yieldwall_config as config;
+use yieldwall_config::injection::{Injection, Lasts};
+use yieldwall_motion::guard::{Cause, DeviceSet, Fault, State};
+use yieldwall_rig::RigError;
+use yieldwall_rig::report::RunReport;
+use yieldwall_rig::report::measures::Measures;
+use yieldwall_run::explanation::{self, Explanation};
 
 /// What to do about an impedance device that gives energy.
 pub(super) const SOFTER_COUPLING: &str =
@@ -222,7 +222,7 @@ fn boot_help(failure: &BootFailure) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bus::Said;
+    use yieldwall_bus::Said;
 
     fn said(error: &RigError) -> (Exit, String) {
         let Failure { exit, report } = rig_failure(error);
@@ -246,8 +246,8 @@ mod tests {
 
     #[test]
     fn a_run_that_ends_while_it_is_held_is_none_that_is_well_unless_that_was_injected() {
-        use crate::injection::Kind;
-        use crate::report::{Overrides, Watch, run_rig};
+        use yieldwall_config::injection::Kind;
+        use yieldwall_rig::report::{Overrides, Watch, run_rig};
 
         let loaded = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap();
         let (scene, overrides) =

@@ -13,14 +13,14 @@ use super::desk::address;
 use super::failure::{Exit, Failure};
 use super::faults;
 use super::output::Output;
-use crate::canopen::EmcyCode;
-use crate::config::{self, ProfileName, Rig, SensorProtocol, Source};
-use crate::ethercat::AlStatusCode;
-use crate::explanation::{self, Explanation};
-use crate::guard::fault::TABLE;
-use crate::injection::{CATALOGUE, DEFECTS, DefectKind, DefectSize, Kind};
-use crate::objects::{AbortCode, Address};
-use crate::service::{known, named, names};
+use yieldwall_config::injection::{CATALOGUE, DEFECTS, DefectKind, DefectSize, Kind};
+use yieldwall_config::{self as config, ProfileName, Rig, SensorProtocol, Source};
+use yieldwall_fieldbus::canopen::EmcyCode;
+use yieldwall_fieldbus::ethercat::AlStatusCode;
+use yieldwall_fieldbus::objects::{AbortCode, Address};
+use yieldwall_motion::guard::fault::TABLE;
+use yieldwall_run::explanation::{self, Explanation};
+use yieldwall_service::{known, named, names};
 
 /// Greatest code of two bytes: an error code or a statusword. Above it is an abort code.
 const TWO_BYTES: u32 = 0xffff;

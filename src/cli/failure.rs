@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::process::ExitCode;
 
-use crate::batch::LinesError;
-use crate::config::{Diagnostic, Report};
+use yieldwall_config::{Diagnostic, Report};
+use yieldwall_rig::batch::LinesError;
 
 /// How the program ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,8 +6,8 @@ use serde_json::json;
 
 use super::failure::{Exit, Failure};
 use super::output::Output;
-use crate::config;
-use crate::injection::{CATALOGUE, Ending, Expected, Injection, Kind, Lasts, Recovery, Row, Target};
+use yieldwall_config as config;
+use yieldwall_config::injection::{CATALOGUE, Ending, Expected, Injection, Kind, Lasts, Recovery, Row, Target};
 
 /// One `--fault NAME@TIME[+DURATION][:TARGET]`.
 #[derive(Clone, Debug)]

@@ -13,10 +13,10 @@ use super::live::{evidence, not_run};
 use super::on_bus::{different, open_failure, thread_failure, warn, warn_of};
 use super::output::Output;
 use super::pace::PaceArgument;
-use crate::assembly::{AssemblyError, master};
-use crate::bus::{Master, Written};
-use crate::config::{Loaded, Rig};
-use crate::host::{News, Outcome, RigOnBus, Terms, ThreadError};
+use yieldwall_bus::{Master, Written};
+use yieldwall_config::{Loaded, Rig};
+use yieldwall_run::assembly::{AssemblyError, master};
+use yieldwall_run::host::{News, Outcome, RigOnBus, Terms, ThreadError};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct OnBus {

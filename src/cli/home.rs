@@ -11,10 +11,10 @@ use super::interrupt::{interrupted, on_interrupt};
 use super::on_bus::live_failure;
 use super::output::Output;
 use super::run::check_buses;
-use crate::config::{self, Positive, Source};
-use crate::guard::Cause;
-use crate::rig::EmbeddedRig;
-use crate::run::{
+use yieldwall_config::{self as config, Positive, Source};
+use yieldwall_motion::guard::Cause;
+use yieldwall_rig::EmbeddedRig;
+use yieldwall_run::{
     Bounds, Ended, HOMING_BEYOND_RAD, HomePlan, Homed, JointHomed, NotHome, NotProven, Repeated, RunError,
     settling_on_bus,
 };
@@ -318,8 +318,8 @@ fn on_bus(
     use super::first_motion::{Opened, concluded};
     use super::live::{ended, not_run};
     use super::on_bus::warn;
-    use crate::assembly::{homing_master, master};
-    use crate::host::{News, NotRun};
+    use yieldwall_run::assembly::{homing_master, master};
+    use yieldwall_run::host::{News, NotRun};
 
     let events = Events::of(output);
     let boots = |rig: &config::Rig| {

@@ -1,7 +1,7 @@
 //! `--bus`: which interface is which bus of the rig.
 
 use super::failure::{Exit, Failure};
-use crate::config;
+use yieldwall_config as config;
 
 /// The interfaces of a rig's buses, in the order of the buses' names.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -88,7 +88,7 @@ impl Interfaces {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{builtin, load_rig};
+    use yieldwall_config::{builtin, load_rig};
 
     fn of(rig: &str, arguments: &[&str]) -> Result<Vec<String>, String> {
         let rig = load_rig(builtin(rig)).unwrap().value;

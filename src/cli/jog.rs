@@ -15,14 +15,14 @@ use super::interrupt::{interrupted, on_interrupt};
 use super::on_bus::live_failure;
 use super::output::Output;
 use super::run::check_buses;
-use crate::config::{self, Positive, Source};
-use crate::cycle::LeadLimits;
-use crate::guard::{DeviceSet, Fault};
-use crate::quantity::JointAngles;
-use crate::record::CycleRecord;
-use crate::rig::EmbeddedRig;
-use crate::run::{Bounds, Ended, Jog, Jogged, Keys, settling_on_bus};
 use keys::{KEYS, Reader, Shown};
+use yieldwall_config::{self as config, Positive, Source};
+use yieldwall_motion::cycle::LeadLimits;
+use yieldwall_motion::guard::{DeviceSet, Fault};
+use yieldwall_motion::quantity::JointAngles;
+use yieldwall_record::CycleRecord;
+use yieldwall_rig::EmbeddedRig;
+use yieldwall_run::{Bounds, Ended, Jog, Jogged, Keys, settling_on_bus};
 
 /// Greatest rate, rad/s.
 const MOST_RATE: f64 = 30.0 * PI / 180.0;
@@ -319,7 +319,7 @@ fn on_bus(
     use super::first_motion::{Opened, concluded};
     use super::live::{ended, not_run};
     use super::on_bus::warn;
-    use crate::host::News;
+    use yieldwall_run::host::News;
 
     let events = Events::of(output);
     let opened = arguments.on_bus.open("jog", &arguments.rig, rig, output)?;
@@ -366,7 +366,7 @@ fn on_bus(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::guard::{Cause, State};
+    use yieldwall_motion::guard::{Cause, State};
 
     #[test]
     fn an_angle_has_a_unit_and_is_a_number() {

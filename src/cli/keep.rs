@@ -10,17 +10,17 @@ use serde_json::{Value, json};
 use super::ending::{bus_names, describe};
 use super::failure::{Exit, Failure};
 use super::replace::{make_folder, make_folder_of, unwritten};
-use crate::canopen::{BusId, Frame};
-use crate::config::{self, Diagnostic, Report, Severity};
-use crate::ethercat::frame::LONGEST;
-use crate::link::{CaptureWriter, CapturedBus, Packet};
-use crate::record::DeviceRecord;
-use crate::record::recording::{
+use yieldwall_config::{self as config, Diagnostic, Report, Severity};
+use yieldwall_fieldbus::canopen::{BusId, Frame};
+use yieldwall_fieldbus::ethercat::frame::LONGEST;
+use yieldwall_fieldbus::time::Time;
+use yieldwall_link::{CaptureWriter, CapturedBus, Packet};
+use yieldwall_record::DeviceRecord;
+use yieldwall_record::recording::{
     About, Backpressure, BlackBox, Feed, Finished, Producer, Recorded, Recorder, Saved, Sink,
 };
-use crate::report::Watch;
-use crate::sim::can::CandumpWriter;
-use crate::time::Time;
+use yieldwall_rig::report::Watch;
+use yieldwall_sim::can::CandumpWriter;
 
 /// The log's first second: some readers take a time of zero for no time at all.
 pub(super) const LOG_STARTS_AT: Duration = Duration::from_secs(1);

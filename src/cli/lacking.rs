@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use super::failure::{Exit, Failure};
 use super::output::Output;
 use super::tui::View;
-use crate::run::Orders;
+use yieldwall_run::Orders;
 
 /// Arguments of a command that is not there: any.
 #[derive(Debug, clap::Args)]

@@ -14,15 +14,15 @@ use super::interrupt::{on_interrupt, unless};
 use super::keep::state_folder;
 use super::on_bus::{link_failure, other_master, warn};
 use super::output::Output;
-use crate::bus::{LISTENING, Signs};
-use crate::host::system::{Load, Readiness, Refusal, SystemMetronome, computer, lock_memory, run_first};
-use crate::host::{
+use yieldwall_bus::{LISTENING, Signs};
+use yieldwall_link::{CobFilter, InterfaceFacts, Role, SocketCan, SocketCanSettings, Stamps};
+use yieldwall_record::trusted;
+use yieldwall_rig::live::listen;
+use yieldwall_run::host::system::{Load, Readiness, Refusal, SystemMetronome, computer, lock_memory, run_first};
+use yieldwall_run::host::{
     Histogram, Latency, Measured, PROBE, PROVING_CYCLES, REDUCED_FORCE_N, REDUCED_SPEED_M_PER_S, STOCK_CYCLES, Stored,
     Tier, measure_latency,
 };
-use crate::link::{CobFilter, InterfaceFacts, Role, SocketCan, SocketCanSettings, Stamps};
-use crate::live::listen;
-use crate::record::trusted;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {

@@ -21,17 +21,17 @@ use super::output::Output;
 use super::pace::PaceArgument;
 use super::run::{Arguments, check, check_buses, check_candump, check_loop, draw, dry_run_on_can, view, with_files};
 use super::tui::Screen;
-use crate::config::{self, Source};
-use crate::guard::{Cause, Fault, State};
-use crate::host::system::Refusal;
-use crate::host::{News, NotRun, Outcome, RigOnBus, StageTimes, Terms};
-use crate::record::CycleRecord;
-use crate::record::recording::About;
-use crate::report::{self, Overrides, measured, replay};
-use crate::run::{Ended, Orders, Play, RunError};
 use facts::Facts;
 use proof::{check_measured_loop, measured_masses, unproven, untimely};
 pub(super) use proof::{evidence, loops};
+use yieldwall_config::{self as config, Source};
+use yieldwall_motion::guard::{Cause, Fault, State};
+use yieldwall_record::CycleRecord;
+use yieldwall_record::recording::About;
+use yieldwall_rig::report::{self, Overrides, measured, replay};
+use yieldwall_run::host::system::Refusal;
+use yieldwall_run::host::{News, NotRun, Outcome, RigOnBus, StageTimes, Terms};
+use yieldwall_run::{Ended, Orders, Play, RunError};
 
 /// Cycles of which figure and measures are made, from the first one on: ten minutes at 1 kHz. A recording holds all.
 const LONGEST_TRACE: u64 = 600_000;

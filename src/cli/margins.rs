@@ -2,9 +2,11 @@
 
 use serde_json::{Value, json};
 
-use crate::analysis::{LEAST_MARGINS, PROPOSED_MARGINS, PoseMargins, has_margins, pose_margins, proposed_gains};
-use crate::config::{CommandMode, ControlGains, Diagnostic, Loaded, Rig, Severity};
-use crate::control::{self, Gains};
+use yieldwall_config::{CommandMode, ControlGains, Diagnostic, Loaded, Rig, Severity};
+use yieldwall_motion::control::{self, Gains};
+use yieldwall_rig::analysis::{
+    LEAST_MARGINS, PROPOSED_MARGINS, PoseMargins, has_margins, pose_margins, proposed_gains,
+};
 
 /// What is known of the stability of a rig's position loop.
 #[derive(Debug)]
@@ -170,7 +172,7 @@ fn figures(margins: &control::Margins) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{Positive, builtin, load_rig};
+    use yieldwall_config::{Positive, builtin, load_rig};
 
     fn shipped(name: &str) -> Rig {
         load_rig(builtin(name)).unwrap().value
@@ -198,7 +200,7 @@ mod tests {
         let [at_sync0, on_arrival] = ["{}", "{outputs: on_arrival}"].map(|bus| {
             let text = shipped.replace("ethercat: {}", &format!("ethercat: {bus}"));
             let text = text + "\ncycle: {period_us: 1000, compute_at_us: 100}\n";
-            let rig = crate::config::load_rig(crate::config::Source::memory("rig.yaml", text)).unwrap();
+            let rig = yieldwall_config::load_rig(yieldwall_config::Source::memory("rig.yaml", text)).unwrap();
             let margins = Margins::of(&rig.value);
             margins.lines().iter().for_each(|line| eprintln!("{bus}: {line}"));
             let Margins::Torque(found) = margins else { panic!("{margins:?}") };
@@ -232,7 +234,7 @@ mod tests {
         let text = builtin("paper-admittance.yaml").read().unwrap().to_string();
         let (from, to) = ("stiffness_n_m_per_rad: 10000.0", format!("stiffness_n_m_per_rad: {stiffness}"));
         assert!(text.contains(from));
-        load_rig(crate::config::Source::memory("rig.yaml", text.replace(from, &to))).unwrap()
+        load_rig(yieldwall_config::Source::memory("rig.yaml", text.replace(from, &to))).unwrap()
     }
 
     #[test]
@@ -259,8 +261,8 @@ mod tests {
             let mut rig = shipped.value.clone();
             rig.control.gains = ControlGains::Joint {
                 stiffness_n_m_per_rad: Positive::new(value("stiffness_n_m_per_rad")).unwrap(),
-                damping_n_m_s_per_rad: crate::config::NotNegative::new(value("damping_n_m_s_per_rad")).unwrap(),
-                integral_n_m_per_rad_s: crate::config::NotNegative::new(value("integral_n_m_per_rad_s")).unwrap(),
+                damping_n_m_s_per_rad: yieldwall_config::NotNegative::new(value("damping_n_m_s_per_rad")).unwrap(),
+                integral_n_m_per_rad_s: yieldwall_config::NotNegative::new(value("integral_n_m_per_rad_s")).unwrap(),
             };
             let Margins::Torque(mended) = Margins::of(&rig) else { panic!("{rig:?}") };
             assert!(has_margins(&mended.worst.without_friction, PROPOSED_MARGINS), "{mended:?}");

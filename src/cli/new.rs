@@ -20,10 +20,10 @@ use super::fit;
 use super::output::Output;
 use super::replace::Replace;
 use super::tune::Masses;
-use crate::analysis::{pose_margins, proposed_gains};
-use crate::config::{self, Bus, Document, Loaded, Rig, Severity, Source};
+use yieldwall_config::{self as config, Bus, Document, Loaded, Rig, Severity, Source};
 use yieldwall_drives::profiles::{DeviceProfile, EncoderKind, Reaction, Servo, SetPointWatch, SyncWatch, Tried};
 use yieldwall_drives::watchdog::Watchdog;
+use yieldwall_rig::analysis::{pose_margins, proposed_gains};
 
 /// Virtual masses that are tried, kg, the first one unless it swings with the scene's hand.
 const MASSES_KG: [f64; 6] = [2.0, 3.0, 4.0, 6.0, 8.0, 12.0];

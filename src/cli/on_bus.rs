@@ -7,17 +7,17 @@ use super::ending::{self, exit_of, rig_failure};
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
 use super::output::Output;
-use crate::bus::{Heard, Sign};
-use crate::config;
-use crate::host::system::Refusal;
-use crate::host::{OpenError, ThreadError};
-use crate::link::LinkError;
-use crate::run::{Pace, RunError};
 pub(super) use emergencies::{
     different, document, drive_error_json, drive_error_text, text, told_at_boot, with_findings, with_told,
     words_of_code, words_of_fault,
 };
 pub(super) use standstill::{after_standstill, not_in_time, said_first, stood};
+use yieldwall_bus::{Heard, Sign};
+use yieldwall_config as config;
+use yieldwall_link::LinkError;
+use yieldwall_run::host::system::Refusal;
+use yieldwall_run::host::{OpenError, ThreadError};
+use yieldwall_run::{Pace, RunError};
 
 /// The failure that an interface is which cannot be used.
 pub(super) fn link_failure(error: &LinkError) -> Failure {

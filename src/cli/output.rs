@@ -9,7 +9,7 @@ use super::failure::{Exit, Failure};
 use super::fit;
 use super::printable::printable;
 use super::render::Renderer;
-use crate::config::{Diagnostic, Report};
+use yieldwall_config::{Diagnostic, Report};
 
 /// Standard output and standard error under `--quiet` and `--json`.
 #[derive(Debug)]

@@ -1,6 +1,6 @@
 //! `--pace`: what time follows.
 
-use crate::run::Pace;
+use yieldwall_run::Pace;
 
 /// What the loop or the devices wait for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]

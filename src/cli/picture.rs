@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::failure::{Exit, Failure};
 use super::replace::{Replace, Written, make_folder_of, unwritten};
-use crate::record::figure::{self, Drawing};
+use yieldwall_figures::{self as figure, Drawing};
 
 /// Width of PNG pictures: 160 mm at 300 dots per inch.
 const PICTURE_WIDTH_PX: u32 = 1890;

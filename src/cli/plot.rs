@@ -9,8 +9,7 @@ use super::output::Output;
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::replace::Replace;
 use super::replay::{damage, failure, open, recording_file, records};
-use crate::report::drawing;
-use crate::report::replay::recorded;
+use yieldwall_rig::report::replay::recorded;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -31,7 +30,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let (trace, _) = recorded(&mut recording).map_err(|error| failure(path, error))?;
     output.warnings(&damage(recording.damage(), path));
     let heading = Some(trace.title.clone());
-    let drawing = drawing::run(&trace, heading).map_err(|error| drawing_failure(&error))?;
+    let drawing = yieldwall_figures::run(&trace, heading).map_err(|error| drawing_failure(&error))?;
     write_drawing(&drawing, figure)?;
     if output.is_json() {
         return output.report(json!({ "recording": path, "figure": figure, "rows": trace.rows.len(), "rows_after_stop": trace.after.len() }));

@@ -5,7 +5,7 @@ use std::io::{self, IsTerminal};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::output::Output;
-use crate::report::Stage;
+use yieldwall_rig::report::Stage;
 
 /// Steps of the bar.
 const STEPS: u64 = 1000;

@@ -12,9 +12,9 @@ use super::keep::{CAPTURE, LOG};
 use super::output::Output;
 use super::replace::{Replace, discard, unwritten};
 use super::replay::{damage, open, read_failure, recording_file, records};
-use crate::link::{Whole, whole_blocks};
-use crate::record::recording::{Reader, Recorded, Recording, Writer, csv_header, csv_row, definition};
-use crate::record::{CycleRecord, DeviceRecord};
+use yieldwall_link::{Whole, whole_blocks};
+use yieldwall_record::recording::{Reader, Recorded, Recording, Writer, csv_header, csv_row, definition};
+use yieldwall_record::{CycleRecord, DeviceRecord};
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {

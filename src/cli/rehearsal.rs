@@ -7,11 +7,11 @@ use super::failure::Failure;
 use super::run::{NOTHING_ENABLED, judge, judge_run};
 use serde_json::{Value, json};
 
-use crate::config::{self, Diagnostic, ImpedanceDevice, Loaded, Rig, Severity};
-use crate::guard::Fault;
-use crate::report::measures::Measures;
-use crate::report::{Overrides, RunReport, Watch, run_device, run_rig};
-use crate::rig::{self, RigError};
+use yieldwall_config::{self as config, Diagnostic, ImpedanceDevice, Loaded, Rig, Severity};
+use yieldwall_motion::guard::Fault;
+use yieldwall_rig::report::measures::Measures;
+use yieldwall_rig::report::{Overrides, RunReport, Watch, run_device, run_rig};
+use yieldwall_rig::{self as rig, RigError};
 
 /// The most of a scene that is run, in s: a check is no study.
 pub(super) const LONGEST_S: f64 = 60.0;

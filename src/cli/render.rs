@@ -8,7 +8,7 @@ use textwrap::WordSplitter;
 
 use super::fit;
 use super::printable::printable;
-use crate::config::{Diagnostic, Place, Related, Severity};
+use yieldwall_config::{Diagnostic, Place, Related, Severity};
 
 /// Farthest line from the place that a snippet still shows.
 const SNIPPET_LINES: usize = 6;

@@ -9,9 +9,9 @@ use super::ending::rig_failure;
 use super::failure::{Exit, Failure};
 use super::keep::MCAP;
 use super::output::Output;
-use crate::config::{Diagnostic, Severity};
-use crate::record::recording::{self, About, Damage, ReadError, Recording};
-use crate::report::replay::{End, ReplayError, replay_any};
+use yieldwall_config::{Diagnostic, Severity};
+use yieldwall_record::recording::{self, About, Damage, ReadError, Recording};
+use yieldwall_rig::report::replay::{End, ReplayError, replay_any};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -83,7 +83,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         }))?;
         let silent = |failure: Failure| Failure {
             exit: failure.exit,
-            report: crate::config::Report { diagnostics: Vec::new() },
+            report: yieldwall_config::Report { diagnostics: Vec::new() },
         };
         return failure.map_or(Ok(()), |failure| Err(silent(failure)));
     }

@@ -11,9 +11,9 @@ use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
 use super::replace::Replace;
 use super::run::{measures_text, tool_text};
-use crate::report::Stage;
-use crate::study::drawing;
-use crate::study::reproduce::{FIGURES, FigureRun, HandScale, Mode, ReproduceError, reproduce, reproduce_file};
+use yieldwall_rig::report::Stage;
+use yieldwall_study::drawing;
+use yieldwall_study::reproduce::{FIGURES, FigureRun, HandScale, Mode, ReproduceError, reproduce, reproduce_file};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {

@@ -32,12 +32,11 @@ use super::progress::Progress;
 use super::replace::{Replace, Written};
 use super::tui::{Screen, View, check_terminal};
 use super::tune::{Masses, advice};
-use crate::config::{self, Diagnostic, Document, Loaded, Report, Severity, Source};
-use crate::injection::{Injection, Kind};
-use crate::record::Trace;
-use crate::report::drawing;
-use crate::report::{Overrides, RunReport, replay, run_rig};
-use crate::rig::{self, RigError};
+use yieldwall_config::injection::{Injection, Kind};
+use yieldwall_config::{self as config, Diagnostic, Document, Loaded, Report, Severity, Source};
+use yieldwall_record::Trace;
+use yieldwall_rig::report::{Overrides, RunReport, replay, run_rig};
+use yieldwall_rig::{self as rig, RigError};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -266,7 +265,7 @@ pub(super) fn judge_run(
 /// Draws a run into a file, if there is to be one.
 pub(super) fn draw(trace: &Trace, name: &str, figure: Option<&Path>) -> Result<(), Failure> {
     let Some(path) = figure else { return Ok(()) };
-    let drawing = drawing::run(trace, Some(name.to_owned())).map_err(|error| drawing_failure(&error))?;
+    let drawing = yieldwall_figures::run(trace, Some(name.to_owned())).map_err(|error| drawing_failure(&error))?;
     write_drawing(&drawing, path)
 }
 

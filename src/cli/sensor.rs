@@ -13,10 +13,10 @@ use super::interrupt::on_interrupt;
 use super::on_bus::live_failure;
 use super::output::Output;
 use super::run::check_buses;
-use crate::config::{self, Loaded, Positive, Source};
-use crate::rig::EmbeddedRig;
-use crate::run::{RunError, Wrenches};
-use crate::sensing::Wrench;
+use yieldwall_config::{self as config, Loaded, Positive, Source};
+use yieldwall_motion::sensing::Wrench;
+use yieldwall_rig::EmbeddedRig;
+use yieldwall_run::{RunError, Wrenches};
 
 /// Time from one line to the next, s.
 const ROW_S: f64 = 0.5;
@@ -138,7 +138,7 @@ fn watch(arguments: &Monitor, rig: &Loaded<config::Rig>, output: &mut Output) ->
             output,
             |on_bus, terms, is_interrupted, output, tell| {
                 let shown = on_bus.sense(terms, times_s, is_interrupted, |news| match news {
-                    crate::host::News::Sensed(from_s, row) => told(output, from_s, *row),
+                    yieldwall_run::host::News::Sensed(from_s, row) => told(output, from_s, *row),
                     news => tell(output, news),
                 });
                 has_asked = is_interrupted.load(Ordering::Relaxed);
@@ -221,7 +221,7 @@ fn zero(arguments: &Tare, rig: &Loaded<config::Rig>, output: &mut Output) -> Res
         return output.report(document);
     }
     let heading = AXES.map(|(axis, unit)| format!("{:>11}", format!("{axis} {unit}"))).concat();
-    let force_n = crate::elementary::hypot(zero.0.x, zero.0.y);
+    let force_n = yieldwall_motion::elementary::hypot(zero.0.x, zero.0.y);
     let kept = match rig.value.sensor.tare_up_to_n {
         Some(most_n) if force_n <= most_n.get() => "The rig is tared so each time it is enabled.".to_owned(),
         Some(most_n) => format!("The rig is not enabled with that: its `tare_up_to_n` is {} N.", most_n.get()),

@@ -18,17 +18,17 @@ use super::interrupt::on_interrupt;
 use super::on_bus::{link_failure, open_failure};
 use super::output::Output;
 use super::pace::PaceArgument;
-use crate::assembly::{bus_id, bus_plan};
-use crate::bus::{MasterSetup, SensorLink, Signs};
-use crate::canopen::{BusId, Frame};
-use crate::config::{self, Source};
-use crate::guard::DeviceSet;
-use crate::host::open_buses;
-use crate::link::{CanLink, CobFilter, Role, SocketCan, SocketCanSettings};
-use crate::live::{AttachError, Attached, Entrance, ServeError, attach, listen, serve};
-use crate::rig::{DeviceServer, simulated_drive, simulated_force_sensor};
+use yieldwall_bus::{MasterSetup, SensorLink, Signs};
+use yieldwall_config::{self as config, Source};
 use yieldwall_drives::cia402;
 use yieldwall_drives::watchdog::Watchdog;
+use yieldwall_fieldbus::canopen::{BusId, Frame};
+use yieldwall_link::{CanLink, CobFilter, Role, SocketCan, SocketCanSettings};
+use yieldwall_motion::guard::DeviceSet;
+use yieldwall_rig::live::{AttachError, Attached, Entrance, ServeError, attach, listen, serve};
+use yieldwall_rig::{DeviceServer, simulated_drive, simulated_force_sensor};
+use yieldwall_run::assembly::{bus_id, bus_plan};
+use yieldwall_run::host::open_buses;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {

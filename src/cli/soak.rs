@@ -12,8 +12,8 @@ use serde_json::json;
 use super::failure::{Exit, Failure};
 use super::output::Output;
 use super::replace::{Replace, Written, unwritten};
-use crate::config::Report;
-use crate::soak::{self, Campaign, Outcome, Script, Shipped, Store, StoreError, Tally};
+use yieldwall_config::Report;
+use yieldwall_soak::{self as soak, Campaign, Outcome, Script, Shipped, Store, StoreError, Tally};
 
 /// Violations that are told in full.
 const MOST_TOLD: usize = 20;

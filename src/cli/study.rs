@@ -14,9 +14,9 @@ use serde_json::{Value, json};
 use self::document::{Origin, Pace};
 use super::failure::{Exit, Failure};
 use super::output::Output;
-use crate::batch;
-use crate::study::sweep::{Store, StoreError, Study, Sweep, Table};
-use crate::study::{NAMES, Options, OptionsError, PLANT, study};
+use yieldwall_rig::batch;
+use yieldwall_study::sweep::{Store, StoreError, Study, Sweep, Table};
+use yieldwall_study::{NAMES, Options, OptionsError, PLANT, study};
 
 /// Name of the file of a table that is not computed in shards.
 const WHOLE: &str = "whole";

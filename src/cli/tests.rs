@@ -5,9 +5,9 @@ mod malformed;
 
 use super::failure::{EXIT_CODES, Exit};
 use super::*;
-use crate::config::Source;
 use crate::sample::share;
 use malformed::CASES;
+use yieldwall_config::Source;
 
 #[test]
 fn arguments_are_consistent() {
@@ -39,7 +39,8 @@ fn messages_of_malformed_files() {
     let renderer = super::render::Renderer::new(false);
     let mut classes: Vec<(&str, String)> = Vec::new();
     for case in CASES {
-        let report = crate::config::load(case.source()).err().unwrap_or_else(|| panic!("{} was accepted", case.name));
+        let report =
+            yieldwall_config::load(case.source()).err().unwrap_or_else(|| panic!("{} was accepted", case.name));
         let text = format!("## {}\n{}\n", case.name, renderer.render(&report.diagnostics));
         match classes.last_mut() {
             Some((class, all)) if *class == case.class => all.push_str(&text),
@@ -59,7 +60,7 @@ fn exit_codes_tell_what_happened() {
     assert_eq!(exit("yieldwall"), Exit::Usage);
     assert_eq!(exit("yieldwall confg"), Exit::Usage);
     assert_eq!(exit("yieldwall config check"), Exit::Usage);
-    for name in share(crate::config::builtin_names(), 12) {
+    for name in share(yieldwall_config::builtin_names(), 12) {
         // Drives of odd vendors lack watchdogs, of which is warned.
         let denied = if name.starts_with("vendors/") { "" } else { " --deny-warnings" };
         assert_eq!(exit(&format!("yieldwall --quiet{denied} config check builtin:{name}")), Exit::Ok, "{name}");
@@ -183,14 +184,14 @@ fn devices_and_figures_in_files_are_run_and_drawn() {
 #[test]
 fn a_warning_is_drawn_as_one() {
     let text = malformed::base_text("rig.yaml").replace("radius_m: 0.12", "radius_m: 3.0e-5");
-    let rig = crate::config::load_rig(malformed::with("rig.yaml", "rig.yaml", &text)).unwrap();
+    let rig = yieldwall_config::load_rig(malformed::with("rig.yaml", "rig.yaml", &text)).unwrap();
     insta::assert_snapshot!("warning", super::render::Renderer::new(false).render(&rig.warnings));
 }
 
 #[test]
 fn findings_as_json_have_line_and_column() {
     let case = CASES.iter().find(|case| case.name == "yield below friction").unwrap();
-    let report = crate::config::load(case.source()).unwrap_err();
+    let report = yieldwall_config::load(case.source()).unwrap_err();
     insta::assert_snapshot!("json", serde_json::to_string_pretty(&report).unwrap());
 }
 
@@ -206,7 +207,7 @@ fn advised() -> Vec<(String, String)> {
             }
         }
     }
-    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = &std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let mut paths = vec![root.join("README.md"), root.join("CONTRIBUTING.md")];
     for folder in ["src", "docs", "config", "drives"] {
         files(&root.join(folder), &mut paths);

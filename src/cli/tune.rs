@@ -11,9 +11,9 @@ pub(super) use masses::{Masses, advice};
 use super::failure::{Exit, Failure};
 use super::keep::state_folder;
 use super::output::Output;
-use crate::analysis::coupled_device;
-use crate::config::{self, Document, Source};
-use crate::rig::RigError;
+use yieldwall_config::{self as config, Document, Source};
+use yieldwall_rig::RigError;
+use yieldwall_rig::analysis::coupled_device;
 
 /// Reserve unless another is asked for.
 const RESERVE: f64 = 2.0;

@@ -1,7 +1,7 @@
 //! Curves on paper: cut to a frame, thinned, dashed. Lengths in tenths of a millimetre.
 
-use yieldwall_motion::elementary;
 use std::f64::consts::{FRAC_PI_2, PI};
+use yieldwall_motion::elementary;
 
 /// Half of the greatest distance by which thinning may move a line: 0.02 mm.
 const TOLERANCE: f64 = 0.2;

@@ -1,7 +1,7 @@
 //! What keeps a figure from being drawn.
 
-use yieldwall_record::{Phase, Reference, Row, Trace};
 use std::path::PathBuf;
+use yieldwall_record::{Phase, Reference, Row, Trace};
 
 /// Magnitude up to which a value is drawn: far beyond any rig, and small enough that no sum overflows.
 const LARGEST: f64 = 1e9;

@@ -7,6 +7,7 @@
 //! line by less than 0.04 mm on paper, time curves keep the first, lowest, highest and last value of every 0.05 mm.
 
 mod axes;
+pub mod chart;
 mod comparison;
 mod curve;
 mod error;
@@ -201,4 +202,12 @@ fn heading(page: &mut Page, options: &Options) {
 fn panel_letter(page: &mut Page, at: curve::Point, number: usize) {
     let letter = ('a'..='z').nth(number).unwrap_or('?');
     page.bold_text(at, &format!("({letter})"));
+}
+
+/// The drawing of one run: trajectory with forces, force and power against time.
+///
+/// # Errors
+/// As [`trajectory_and_time`].
+pub fn run(trace: &Trace, heading: Option<String>) -> Result<Drawing, Error> {
+    trajectory_and_time(trace, &Options { heading, ..Options::default() })
 }

@@ -7,12 +7,12 @@
 
 use super::Error;
 use super::curve::{Frame, Point, dashes};
-use yieldwall_motion::elementary;
 use kuva::RasterBackend;
 use kuva::backend::svg::SvgBackend;
 use kuva::render::color::Color as Paint;
 use kuva::render::render::{PathData, Primitive, Scene, TextAnchor, TextSpan};
 use kuva::render::render_utils::arrow_head_path;
+use yieldwall_motion::elementary;
 
 /// Width of every figure: 160 mm.
 pub(super) const WIDTH: f64 = 1600.0;

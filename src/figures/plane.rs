@@ -5,9 +5,9 @@ use super::curve::{Frame, Point};
 use super::legend::{Entry, Sample};
 use super::page::{GREY, PALE, Page, SKY, Stroke, VERMILION};
 use super::{Error, Excerpt, Window, marks};
+use std::f64::consts::TAU;
 use yieldwall_motion::elementary;
 use yieldwall_record::{Reference, Trace};
-use std::f64::consts::TAU;
 
 pub(super) const MM_PER_M: f64 = 1000.0;
 pub(super) const TOOL: Stroke = Stroke { color: SKY, width: 7.0, dash: &[] };

@@ -1,9 +1,9 @@
 //! Every figure, from made-up runs: what must be in it, and what is refused.
 
 use super::*;
+use proptest::prelude::*;
 use yieldwall_motion::elementary;
 use yieldwall_record::{FaultMark, ForceMeaning, Phase, Reference};
-use proptest::prelude::*;
 
 const CIRCLE: Reference = Reference::Circle { center_m: [0.0, 0.0], radius_m: 0.12, is_inside_forbidden: true };
 

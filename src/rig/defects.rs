@@ -1,10 +1,10 @@
 //! What is wrong with a machine from the day on which it was put together, as its parts are made.
 
 use super::error::RigError;
-use crate::config;
-use crate::elementary;
-use crate::injection::{Defect, DefectKind};
-use crate::quantity::{JointAngles, JointRates, JointTorques};
+use yieldwall_config as config;
+use yieldwall_config::injection::{Defect, DefectKind};
+use yieldwall_motion::elementary;
+use yieldwall_motion::quantity::{JointAngles, JointRates, JointTorques};
 
 /// Periods of a cogging torque in a turn of the joint.
 const COGGING_PERIODS: f64 = 100.0;

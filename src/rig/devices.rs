@@ -8,31 +8,31 @@ use super::defects::{self, Defects};
 use super::error::RigError;
 use super::far_end::DEVICES;
 use super::world::{Body, Grip, Ideal, SensorFilter, Truth, World};
-use crate::assembly;
-use crate::assembly::AssemblyError;
-use crate::bus::{CommandMode, SensorLink};
-use crate::canopen::node_id;
-use crate::config;
-use crate::injection::DefectKind;
-use crate::linkage::FiveBar;
-use crate::objects::Address;
-use crate::objects::ServedDevice;
-use crate::quantity::{Force, JointTorques, TipPoint, TipVelocity};
-use crate::run::Pace;
-use crate::sim::arm::{Arm, ArmParameters, JointElasticity};
-use crate::sim::ethercat::{Controller, ControllerSettings, Segment, SimulatedDevice, sii};
-use crate::sim::{
+use yieldwall_bus::{CommandMode, SensorLink};
+use yieldwall_config as config;
+use yieldwall_config::injection::DefectKind;
+use yieldwall_drives::watchdog::Watchdog;
+use yieldwall_fieldbus::canopen::node_id;
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_fieldbus::objects::ServedDevice;
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::linkage::FiveBar;
+use yieldwall_motion::quantity::{Force, JointTorques, TipPoint, TipVelocity};
+use yieldwall_run::Pace;
+use yieldwall_run::assembly;
+use yieldwall_run::assembly::AssemblyError;
+use yieldwall_sim::arm::{Arm, ArmParameters, JointElasticity};
+use yieldwall_sim::ethercat::{Controller, ControllerSettings, Segment, SimulatedDevice, sii};
+use yieldwall_sim::{
     AxisSettings, Drive, DriveSettings, Encoder, EthercatDrive, ForceSensor, ForceSensorSettings, ForceTorqueSensor,
     ForceTorqueSettings, Manner, PositionLoop, Speaks,
 };
-use crate::time::Time;
-use yieldwall_drives::watchdog::Watchdog;
 
 /// By how much the clock of a sensor on plain CAN is slow, in parts per million: a usual crystal. It drifts through the
 /// cycle, once in 20 s at 1 ms.
 const SENSOR_SLOW_PPM: u32 = 50;
 
-pub(super) fn node(raw: u8) -> Result<crate::canopen::NodeId, RigError> {
+pub(super) fn node(raw: u8) -> Result<yieldwall_fieldbus::canopen::NodeId, RigError> {
     node_id(raw).map_err(|error| RigError::Device(error.to_string()))
 }
 

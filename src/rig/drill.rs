@@ -5,10 +5,10 @@ use std::time::Duration;
 use super::embedded::EmbeddedRig;
 use super::error::RigError;
 use super::silence::Silence;
-use crate::config;
-use crate::guard::Request;
-use crate::run::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, watchdogs};
+use yieldwall_config as config;
 use yieldwall_drives::watchdog::Watchdog;
+use yieldwall_motion::guard::Request;
+use yieldwall_run::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, watchdogs};
 
 /// Drills the simulated drives of a rig in virtual time; `prepare` may change each rig before it is enabled.
 ///

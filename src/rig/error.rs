@@ -2,19 +2,19 @@
 
 use thiserror::Error;
 
-use crate::assembly::AssemblyError;
-use crate::bus::BootError;
-use crate::control::ControlError;
-use crate::fixture::FixtureError;
-use crate::guard::Cause;
-use crate::injection::InjectionError;
-use crate::linkage::{GeometryError, LinkageError};
-use crate::sensing::SensingError;
-use crate::sim::arm::ArmError;
-use crate::sim::can::CanError;
-use crate::sim::hand::HandError;
-use crate::sim::point_mass::PointMassError;
+use yieldwall_bus::BootError;
+use yieldwall_config::injection::InjectionError;
 use yieldwall_drives::scaling::ScalingError;
+use yieldwall_motion::control::ControlError;
+use yieldwall_motion::fixture::FixtureError;
+use yieldwall_motion::guard::Cause;
+use yieldwall_motion::linkage::{GeometryError, LinkageError};
+use yieldwall_motion::sensing::SensingError;
+use yieldwall_run::assembly::AssemblyError;
+use yieldwall_sim::arm::ArmError;
+use yieldwall_sim::can::CanError;
+use yieldwall_sim::hand::HandError;
+use yieldwall_sim::point_mass::PointMassError;
 
 /// Why a rig could not be built or could not go on.
 #[derive(Clone, Debug, PartialEq, Error)]

@@ -4,14 +4,14 @@ use super::devices;
 use super::error::RigError;
 use super::line::Line;
 use super::world::World;
-use crate::assembly::device_buses;
-use crate::canopen::{BusId, Frame, Outbox, cob};
-use crate::config;
-use crate::quantity::JointTorques;
-use crate::run::Pace;
-use crate::sim::{Drive, ForceSensor};
-use crate::time::Time;
+use yieldwall_config as config;
 use yieldwall_drives::cia402;
+use yieldwall_fieldbus::canopen::{BusId, Frame, Outbox, cob};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::quantity::JointTorques;
+use yieldwall_run::Pace;
+use yieldwall_run::assembly::device_buses;
+use yieldwall_sim::{Drive, ForceSensor};
 
 /// How many devices there are.
 pub(super) const DEVICES: usize = 3;

@@ -6,10 +6,10 @@ use std::time::Duration;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
-use crate::ethercat::frame::{self, Command, FrameWriter, Span};
-use crate::ethercat::registers as register;
-use crate::injection::{Injection, Kind};
-use crate::time::Time;
+use yieldwall_config::injection::{Injection, Kind};
+use yieldwall_fieldbus::ethercat::frame::{self, Command, FrameWriter, Span};
+use yieldwall_fieldbus::ethercat::registers as register;
+use yieldwall_fieldbus::time::Time;
 
 /// Who sends frames that the master has not sent, and the number of their datagram.
 const STRANGER: [u8; 6] = [0x02, 0, 0, 0, 0, 0x99];

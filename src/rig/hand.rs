@@ -1,8 +1,8 @@
 //! The hand of a scene.
 
 use super::error::RigError;
-use crate::config;
-use crate::sim::hand::{AimError, Hand, HandParameters, Leg, NoiseBand, Path, Speed};
+use yieldwall_config as config;
+use yieldwall_sim::hand::{AimError, Hand, HandParameters, Leg, NoiseBand, Path, Speed};
 
 fn fixed<const N: usize>(point: &[config::Finite], what: &str) -> Result<nalgebra::SVector<f64, N>, RigError> {
     if point.len() != N {

@@ -1,12 +1,12 @@
 //! The impedance device: position in, force out, no bus.
 
 use super::error::RigError;
-use crate::assembly;
-use crate::config;
-use crate::fixture::{Fixture, Shape3};
-use crate::record::DeviceRecord;
-use crate::sim::hand::Hand;
-use crate::sim::point_mass::{PointMass, PointMassParameters};
+use yieldwall_config as config;
+use yieldwall_motion::fixture::{Fixture, Shape3};
+use yieldwall_record::DeviceRecord;
+use yieldwall_run::assembly;
+use yieldwall_sim::hand::Hand;
+use yieldwall_sim::point_mass::{PointMass, PointMassParameters};
 
 /// The fixture of an impedance device, from a reported position to the force of its actuators.
 pub struct ImpedanceLoop(Fixture<Shape3, 3>);

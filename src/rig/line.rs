@@ -5,16 +5,16 @@ use std::time::Duration;
 use super::far_end::{DEVICES, SENSOR};
 use super::frame_faults::register_write;
 use super::misread::{ForceMisread, JointMisread};
-use crate::ethercat::AlStatusCode;
-use crate::ethercat::coe::CoeEmergency;
-use crate::ethercat::frame::SOURCE;
-use crate::injection::{Injection, Kind};
-use crate::sensing::Calibration;
-use crate::sim::ethercat::{Controller, EthercatApplication, Segment, SimulatedDevice};
-use crate::sim::{EthercatDrive, ForceTorqueSensor};
-use crate::time::Time;
+use yieldwall_config::injection::{Injection, Kind};
 use yieldwall_drives::cia402;
 use yieldwall_drives::watchdog::Clock;
+use yieldwall_fieldbus::ethercat::AlStatusCode;
+use yieldwall_fieldbus::ethercat::coe::CoeEmergency;
+use yieldwall_fieldbus::ethercat::frame::SOURCE;
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::sensing::Calibration;
+use yieldwall_sim::ethercat::{Controller, EthercatApplication, Segment, SimulatedDevice};
+use yieldwall_sim::{EthercatDrive, ForceTorqueSensor};
 
 /// Voltage of a drive, hardware of a sensor, a warning: error codes of the emergencies of the catalogue.
 const VOLTAGE: u16 = 0x3210;

@@ -2,10 +2,10 @@
 
 use nalgebra::Vector6;
 
-use crate::injection::{Injection, Kind};
-use crate::sensing::{Calibration, Wrench};
-use crate::time::Time;
+use yieldwall_config::injection::{Injection, Kind};
 use yieldwall_drives::cia402;
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::sensing::{Calibration, Wrench};
 
 /// The encoder of a drive that may lie, and its torque that may run away.
 #[derive(Debug, Default)]

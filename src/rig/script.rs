@@ -1,6 +1,6 @@
 //! Which injection begins and ends when.
 
-use crate::injection::{Injection, Lasts};
+use yieldwall_config::injection::{Injection, Lasts};
 
 /// What waits for its moment, and what acts until its own.
 #[derive(Debug)]

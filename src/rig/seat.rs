@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use super::far_end::{Actuator, Device, Transducer};
-use crate::canopen::{Frame, Outbox, cob};
-use crate::time::Time;
 use yieldwall_drives::cia402;
+use yieldwall_fieldbus::canopen::{Frame, Outbox, cob};
+use yieldwall_fieldbus::time::Time;
 
 /// Longest simulated time in which a device elsewhere is not asked whether something has become due: frames that it gets
 /// from the bus change that.

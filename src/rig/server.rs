@@ -7,13 +7,13 @@ use super::far_end::{DEVICES, FarEnd, Wire};
 use super::seat::{Peer, Seat};
 
 use super::world::{Body, World};
-use crate::canopen::{BusId, Frame, Outbox, cob};
-use crate::config;
-use crate::run::Pace;
-use crate::sim::{Drive, ForceSensor};
-use crate::time::Time;
+use yieldwall_config as config;
 use yieldwall_drives::cia402;
 use yieldwall_drives::watchdog::{Clock, Watchdog};
+use yieldwall_fieldbus::canopen::{BusId, Frame, Outbox, cob};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_run::Pace;
+use yieldwall_sim::{Drive, ForceSensor};
 
 /// Time on the wall without SYNC after which a simulation in lockstep goes on by itself. A master in lockstep waits less
 /// long for process data.
@@ -345,7 +345,7 @@ impl DeviceServer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{builtin, load_rig};
+    use yieldwall_config::{builtin, load_rig};
 
     /// Before the first SYNC drives whose sensor is elsewhere hear each heartbeat when it came, and not when something was due last:
     /// otherwise those of a master that is a little slower than they are would be missed now and then.

@@ -1,14 +1,14 @@
 //! What a drill keeps from the simulated drives.
 
 use super::error::RigError;
-use crate::assembly::device_buses;
-use crate::canopen::{BusId, Frame, cob};
-use crate::config;
-use crate::ethercat::frame::{Command, Datagrams};
-use crate::run::Finding;
-use crate::time::Time;
+use yieldwall_config as config;
 use yieldwall_drives::cia402;
 use yieldwall_drives::watchdog::Watchdog;
+use yieldwall_fieldbus::canopen::{BusId, Frame, cob};
+use yieldwall_fieldbus::ethercat::frame::{Command, Datagrams};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_run::Finding;
+use yieldwall_run::assembly::device_buses;
 
 /// What keeps frames of the master from the drives of an embedded rig, and notes when these stop.
 #[derive(Debug)]

@@ -1,21 +1,21 @@
 //! The physical side of the embedded simulation: the arm with the hand on it, and what the devices feel of it.
 
-use crate::elementary;
 use nalgebra::Vector2;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
+use yieldwall_motion::elementary;
 
 use super::defects::Defects;
 use super::error::RigError;
-use crate::linkage::{FiveBar, Posture};
-use crate::quantity::{Force, JointAngles, JointRates, JointTorques, TipPoint, TipVelocity};
-use crate::run::has_torque;
-use crate::sensing::{Calibration, Mounting};
-use crate::sim::arm::Arm;
-use crate::sim::hand::{Hand, HandLoad};
-use crate::sim::standard_normal;
-use crate::time::Time;
 use yieldwall_drives::cia402;
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::linkage::{FiveBar, Posture};
+use yieldwall_motion::quantity::{Force, JointAngles, JointRates, JointTorques, TipPoint, TipVelocity};
+use yieldwall_motion::sensing::{Calibration, Mounting};
+use yieldwall_run::has_torque;
+use yieldwall_sim::arm::Arm;
+use yieldwall_sim::hand::{Hand, HandLoad};
+use yieldwall_sim::standard_normal;
 
 /// How the tool follows the drives.
 #[derive(Clone, Debug)]

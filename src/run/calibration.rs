@@ -8,9 +8,9 @@ use super::place::Place;
 use super::runner::Runner;
 use super::sensor::Wrenches;
 use crate::assembly::calibration;
-use crate::config;
-use crate::quantity::{Force, JointAngles, TipPoint};
-use crate::sensing::Wrench;
+use yieldwall_config as config;
+use yieldwall_motion::quantity::{Force, JointAngles, TipPoint};
+use yieldwall_motion::sensing::Wrench;
 
 /// How long the force sensor is listened to under each pull, s.
 const LISTENING_S: f64 = 1.0;

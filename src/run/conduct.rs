@@ -3,10 +3,10 @@
 use std::time::Duration;
 
 use super::permit::{Ask, Permit};
-use crate::bus::Waiting;
-use crate::config;
-use crate::guard::State;
+use yieldwall_bus::Waiting;
+use yieldwall_config as config;
 use yieldwall_drives::cia402;
+use yieldwall_motion::guard::State;
 
 /// Samples of the force sensor before the rig asks to be enabled, or as many cycles if those are longer: the drives have
 /// answered, and the sensor's noise is known.

@@ -11,15 +11,15 @@ use super::error::RunError;
 use super::permit::{Ask, Permit};
 use super::place::Place;
 use super::runner::Runner;
-use crate::bus::Master;
-use crate::canopen::Outbox;
-use crate::cycle::LeadLimits;
-use crate::guard::{Device, State};
-use crate::objects::{Address, ObjectAnswer, ObjectRequest};
-use crate::time::Time;
+use yieldwall_bus::Master;
 use yieldwall_drives::cia402::{self, Statusword};
 use yieldwall_drives::objects;
 use yieldwall_drives::watchdog::Watchdog;
+use yieldwall_fieldbus::canopen::Outbox;
+use yieldwall_fieldbus::objects::{Address, ObjectAnswer, ObjectRequest};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::cycle::LeadLimits;
+use yieldwall_motion::guard::{Device, State};
 
 /// Cycles in which everything is sent before something stays away, so that its last moment is known.
 const CYCLES_REPEATED: u32 = 20;
@@ -133,7 +133,7 @@ impl<P: Place> Runner<P> {
         let mut resolution = Duration::ZERO;
         for &watchdog in self.watchdogs {
             self.boot()?;
-            self.enable(settling, &Permit::for_drill(self), is_interrupted)?;
+            self.enable(settling, &Permit::at_rest(self), is_interrupted)?;
             for _ in 0..CYCLES_BEFORE_SILENCE {
                 self.run_cycle(Ask::Nothing);
             }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::config;
+use yieldwall_config as config;
 use yieldwall_drives::cia402::State;
 use yieldwall_drives::profiles::{Reaction, Servo, SetPointWatch, SyncWatch};
 pub use yieldwall_drives::watchdog::TORQUE_LIMIT;

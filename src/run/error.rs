@@ -7,11 +7,11 @@ use thiserror::Error;
 use super::pace::Pace;
 use super::sensor::NoZero;
 use crate::assembly::AssemblyError;
-use crate::bus::{BootError, Heard};
-use crate::canopen::BusId;
-use crate::guard::{Cause, Device, DeviceSet};
-use crate::link::SendError;
+use yieldwall_bus::{BootError, Heard};
 use yieldwall_drives::watchdog::Watchdog;
+use yieldwall_fieldbus::canopen::BusId;
+use yieldwall_link::SendError;
+use yieldwall_motion::guard::{Cause, Device, DeviceSet};
 
 /// A device as a person finds it: by its node id on CAN, or else by what it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -206,7 +206,7 @@ fn because(cause: &Option<Cause>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::guard::Fault;
+    use yieldwall_motion::guard::Fault;
 
     #[test]
     fn what_kept_a_rig_from_being_enabled_is_named_with_the_devices_if_there_are_any() {

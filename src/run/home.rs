@@ -12,13 +12,13 @@ use super::place::Place;
 use super::runner::Runner;
 use super::scene::Ended;
 use crate::assembly::HOMING_COMES_UP_S;
-use crate::bus::HomingState;
-use crate::config;
-use crate::guard::{Cause, Device, State};
-use crate::quantity::JointAngles;
 use push_watch::PushWatch;
 pub use repeat::{NoShift, Repeated};
 use trace::HomingTrace;
+use yieldwall_bus::HomingState;
+use yieldwall_config as config;
+use yieldwall_motion::guard::{Cause, Device, State};
+use yieldwall_motion::quantity::JointAngles;
 
 /// How far a joint may go beyond its way, and one that holds from where it was, rad. An arm that is stopped still slides.
 pub const HOMING_BEYOND_RAD: f64 = 0.05;

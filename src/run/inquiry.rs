@@ -2,12 +2,12 @@
 
 use super::place::{Place, Process};
 use super::runner::Runner;
-use crate::bus::Master;
-use crate::canopen::Outbox;
-use crate::guard::{Device, Fault};
-use crate::objects::{Address, ObjectAnswer, ObjectRequest};
-use crate::time::Time;
+use yieldwall_bus::Master;
 use yieldwall_drives::objects;
+use yieldwall_fieldbus::canopen::Outbox;
+use yieldwall_fieldbus::objects::{Address, ObjectAnswer, ObjectRequest};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::guard::{Device, Fault};
 
 /// What is asked of a drive, in this order: the state comes last, since a fault reaction takes a while.
 const OBJECTS: [objects::Object; 3] = [objects::ERROR_CODE, objects::ERROR_REGISTER, objects::STATUSWORD];

@@ -9,11 +9,11 @@ use super::permit::{Ask, Permit};
 use super::place::Place;
 use super::runner::Runner;
 use super::scene::Ended;
-use crate::config::{self, CommandMode};
-use crate::cycle::LeadLimits;
-use crate::guard::{Cause, State};
-use crate::quantity::JointAngles;
-use crate::record::{AROUND_FAULT_S, CycleRecord};
+use yieldwall_config::{self as config, CommandMode};
+use yieldwall_motion::cycle::LeadLimits;
+use yieldwall_motion::guard::{Cause, State};
+use yieldwall_motion::quantity::JointAngles;
+use yieldwall_record::{AROUND_FAULT_S, CycleRecord};
 
 /// How long the joints are watched at their targets, s. One whose encoder stands still just short of it is pushed on more and more meanwhile.
 const REST_S: f64 = 0.05;

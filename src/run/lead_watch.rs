@@ -7,10 +7,10 @@ use super::place::Place;
 use super::push::{Push, Stand};
 use super::runner::Runner;
 use super::torque_meter::{Metered, TorqueMeter};
-use crate::config;
-use crate::cycle::LeadLimits;
-use crate::guard::JointCommand;
-use crate::record::CycleRecord;
+use yieldwall_config as config;
+use yieldwall_motion::cycle::LeadLimits;
+use yieldwall_motion::guard::JointCommand;
+use yieldwall_record::CycleRecord;
 
 /// By which share of its rate a joint that is led steadily may be led faster or slower.
 const STEADY: f64 = 0.01;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::time::Time;
+use yieldwall_fieldbus::time::Time;
 
 /// Wakes the loop at its grid points.
 pub trait Metronome {

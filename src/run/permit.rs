@@ -2,8 +2,8 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::config::Positive;
-use crate::guard::Request;
+use yieldwall_config::Positive;
+use yieldwall_motion::guard::Request;
 
 /// How far the joints of a rig that has to rest may be led away, rad.
 pub const REST_RAD: f64 = 0.02;
@@ -33,25 +33,25 @@ pub struct Bounds {
 }
 
 /// That a rig may be enabled. A proof makes one ([`Runner::prove`](super::Runner::prove)), or somebody who says by name why there is none
-/// ([`Permit::without_proof`]); nothing else does, as only the guard makes an [`Allowed`](crate::guard::Allowed) command. It is of one
+/// ([`Permit::without_proof`]); nothing else does, as only the guard makes an [`Allowed`](yieldwall_motion::guard::Allowed) command. It is of one
 /// boot of one rig: drives that were booted anew may be others, and [`Runner::check_permit`](super::Runner::check_permit) refuses it.
 ///
 /// ```compile_fail
-/// use yieldwall::run::Permit;
+/// use yieldwall_run::Permit;
 /// // Private to the module that proves.
-/// fn permit<P: yieldwall::run::Place>(rig: &yieldwall::run::Runner<P>) -> Permit {
+/// fn permit<P: yieldwall_run::Place>(rig: &yieldwall_run::Runner<P>) -> Permit {
 ///     Permit::proved(rig)
 /// }
 /// ```
 /// What is asked of a rig with a cycle has no word for enabling it without one:
 /// ```
-/// use yieldwall::run::{Ask, Permit, Place, Runner};
+/// use yieldwall_run::{Ask, Permit, Place, Runner};
 /// fn enable<P: Place>(rig: &mut Runner<P>, permit: &Permit) {
 ///     rig.run_cycle(Ask::Enable(permit));
 /// }
 /// ```
 /// ```compile_fail
-/// use yieldwall::run::{Ask, Permit, Place, Runner};
+/// use yieldwall_run::{Ask, Permit, Place, Runner};
 /// fn enable<P: Place>(rig: &mut Runner<P>) {
 ///     rig.run_cycle(Ask::Enable);
 /// }

@@ -3,11 +3,11 @@
 use std::time::Duration;
 
 use super::metronome::Metronome;
-use crate::canopen::Frame;
-use crate::cycle::Outputs;
-use crate::link::{Arrival, CanLink, EthernetArrival, SendError, Wires};
-use crate::record::Truth;
-use crate::time::Time;
+use yieldwall_fieldbus::canopen::Frame;
+use yieldwall_fieldbus::time::Time;
+use yieldwall_link::{Arrival, CanLink, EthernetArrival, SendError, Wires};
+use yieldwall_motion::cycle::Outputs;
+use yieldwall_record::Truth;
 
 /// Whether the process that runs the loop can run a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,6 +69,16 @@ pub trait Place: Wires {
         None
     }
 }
+
+/// A place in which time is simulated and no real drive listens. A [`Permit`](super::Permit) for it needs no proof, so nothing that
+/// reaches a bus may be one: a place by the wall clock is refused when it is compiled.
+///
+/// ```compile_fail
+/// use yieldwall_run::{OnLink, VirtualPlace};
+///
+/// impl<L, M> VirtualPlace for OnLink<L, M> where OnLink<L, M>: yieldwall_run::Place {}
+/// ```
+pub trait VirtualPlace: Place {}
 
 /// A computer: a link to its buses, and a metronome on the same clock.
 #[derive(Debug)]

@@ -12,14 +12,14 @@ use super::drilled::{Demands, Drilled, Finding, Unsafe};
 use super::error::RunError;
 use super::pace::Pace;
 use super::permit::{Bounds, Permit};
-use super::place::Place;
+use super::place::{Place, VirtualPlace};
 use super::runner::Runner;
 use crate::assembly::torque_limits_per_mille;
-use crate::config;
-use crate::guard::Device;
-use crate::objects::Address;
-use crate::record::trusted;
+use yieldwall_config as config;
 use yieldwall_drives::watchdog::Watchdog;
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_motion::guard::Device;
+use yieldwall_record::trusted;
 
 /// A drive as it says what it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -136,7 +136,7 @@ impl<P: Place> Runner<P> {
     ) -> Result<Permit, NotProven> {
         self.prove(rig, proof)?;
         self.limit_torque(rig, bounds.torque_n_m)?;
-        Ok(Permit::for_bring_up(self, bounds))
+        Ok(Permit::bounded(self, bounds))
     }
 
     /// Tells both drives their torque limit, no more than the rig's own, and the controllers, which then do not count on more.
@@ -154,13 +154,13 @@ impl<P: Place> Runner<P> {
     }
 
     /// The torque limit of a drive, per mille of rated.
-    pub(in crate::run) fn torque_limit(&mut self, rig: &config::Rig, device: Device) -> Result<u32, RunError> {
+    pub(crate) fn torque_limit(&mut self, rig: &config::Rig, device: Device) -> Result<u32, RunError> {
         let at = self.torque_limit_at(rig, device)?;
         self.read(device, at.index, at.sub)
     }
 
     /// Gives a drive a torque limit, per mille of rated, and looks whether it has taken it.
-    pub(in crate::run) fn set_torque_limit(
+    pub(crate) fn set_torque_limit(
         &mut self,
         rig: &config::Rig,
         device: Device,
@@ -179,6 +179,17 @@ impl<P: Place> Runner<P> {
         let limit = servo.and_then(|servo| servo.limits.torque.as_ref());
         let limit = limit.ok_or(RunError::NoTorqueLimit { which: self.which(device) })?;
         Ok(Address::new(limit.index, limit.sub))
+    }
+}
+
+impl<P: VirtualPlace> Runner<P> {
+    /// As [`Runner::prove_for_bring_up`], where no real drive moves and nothing has to be proved.
+    ///
+    /// # Errors
+    /// [`RunError::NoTorqueLimit`] for a drive that takes no limit.
+    pub fn bring_up_in_virtual_time(&mut self, rig: &config::Rig, bounds: Bounds) -> Result<Permit, RunError> {
+        self.limit_torque(rig, bounds.torque_n_m)?;
+        Ok(Permit::bounded(self, bounds))
     }
 }
 
@@ -268,7 +279,7 @@ impl Record {
 ///
 /// # Source
 /// Fowler, Noll, Vo: FNV-1a, 64 bits.
-pub(crate) fn fnv1a(bytes: &[u8]) -> u64 {
+pub fn fnv1a(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
 }
 

@@ -4,11 +4,11 @@
 //! bring-up gave it (0010h, ETG.1000.4): it is asked for by its position.
 
 use crate::assembly::{AssemblyError, bus_id};
-use crate::canopen::{BusId, Frame, NmtState, nmt};
-use crate::config;
-use crate::ethercat::frame::{Command, Datagrams, FrameWriter, LONGEST, SHORTEST, address};
-use crate::ethercat::registers::STATION_ADDRESS;
-use crate::link::{EthernetReceived, Received, Wires};
+use yieldwall_config as config;
+use yieldwall_fieldbus::canopen::{BusId, Frame, NmtState, nmt};
+use yieldwall_fieldbus::ethercat::frame::{Command, Datagrams, FrameWriter, LONGEST, SHORTEST, address};
+use yieldwall_fieldbus::ethercat::registers::STATION_ADDRESS;
+use yieldwall_link::{EthernetReceived, Received, Wires};
 
 /// Arrivals that one look takes of each kind at most. Buses that are left have few.
 const ARRIVALS: usize = 4096;
@@ -112,8 +112,8 @@ mod tests {
     use std::collections::VecDeque;
 
     use super::*;
-    use crate::link::{Arrival, CanLink, EthernetArrival, SendError};
-    use crate::time::Time;
+    use yieldwall_fieldbus::time::Time;
+    use yieldwall_link::{Arrival, CanLink, EthernetArrival, SendError};
 
     /// What has come, and what was sent over a segment.
     #[derive(Default)]

@@ -18,26 +18,26 @@ use super::inquiry::{ErrorWatch, Inquiry};
 use super::metronome::Metronome;
 use super::pace::Pace;
 use super::permit::{Boot, Permit};
-use super::place::{OnLink, Place, Process};
+use super::place::{OnLink, Place, Process, VirtualPlace};
 use super::sensor::Tared;
 use super::standstill::{LEAST, StandstillWatch};
 use crate::assembly::{homing_master, master, request_timeouts};
-use crate::bus::{LinkEvent, Master, Waiting};
-use crate::canopen::BusId;
-use crate::config;
-use crate::cycle::{LeadLimits, Outputs, Timing};
-use crate::ethercat::frame::LONGEST;
-use crate::guard::{Cause, DeviceSet, State};
-use crate::link::{LinkOutbox, Packet, SendError, Wires};
-use crate::quantity::JointAngles;
-use crate::record::{CycleRecord, Stages, Standstill};
-use crate::sensing::{SensingError, TareParameters, Wrench};
-use crate::time::Time;
 pub use alone::ANNOUNCED;
 use motion_bound::MotionBound;
 pub use network::END_OF_WATCH;
+use yieldwall_bus::{LinkEvent, Master, Waiting};
+use yieldwall_config as config;
 use yieldwall_drives::profiles::Tried;
 use yieldwall_drives::watchdog::Watchdog;
+use yieldwall_fieldbus::canopen::BusId;
+use yieldwall_fieldbus::ethercat::frame::LONGEST;
+use yieldwall_fieldbus::time::Time;
+use yieldwall_link::{LinkOutbox, Packet, SendError, Wires};
+use yieldwall_motion::cycle::{LeadLimits, Outputs, Timing};
+use yieldwall_motion::guard::{Cause, DeviceSet, State};
+use yieldwall_motion::quantity::JointAngles;
+use yieldwall_motion::sensing::{SensingError, TareParameters, Wrench};
+use yieldwall_record::{CycleRecord, Stages, Standstill};
 
 /// How far apart both frames of a sample on plain CAN may come in lockstep.
 const PAIR_GAP: Duration = Duration::from_secs(1);
@@ -152,6 +152,18 @@ impl<L: Wires, M: Metronome> Runner<OnLink<L, M>> {
     /// Where parts of the configuration do not fit together.
     pub fn on_link(rig: &config::Rig, link: L, metronome: M, pace: Pace) -> Result<Self, RunError> {
         Self::new(rig, &rig.fixture, OnLink { link, metronome }, pace)
+    }
+}
+
+impl<P: VirtualPlace> Runner<P> {
+    /// The place, to change it.
+    pub fn place_mut(&mut self) -> &mut P {
+        &mut self.place
+    }
+
+    /// The panic of a cycle, once.
+    pub fn take_panic(&mut self) -> Option<Box<dyn Any + Send>> {
+        self.panic.take()
     }
 }
 
@@ -307,7 +319,7 @@ impl<P: Place> Runner<P> {
         self.master.forget_told();
     }
 
-    /// Has the joints be led in place of the fixture, as [`Cycle::lead`](crate::cycle::Cycle::lead).
+    /// Has the joints be led in place of the fixture, as [`Cycle::lead`](yieldwall_motion::cycle::Cycle::lead).
     pub(super) fn lead(&mut self, limits: Option<LeadLimits>) {
         self.leads = limits.is_some();
         self.master.lead(limits);
@@ -356,21 +368,9 @@ impl<P: Place> Runner<P> {
         &self.place
     }
 
-    /// Where it runs, to change it.
-    #[cfg(feature = "sim")]
-    pub(crate) fn place_mut(&mut self) -> &mut P {
-        &mut self.place
-    }
-
     /// Whether a cycle has panicked: none computes anything any more.
     pub fn has_panicked(&self) -> bool {
         self.has_panicked
-    }
-
-    /// With what the cycle has panicked, once.
-    #[cfg(feature = "sim")]
-    pub(crate) fn take_panic(&mut self) -> Option<Box<dyn Any + Send>> {
-        self.panic.take()
     }
 
     /// Grid point of the next cycle, since switching on; [`Time::NEVER`] before the first one is known.

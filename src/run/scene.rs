@@ -8,9 +8,9 @@ use super::orders::Orders;
 use super::permit::{Ask, Permit};
 use super::place::Place;
 use super::runner::Runner;
-use crate::config;
-use crate::guard::{Cause, Device, State};
-use crate::record::{AROUND_FAULT_S, CycleRecord};
+use yieldwall_config as config;
+use yieldwall_motion::guard::{Cause, Device, State};
+use yieldwall_record::{AROUND_FAULT_S, CycleRecord};
 
 /// How long the drives are asked for their errors that did not come to run, s.
 const ERRORS_LIMIT_S: f64 = 0.5;
@@ -155,7 +155,10 @@ impl<P: Place> Runner<P> {
     }
 
     /// Tares the force sensor, if the rig file wants that, and asks a booted rig to be enabled until it runs, if the permit is of this boot.
-    pub(crate) fn come_to_run(
+    ///
+    /// # Errors
+    /// As [`Runner::enable`], which stops the rig then; this leaves that to the caller.
+    pub fn come_to_run(
         &mut self,
         mut enabling: Enabling,
         permit: &Permit,
@@ -230,7 +233,7 @@ impl<P: Place> Runner<P> {
     }
 
     /// Runs cycles until both drives have said what is wrong with them, for [`ERRORS_LIMIT_S`] at most.
-    pub(crate) fn hear_errors(&mut self) {
+    pub fn hear_errors(&mut self) {
         self.forget_errors();
         for _ in 0..self.cycles_in(ERRORS_LIMIT_S) {
             self.ask_for_errors();

@@ -9,8 +9,8 @@ use super::permit::Ask;
 use super::place::Place;
 use super::runner::Runner;
 use crate::assembly::calibration;
-use crate::config::{self, Positive};
-use crate::sensing::{TareFault, TareParameters, TareState, Wrench};
+use yieldwall_config::{self as config, Positive};
+use yieldwall_motion::sensing::{TareFault, TareParameters, TareState, Wrench};
 
 /// How long samples are taken, s, and how many at least.
 const TARE_S: f64 = 0.5;
@@ -162,7 +162,7 @@ impl<P: Place> Runner<P> {
             match self.master().cycle().sensing().tare_state() {
                 Some(TareState::Done(zero)) => {
                     let (x, y) = (zero.0.x, zero.0.y);
-                    let force_n = crate::elementary::hypot(x, y);
+                    let force_n = yieldwall_motion::elementary::hypot(x, y);
                     if force_n <= tared.most_n {
                         return Ok(zero);
                     }

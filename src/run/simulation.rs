@@ -4,9 +4,9 @@ use super::error::RunError;
 use super::pace::Pace;
 use super::place::Place;
 use super::runner::Runner;
-use crate::guard::Device;
 use yieldwall_drives::objects;
 use yieldwall_drives::watchdog::{Clock, Watchdog};
+use yieldwall_motion::guard::Device;
 
 impl<P: Place> Runner<P> {
     /// Asks the drives of a booted network whether they are simulated, by their object 2012h, and if so, whether for this pace. In

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use crate::record::Standstill;
-use crate::time::Time;
+use yieldwall_fieldbus::time::Time;
+use yieldwall_record::Standstill;
 
 /// A standstill shorter than this explains nothing where no cycle has to be in time.
 pub(super) const LEAST: Duration = Duration::from_millis(100);

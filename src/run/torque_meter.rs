@@ -5,11 +5,11 @@ use super::permit::Ask;
 use super::place::Place;
 use super::runner::Runner;
 use crate::assembly::{AssemblyError, scaling};
-use crate::config;
-use crate::guard::Device;
-use crate::objects::{Address, ObjectAnswer, ObjectRequest};
+use yieldwall_config as config;
 use yieldwall_drives::objects::TORQUE_ACTUAL;
 use yieldwall_drives::scaling::AxisScaling;
+use yieldwall_fieldbus::objects::{Address, ObjectAnswer, ObjectRequest};
+use yieldwall_motion::guard::Device;
 
 /// Cycles for which the last answer is waited at most.
 const LAST_CYCLES: u32 = 1000;

@@ -6,7 +6,7 @@ use yieldwall_drives::cia402::Command;
 use yieldwall_drives::objects;
 
 use super::scan::number;
-use crate::objects::Address;
+use yieldwall_fieldbus::objects::Address;
 
 /// Why an object is not written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

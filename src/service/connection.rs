@@ -6,14 +6,14 @@ use std::time::Duration;
 
 use thiserror::Error;
 
-use crate::canopen::lss::{LssMaster, LssOutcome, LssRequest};
-use crate::canopen::{
+use yieldwall_fieldbus::canopen::lss::{LssMaster, LssOutcome, LssRequest};
+use yieldwall_fieldbus::canopen::{
     BusId, Emergency, Frame, NmtCommand, NmtState, NodeId, Outbox, SdoClient, SdoClients, SdoOutcome, SdoReply,
     SdoTicket, cob, nmt,
 };
-use crate::link::{Arrival, CanLink, LinkOutbox, Received, SendError};
-use crate::objects::{AbortCode, Address, ObjectRequest};
-use crate::time::Time;
+use yieldwall_fieldbus::objects::{AbortCode, Address, ObjectRequest};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_link::{Arrival, CanLink, LinkOutbox, Received, SendError};
 
 /// Longest wait before the wish to end is looked at.
 const LOOK_UP: Duration = Duration::from_millis(50);

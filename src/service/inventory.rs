@@ -9,10 +9,10 @@ use super::connection::{Error, Service};
 use super::known::known;
 use super::object_access::ObjectAccess;
 use super::scan::{identify, of_node};
-use crate::canopen::NodeId;
-use crate::canopen::lss::{LssAddress, LssOutcome, LssRequest};
-use crate::link::CanLink;
-use crate::objects::{AbortCode, Address};
+use yieldwall_fieldbus::canopen::NodeId;
+use yieldwall_fieldbus::canopen::lss::{LssAddress, LssOutcome, LssRequest};
+use yieldwall_fieldbus::objects::{AbortCode, Address};
+use yieldwall_link::CanLink;
 
 /// Where objects may lie: communication, vendor, profiles. What is above belongs to network variables and bridges.
 const RANGES: [std::ops::Range<u16>; 3] = [0x1000..0x2000, 0x2000..0x6000, 0x6000..0xa000];

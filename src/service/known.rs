@@ -3,7 +3,7 @@
 use yieldwall_drives::eds::{self, Eds};
 use yieldwall_drives::objects;
 
-use crate::objects::Address;
+use yieldwall_fieldbus::objects::Address;
 
 /// UNSIGNED8 and UNSIGNED32 by their numbers.
 const U8: u16 = 0x05;

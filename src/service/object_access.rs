@@ -1,9 +1,9 @@
 //! The objects of one device, on whatever bus it is.
 
 use super::connection::{Bytes, Error, Service};
-use crate::canopen::NodeId;
-use crate::link::CanLink;
-use crate::objects::Address;
+use yieldwall_fieldbus::canopen::NodeId;
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_link::CanLink;
 
 /// Reads and writes the objects of one device.
 pub trait ObjectAccess {

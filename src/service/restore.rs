@@ -9,7 +9,7 @@ use super::caution::Caution;
 use super::connection::Error;
 use super::known::{Known, known};
 use super::object_access::ObjectAccess;
-use crate::objects::{AbortCode, Address};
+use yieldwall_fieldbus::objects::{AbortCode, Address};
 
 /// Bit 31 of a COB-ID: the PDO is not used.
 const NOT_USED: u32 = 0x8000_0000;

@@ -5,9 +5,9 @@ use std::time::Duration;
 use yieldwall_drives::eds::Value;
 
 use super::connection::{Error, Heard, Service};
-use crate::canopen::{NodeId, node_id};
-use crate::link::CanLink;
-use crate::objects::Address;
+use yieldwall_fieldbus::canopen::{NodeId, node_id};
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_link::CanLink;
 
 /// What every device has: its type.
 const DEVICE_TYPE: Address = Address::new(0x1000, 0);

@@ -7,10 +7,10 @@ use std::time::Duration;
 use yieldwall_drives::eds::{Eds, Node as Of};
 
 use super::*;
-use crate::canopen::{BusId, NmtCommand, NmtState, NodeId, cob, nmt, node_id};
-use crate::config;
-use crate::live::VirtualLink;
-use crate::objects::{AbortCode, Address};
+use yieldwall_config as config;
+use yieldwall_fieldbus::canopen::{BusId, NmtCommand, NmtState, NodeId, cob, nmt, node_id};
+use yieldwall_fieldbus::objects::{AbortCode, Address};
+use yieldwall_rig::live::VirtualLink;
 
 fn node(raw: u8) -> NodeId {
     node_id(raw).unwrap()
@@ -46,7 +46,7 @@ fn downloads_come_in_an_order_that_devices_take() {
         [6040]\nParameterName=Controlword\nDataType=6\nAccessType=rw\nParameterValue=15\n\
         [6072]\nParameterName=Max torque\nDataType=6\nAccessType=rw\nParameterValue=900\n";
     let eds = yieldwall_drives::eds::Eds::read(text.as_bytes()).unwrap().eds;
-    let node = crate::canopen::node_id(5).unwrap();
+    let node = yieldwall_fieldbus::canopen::node_id(5).unwrap();
     let written = |explained| -> Vec<(String, Vec<u8>)> {
         super::downloads(&eds, explained, node.raw()).0.into_iter().map(|(at, bytes)| (at.to_string(), bytes)).collect()
     };
@@ -193,27 +193,27 @@ fn a_device_tells_of_its_errors_while_nobody_asks() {
 /// A link that notes what is sent, and has somebody wish to end after so many frames.
 struct Watched {
     link: VirtualLink,
-    sent: Vec<crate::canopen::Frame>,
+    sent: Vec<yieldwall_fieldbus::canopen::Frame>,
     ends_after: usize,
     is_over: Arc<AtomicBool>,
 }
 
-impl crate::link::CanLink for Watched {
-    fn now(&self) -> crate::time::Time {
+impl yieldwall_link::CanLink for Watched {
+    fn now(&self) -> yieldwall_fieldbus::time::Time {
         self.link.now()
     }
 
-    fn receive(&mut self) -> Option<crate::link::Arrival> {
+    fn receive(&mut self) -> Option<yieldwall_link::Arrival> {
         self.link.receive()
     }
 
-    fn send(&mut self, frame: &crate::canopen::Frame) -> Result<(), crate::link::SendError> {
+    fn send(&mut self, frame: &yieldwall_fieldbus::canopen::Frame) -> Result<(), yieldwall_link::SendError> {
         self.sent.push(*frame);
         self.is_over.fetch_or(self.sent.len() == self.ends_after, std::sync::atomic::Ordering::Relaxed);
         self.link.send(frame)
     }
 
-    fn wait(&mut self, until: crate::time::Time) -> bool {
+    fn wait(&mut self, until: yieldwall_fieldbus::time::Time) -> bool {
         self.link.wait(until)
     }
 }
@@ -247,7 +247,7 @@ fn a_drive_is_adopted_and_has_its_values_again() {
     assert_eq!(profile.value.servo().unwrap().process_data.supported_modes(), 0x380);
     assert!(missing.iter().any(|line| line.contains("as the drill shows it")), "{missing:?}");
     // Its controlword was never written, nor did anybody start it.
-    let is_harmless = |frame: &&crate::canopen::Frame| match frame.id() {
+    let is_harmless = |frame: &&yieldwall_fieldbus::canopen::Frame| match frame.id() {
         0x601 | 0x701 => true,
         // Whether it has LSS: identify remote slave.
         0x7e5 => (0x46..=0x4b).contains(&frame.bytes()[0]),
@@ -259,8 +259,9 @@ fn a_drive_is_adopted_and_has_its_values_again() {
         "{:?}",
         before.device
     );
-    let writes_controlword =
-        |frame: &&crate::canopen::Frame| frame.bytes()[0] & 0xe0 == 0x20 && frame.bytes()[1..3] == [0x40, 0x60];
+    let writes_controlword = |frame: &&yieldwall_fieldbus::canopen::Frame| {
+        frame.bytes()[0] & 0xe0 == 0x20 && frame.bytes()[1..3] == [0x40, 0x60]
+    };
     assert_eq!(service.link().sent.iter().filter(writes_controlword).count(), 0);
 }
 

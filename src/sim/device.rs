@@ -3,8 +3,10 @@
 use yieldwall_drives::objects::{self, DataType};
 use yieldwall_drives::profiles::{DeviceProfile, Entry, Pdo};
 
-use crate::canopen::CanopenError;
-use crate::objects::{Access, DeviceIdentity, DictionaryError, Handle, Mappable, Object, ObjectDictionary, Scalar};
+use yieldwall_fieldbus::canopen::CanopenError;
+use yieldwall_fieldbus::objects::{
+    Access, DeviceIdentity, DictionaryError, Handle, Mappable, Object, ObjectDictionary, Scalar,
+};
 
 /// What building a simulated device refuses.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 use rand_xoshiro::rand_core::Rng;
 
 use super::share_of_one;
-use crate::elementary;
+use yieldwall_motion::elementary;
 
 /// Layers of equal area that cover the density on one side.
 const LAYERS: usize = 256;

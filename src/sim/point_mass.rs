@@ -179,9 +179,9 @@ impl<const N: usize> PointMass<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::elementary;
-    use crate::sim::hand::{Hand, HandParameters, Leg, NoiseBand, Path};
+    use crate::hand::{Hand, HandParameters, Leg, NoiseBand, Path};
     use nalgebra::{Vector1, Vector3};
+    use yieldwall_motion::elementary;
 
     const DEVICE: PointMassParameters =
         PointMassParameters { mass_kg: 0.05, damping_n_s_per_m: 0.5, position_resolution_m: 5.5e-5 };

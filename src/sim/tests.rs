@@ -1,13 +1,13 @@
 //! Two drives and a sensor on one bus, with a script in the master's place.
 
-use crate::config::shipped_profile;
+use yieldwall_config::shipped_profile;
 use yieldwall_drives::cia402::OperationMode;
 use yieldwall_drives::scaling::{AxisScaling, Direction};
 
 use super::can::{BitTiming, Delivery, QueueOrder, VirtualBus};
 use super::*;
-use crate::canopen::{Frame, node_id};
-use crate::time::Time;
+use yieldwall_fieldbus::canopen::{Frame, node_id};
+use yieldwall_fieldbus::time::Time;
 
 const MASTER: usize = 0;
 const SENSOR: usize = 3;

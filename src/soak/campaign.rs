@@ -7,7 +7,7 @@ use super::draw::Shipped;
 use super::seed::run_seed;
 use super::store::{Store, StoreError};
 use super::tally::Outcome;
-use crate::batch;
+use yieldwall_rig::batch;
 
 /// What is run.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -3,7 +3,7 @@
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
-use crate::sim::share_of_one;
+use yieldwall_sim::share_of_one;
 
 /// A stream of draws. Streams of one seed with different purposes know nothing of each other, so that leaving a fault
 /// out does not change the hand.

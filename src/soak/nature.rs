@@ -1,8 +1,8 @@
 //! What the kinds of the catalogue mean for a judgement from outside.
 
 use super::observation::Falsified;
-use crate::guard::Fault;
-use crate::injection::{Ending, Injection, Kind, Lasts, Medium, Recovery};
+use yieldwall_config::injection::{Ending, Injection, Kind, Lasts, Medium, Recovery};
+use yieldwall_motion::guard::Fault;
 
 /// Time in s for which what an injection falsified still shows after its end: the arm settles, the filter runs out.
 const LINGERS_S: f64 = 0.5;

@@ -6,8 +6,8 @@
 use yieldwall_drives::cia402;
 
 use super::segment::OnCableAt;
-use crate::canopen::Frame;
-use crate::guard::{Fault, Request, State};
+use yieldwall_fieldbus::canopen::Frame;
+use yieldwall_motion::guard::{Fault, Request, State};
 
 /// Who put a frame on the wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

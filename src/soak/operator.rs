@@ -1,7 +1,7 @@
 //! The person at the rig.
 
 use super::dice::{Dice, Purpose};
-use crate::guard::{Request, State};
+use yieldwall_motion::guard::{Request, State};
 
 /// Share of cycles in which the person presses a button that has no meaning then.
 const IDLE_TOUCH: f64 = 2e-4;

@@ -4,8 +4,8 @@ use std::fmt::Write;
 
 use super::invariant::Invariant;
 use super::tally::{FaultTally, Tally};
-use crate::guard::fault::{Bound, Row, TABLE};
-use crate::injection::CATALOGUE;
+use yieldwall_config::injection::CATALOGUE;
+use yieldwall_motion::guard::fault::{Bound, Row, TABLE};
 
 /// One table, its first row the head.
 struct Table(Vec<Vec<String>>);

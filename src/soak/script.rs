@@ -6,7 +6,7 @@ use std::str::FromStr;
 use super::dice::{Dice, Purpose};
 use super::draw::Machine;
 use super::{Shipped, nature};
-use crate::injection::{CATALOGUE, Injection, InjectionError, Kind, Lasts, Target};
+use yieldwall_config::injection::{CATALOGUE, Injection, InjectionError, Kind, Lasts, Target};
 
 /// One seed in so many brings what is there from switching on.
 const BOOT_EVERY: u64 = 10;
@@ -202,8 +202,8 @@ fn parse(part: &str) -> Result<Injection, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::injection::Medium;
     use std::collections::BTreeMap;
+    use yieldwall_config::injection::Medium;
 
     #[test]
     fn a_fault_that_the_bus_of_a_seed_lacks_is_refused() {

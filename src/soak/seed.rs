@@ -6,7 +6,7 @@ use super::invariant::{Invariant, Violation};
 use super::script::Script;
 use super::shrink::shrink;
 use super::tally::Outcome;
-use crate::guard::fault::TABLE;
+use yieldwall_motion::guard::fault::TABLE;
 
 /// One seed in so many is run twice.
 const TWICE_EVERY: u64 = 16;

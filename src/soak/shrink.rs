@@ -4,7 +4,7 @@ use super::attempt::run_script;
 use super::draw::Machine;
 use super::invariant::{Invariant, Violation};
 use super::script::Script;
-use crate::injection::Injection;
+use yieldwall_config::injection::Injection;
 
 /// Most runs that are spent on one violation.
 const MOST_RUNS: u32 = 60;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 use super::tally::Outcome;
-use crate::batch::{Lines, LinesError};
+use yieldwall_rig::batch::{Lines, LinesError};
 
 /// Name of the file in the folder of a campaign.
 const FILE: &str = "outcomes.jsonl";

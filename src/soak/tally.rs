@@ -8,8 +8,8 @@ use super::checker::Peaks;
 use super::invariant::Violation;
 use super::session::End;
 use super::verdict::{Followed, Seen};
-use crate::guard::fault::TABLE;
-use crate::injection::CATALOGUE;
+use yieldwall_config::injection::CATALOGUE;
+use yieldwall_motion::guard::fault::TABLE;
 
 /// What one seed gave, as it stands in a line of the results file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

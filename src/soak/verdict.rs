@@ -13,10 +13,10 @@ use super::nature;
 use super::script::Script;
 use super::session::{End, Event, Play};
 use super::tolerance;
-use crate::guard::fault::Stage;
-use crate::guard::{Fault, Reaction, State};
-use crate::injection::{Ending, Injection, Kind, Medium, Target};
 use clock::{Clock, HAND_FAULTS};
+use yieldwall_config::injection::{Ending, Injection, Kind, Medium, Target};
+use yieldwall_motion::guard::fault::Stage;
+use yieldwall_motion::guard::{Fault, Reaction, State};
 
 /// Slack of moments in s, far below a cycle.
 const SLACK_S: f64 = 1e-9;

@@ -1,9 +1,8 @@
 //! Which drawing shows which run, as in the paper.
 
 use super::reproduce::{FIG13, FigureRun, Mode};
-use crate::record::Trace;
-use crate::record::figure::{Drawing, Error, Options, TimeSpan, View, Window, hold_comparison, magnified};
-use crate::report::drawing::run;
+use yieldwall_figures::{Drawing, Error, Options, TimeSpan, View, Window, hold_comparison, magnified, run};
+use yieldwall_record::Trace;
 
 /// Rows shown before and after the first impact in Figs 14 and 15, in s.
 const AROUND_IMPACT_S: [f64; 2] = [0.1, 0.3];
@@ -20,7 +19,7 @@ pub struct NamedDrawing {
 /// The drawings of one figure: one for each way in which its machine was driven.
 ///
 /// # Errors
-/// As the drawings of [`crate::record::figure`].
+/// As the drawings of [`yieldwall_figures`].
 pub fn figure(runs: &[FigureRun]) -> Result<Vec<NamedDrawing>, Error> {
     let mut modes: Vec<Mode> = runs.iter().map(|run| run.mode).collect();
     modes.dedup();

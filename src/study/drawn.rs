@@ -8,12 +8,12 @@ use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::SeedableRng;
 
 use super::bench::BenchParameters;
-use crate::assembly::{planar_fixture, torque_servo};
-use crate::config;
-use crate::elementary;
-use crate::fixture::{Fixture, Shape2};
-use crate::rig::simulated_arm;
-use crate::sim::share_of_one;
+use yieldwall_config as config;
+use yieldwall_motion::elementary;
+use yieldwall_motion::fixture::{Fixture, Shape2};
+use yieldwall_rig::simulated_arm;
+use yieldwall_run::assembly::{planar_fixture, torque_servo};
+use yieldwall_sim::share_of_one;
 
 /// Peak over mean speed of a way by minimum jerk.
 pub(super) const PEAK: f64 = 1.875;

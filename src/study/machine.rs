@@ -2,9 +2,9 @@
 
 use std::ops::ControlFlow;
 
-use crate::config::{self, Document, Report, Source};
-use crate::report::{Overrides, RunReport, Stage, Watch, run_device, run_rig};
-use crate::rig::RigError;
+use yieldwall_config::{self as config, Document, Report, Source};
+use yieldwall_rig::RigError;
+use yieldwall_rig::report::{Overrides, RunReport, Stage, Watch, run_device, run_rig};
 
 /// An admittance rig or an impedance device.
 #[derive(Clone, Debug)]

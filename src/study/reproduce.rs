@@ -4,11 +4,11 @@ use std::fmt;
 use std::path::Path;
 
 use super::machine::{Machine, to_the_end};
-use crate::config::{self, Loaded, Report, Source};
-use crate::record::Trace;
-use crate::report::measures::Measures;
-use crate::report::{Overrides, RunReport, Stage, Watch, run_rig};
-use crate::rig::RigError;
+use yieldwall_config::{self as config, Loaded, Report, Source};
+use yieldwall_record::Trace;
+use yieldwall_rig::RigError;
+use yieldwall_rig::report::measures::Measures;
+use yieldwall_rig::report::{Overrides, RunReport, Stage, Watch, run_rig};
 
 /// The figures that can be reproduced, in the paper's order.
 pub const FIGURES: [&str; 8] = ["fig8", "fig9", "fig11", "fig12", "fig13", "fig14", "fig15", "fig16"];

@@ -148,7 +148,7 @@ const PROGRAM: &str = "yieldwall-planted";
 /// invariants that did not hold. The command line is not built for it.
 const MAIN: &str = r#"//! The soak alone.
 
-use yieldwall::soak::{Shipped, run_seed};
+use yieldwall_soak::{Shipped, run_seed};
 
 fn main() {
     let number = |at: usize| std::env::args().nth(at).and_then(|text| text.parse::<u64>().ok()).expect("a number");
@@ -187,13 +187,13 @@ fn plant(root: &Path, folder: &Path) -> Result<PathBuf, String> {
     if tree.exists() {
         fs::remove_dir_all(&tree).map_err(|error| at(&tree, &error))?;
     }
-    for part in ["src", "drives", "config", "examples", "hil-tests", "build.rs", "Cargo.toml", "Cargo.lock"] {
+    for part in ["src", "drives", "config", "examples", "hil-tests", "Cargo.toml", "Cargo.lock"] {
         copy(&root.join(part), &tree.join(part))?;
     }
     for (index, defect) in DEFECTS.iter().enumerate() {
         replace(&tree.join(defect.file), defect.from, &choice(index + 1, defect))?;
     }
-    for package in ["src", "src/fieldbus", "src/motion"] {
+    for package in ["src/bus", "src/fieldbus", "src/motion"] {
         let library = tree.join(package).join("lib.rs");
         let text = fs::read_to_string(&library).map_err(|error| at(&library, &error))?;
         let text = format!(
@@ -207,7 +207,8 @@ fn plant(root: &Path, folder: &Path) -> Result<PathBuf, String> {
     // A program of another name without the command line, so that it can share the built dependencies.
     let program = tree.join("src/program/Cargo.toml");
     replace(&program, "name = \"yieldwall\"", &format!("name = \"{PROGRAM}\""))?;
-    replace(&program, "features = [\"cli\"]", "features = [\"sim\"]")?;
+    replace(&program, "full = [\"yieldwall-cli/full\"]", "full = []")?;
+    replace(&program, "yieldwall-cli.workspace", "yieldwall-soak.workspace")?;
     // And of another version: cargo takes packages of one name and version in one folder of built files for the same, wherever
     // their sources lie, and would not build the program itself anew afterwards.
     let plain = "[workspace.package]\nversion = \"0.1.0";
@@ -215,7 +216,11 @@ fn plant(root: &Path, folder: &Path) -> Result<PathBuf, String> {
     let lock = tree.join("Cargo.lock");
     let mut locked = fs::read_to_string(&lock).map_err(|error| at(&lock, &error))?;
     for package in locked.clone().split("[[package]]\n").filter(|package| !package.contains("\nsource = ")) {
-        locked = locked.replace(package, &package.replace("version = \"0.1.0\"", "version = \"0.1.0+planted\""));
+        let mut planted = package.replace("version = \"0.1.0\"", "version = \"0.1.0+planted\"");
+        if package.contains("\"yieldwall-program\"") {
+            planted = planted.replace("\"yieldwall-cli\"", "\"yieldwall-soak\"");
+        }
+        locked = locked.replace(package, &planted);
     }
     fs::write(&lock, locked).map_err(|error| at(&lock, &error))?;
     let target = root.join("target");

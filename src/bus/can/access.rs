@@ -1,18 +1,18 @@
 //! Objects of the nodes, beside the boot.
 
 use super::CanNetwork;
-use crate::bus::phase::Phase;
-use crate::canopen::Outbox;
-use crate::guard::Device;
-use crate::objects::{ObjectAnswer, ObjectError, ObjectRequest};
-use crate::time::Time;
+use crate::phase::Phase;
+use yieldwall_fieldbus::canopen::Outbox;
+use yieldwall_fieldbus::objects::{ObjectAnswer, ObjectError, ObjectRequest};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::guard::Device;
 
 impl CanNetwork {
     /// Begins to read or to write an object of a device.
     ///
     /// # Errors
     /// If the network was not booted, the device has no objects or has not answered the last request, or the value is too long.
-    pub(in crate::bus) fn ask(
+    pub(crate) fn ask(
         &mut self,
         now: Time,
         device: Device,
@@ -32,7 +32,7 @@ impl CanNetwork {
     /// How what was asked of a device last has ended.
     ///
     /// Real-time: yes.
-    pub(in crate::bus) fn answer(&self, device: Device) -> ObjectAnswer<'_> {
+    pub(crate) fn answer(&self, device: Device) -> ObjectAnswer<'_> {
         match self.nodes.iter().find(|node| node.device == device) {
             Some(node) => node.transfer.answer(),
             None => ObjectAnswer::Failed(ObjectError::NoObjects),
@@ -40,7 +40,7 @@ impl CanNetwork {
     }
 
     /// The node id of a device; `None` for a sensor on plain CAN.
-    pub(in crate::bus) fn node_id(&self, device: Device) -> Option<u8> {
+    pub(crate) fn node_id(&self, device: Device) -> Option<u8> {
         self.nodes.iter().find(|node| node.device == device).map(|node| node.id.raw())
     }
 }

@@ -1,11 +1,8 @@
 //! The configuration of one node by SDO, as a list of steps.
 
-use crate::bus::error::BootFailure;
-use crate::bus::script::{self, Action, Script, Step, common, lacking, mapped, mapping, servo, verify, width_mask};
-use crate::bus::setup::{DriveSetup, MasterSetup, SensorNode};
-use crate::canopen::{Frame, NmtCommand, NodeId, Outbox, SdoClient, SdoOutcome, cob};
-use crate::objects::{ObjectError, ObjectRequest};
-use crate::time::Time;
+use crate::error::BootFailure;
+use crate::script::{self, Action, Script, Step, common, lacking, mapped, mapping, servo, verify, width_mask};
+use crate::setup::{DriveSetup, MasterSetup, SensorNode};
 use std::time::Duration;
 use yieldwall_drives::objects;
 use yieldwall_drives::profiles::{
@@ -13,6 +10,9 @@ use yieldwall_drives::profiles::{
     TimeUnit, TimedObject,
 };
 use yieldwall_drives::watchdog::{HEARTBEAT_PERIODS, WATCHED_CYCLES};
+use yieldwall_fieldbus::canopen::{Frame, NmtCommand, NodeId, Outbox, SdoClient, SdoOutcome, cob};
+use yieldwall_fieldbus::objects::{ObjectError, ObjectRequest};
+use yieldwall_fieldbus::time::Time;
 
 /// How often a node may restart while it is configured: a node that was switched on together with the master
 /// announces itself once more after the reset command.
@@ -271,7 +271,7 @@ mod tests {
     #[test]
     fn remapping_switches_the_pdo_off_first_and_on_last() {
         let node = cob::node_id(1).unwrap();
-        let profile = crate::config::shipped_profile("simulated-servo");
+        let profile = yieldwall_config::shipped_profile("simulated-servo");
         let steps = pdos(&profile, profile.pdos(Some(OperationMode::CyclicTorque)).unwrap(), node, 5).unwrap();
         assert_eq!((steps[0].index, steps[0].sub, steps[0].action), (0x1400, 1, Action::Write { value: 0x8000_0201 }));
         assert_eq!((steps[1].index, steps[1].sub, steps[1].action), (0x1600, 0, Action::Write { value: 0 }));

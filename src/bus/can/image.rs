@@ -2,17 +2,17 @@
 
 mod plan;
 
-use crate::bus::axis::{DriveOrders, DriveWords};
-use crate::bus::error::BootFailure;
-use crate::bus::setup::{BrakeWords, DriveSetup, SensorNode};
-use crate::canopen::pdo::Field;
-use crate::canopen::{BusId, Frame, NodeId, Outbox, cob};
-use crate::guard::DeviceSet;
-use crate::plain_can::{Client, Heard};
-use crate::sensing::RawSample;
-use crate::time::Time;
+use crate::axis::{DriveOrders, DriveWords};
+use crate::error::BootFailure;
+use crate::setup::{BrakeWords, DriveSetup, SensorNode};
 use yieldwall_drives::cia402::CommandMode;
 use yieldwall_drives::profiles::StatusBits;
+use yieldwall_fieldbus::canopen::pdo::Field;
+use yieldwall_fieldbus::canopen::{BusId, Frame, NodeId, Outbox, cob};
+use yieldwall_fieldbus::plain_can::{Client, Heard};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::guard::DeviceSet;
+use yieldwall_motion::sensing::RawSample;
 
 use plan::Incomings;
 

@@ -1,10 +1,10 @@
 //! What the master knows of one bus.
 
 use super::node::Node;
-use crate::bus::setup::MasterSetup;
-use crate::canopen::nmt::HeartbeatConsumer;
-use crate::canopen::{BusId, Frame, NodeSet, cob};
+use crate::setup::MasterSetup;
 use yieldwall_drives::watchdog::HEARTBEAT_PERIODS;
+use yieldwall_fieldbus::canopen::nmt::HeartbeatConsumer;
+use yieldwall_fieldbus::canopen::{BusId, Frame, NodeSet, cob};
 
 /// One bus.
 #[derive(Clone)]

@@ -20,16 +20,16 @@ use super::phase::Phase;
 use super::setup::{MasterSetup, SensorLink};
 use super::signs::Signs;
 use super::told::{LastTold, Told};
-use crate::canopen::nmt;
-use crate::canopen::{self, BusId, Emergency, Frame, NodeId, Outbox, SyncProducer, cob};
-use crate::cycle::LinkEvents;
-use crate::guard::{Device, DeviceSet};
-use crate::plain_can::Client;
-use crate::time::Time;
 use boot::Boot;
 use image::{Image, SensorFrames, Taken};
 use line::Line;
 use node::Node;
+use yieldwall_fieldbus::canopen::nmt;
+use yieldwall_fieldbus::canopen::{self, BusId, Emergency, Frame, NodeId, Outbox, SyncProducer, cob};
+use yieldwall_fieldbus::plain_can::Client;
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::cycle::LinkEvents;
+use yieldwall_motion::guard::{Device, DeviceSet};
 
 pub use plan::{BootPlan, NodePlan, PlannedWrite};
 pub use waiting::Waiting;
@@ -202,7 +202,7 @@ impl CanNetwork {
     /// rig is, or tries to be.
     ///
     /// Real-time: yes, while operational.
-    pub(in crate::bus) fn on_frame(&mut self, now: Time, frame: &Frame, is_enabled: bool, out: &mut impl Outbox) {
+    pub(crate) fn on_frame(&mut self, now: Time, frame: &Frame, is_enabled: bool, out: &mut impl Outbox) {
         if self.phase != Phase::Operational {
             if let Some(heard) = self.signs.find(frame) {
                 return self.give_way(heard);
@@ -275,7 +275,7 @@ impl CanNetwork {
     /// on its way is then not watched.
     ///
     /// Real-time: yes.
-    pub(in crate::bus) fn on_echo(&mut self, frame: &Frame) {
+    pub(crate) fn on_echo(&mut self, frame: &Frame) {
         self.has_echo = true;
         let is_set_point = self.image.is_set_point(frame);
         if let Some(line) = self.lines.iter_mut().find(|line| line.bus == frame.bus()) {
@@ -295,7 +295,7 @@ impl CanNetwork {
     /// Sending them here already would gain nothing: the SYNC that makes the drives act on them is that of the next cycle.
     ///
     /// Real-time: yes.
-    pub(in crate::bus) fn open(&mut self, out: &mut impl Outbox) {
+    pub(crate) fn open(&mut self, out: &mut impl Outbox) {
         self.image.begin_cycle();
         let waiting = self.lines.iter().filter(|line| self.has_echo && line.in_flight > 0);
         self.held = waiting.fold(DeviceSet::NONE, |held, line| held | DeviceSet::interface(line.bus.index()));
@@ -312,14 +312,14 @@ impl CanNetwork {
     /// The devices of which something of that is missing.
     ///
     /// Real-time: yes.
-    pub(in crate::bus) fn missing(&self, now: Time) -> DeviceSet {
+    pub(crate) fn missing(&self, now: Time) -> DeviceSet {
         self.image.missing(now)
     }
 
     /// Forgets when the nodes' heartbeats came, which do not tell one device from two where they waited to be taken.
     ///
     /// Real-time: yes.
-    pub(in crate::bus) fn forget_heartbeat_times(&mut self) {
+    pub(crate) fn forget_heartbeat_times(&mut self) {
         self.nodes.iter_mut().for_each(Node::forget_times);
     }
 
@@ -327,25 +327,25 @@ impl CanNetwork {
     /// hold a set-point of somebody else, or nothing is sent at all: no process data can come.
     ///
     /// Real-time: yes.
-    pub(in crate::bus) fn is_sync_held(&self) -> bool {
+    pub(crate) fn is_sync_held(&self) -> bool {
         self.is_sync_held
     }
 
     /// Whether neither SYNC nor set-points are sent in this cycle.
-    pub(in crate::bus) fn is_mute(&self) -> bool {
+    pub(crate) fn is_mute(&self) -> bool {
         self.is_silent || !self.held.is_empty()
     }
 
     /// Whether set-points, or SYNC where there are none, were sent that have not been seen on their bus yet.
     ///
     /// Real-time: yes.
-    pub(in crate::bus) fn is_in_flight(&self) -> bool {
+    pub(crate) fn is_in_flight(&self) -> bool {
         self.lines.iter().any(|line| line.in_flight > 0)
     }
 
     /// SYNC on every bus where somebody hears it, outside of any cycle; none while a drive may hold a set-point of somebody
     /// else.
-    pub(in crate::bus) fn repeat_sync(&mut self, out: &mut impl Outbox) {
+    pub(crate) fn repeat_sync(&mut self, out: &mut impl Outbox) {
         if !self.is_overwritten {
             self.send_sync(out);
         }
@@ -357,20 +357,20 @@ impl CanNetwork {
     }
 
     /// A heartbeat if one is due; when the last one was sent.
-    pub(in crate::bus) fn repeat_heartbeat(&mut self, now: Time, out: &mut impl Outbox) -> Time {
+    pub(crate) fn repeat_heartbeat(&mut self, now: Time, out: &mut impl Outbox) -> Time {
         self.send_heartbeat(now, out);
         Time(self.next_heartbeat.0.saturating_sub(self.heartbeat.as_nanos() as u64))
     }
 
     /// The heartbeat period that the drives watch.
-    pub(in crate::bus) fn heartbeat_period(&self) -> Duration {
+    pub(crate) fn heartbeat_period(&self) -> Duration {
         self.heartbeat
     }
 
     /// What has come by `now`, and what has happened since the last cycle.
     ///
     /// Real-time: yes.
-    pub(in crate::bus) fn take(&mut self, now: Time) -> Arrived {
+    pub(crate) fn take(&mut self, now: Time) -> Arrived {
         let arrivals = self.image.arrivals(now);
         let mut link = std::mem::take(&mut self.events);
         link.bad_length = arrivals.irregular.bad_length;
@@ -394,7 +394,7 @@ impl CanNetwork {
     /// Sends what the drives shall do, which the next SYNC makes them apply, and behind it a heartbeat that is due.
     ///
     /// Real-time: yes.
-    pub(in crate::bus) fn close(&mut self, now: Time, orders: &[DriveOrders; 2], out: &mut impl Outbox) {
+    pub(crate) fn close(&mut self, now: Time, orders: &[DriveOrders; 2], out: &mut impl Outbox) {
         self.send(orders, out);
         // What was heard up to the computation is the cycle's cause to stop both drives.
         self.is_overwritten = false;
@@ -403,14 +403,14 @@ impl CanNetwork {
     }
 
     /// Sends what the drives shall do, outside of any cycle.
-    pub(in crate::bus) fn send(&self, orders: &[DriveOrders; 2], out: &mut impl Outbox) {
+    pub(crate) fn send(&self, orders: &[DriveOrders; 2], out: &mut impl Outbox) {
         self.image.send(orders, out);
     }
 
     /// Notes what the interface to a bus tells; the next cycle acts on it.
     ///
     /// Real-time: yes.
-    pub(in crate::bus) fn on_link(&mut self, bus: BusId, event: LinkEvent) {
+    pub(crate) fn on_link(&mut self, bus: BusId, event: LinkEvent) {
         let events = match event {
             LinkEvent::SendFailed => &mut self.events.send_failed,
             LinkEvent::ErrorPassive => &mut self.events.error_passive,

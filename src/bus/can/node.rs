@@ -4,12 +4,12 @@ use std::time::Duration;
 
 use super::boot::Boot;
 use super::transfer::Transfer;
-use crate::bus::error::{BootFailure, Said};
-use crate::bus::phase::Phase;
-use crate::bus::setup::Waits;
-use crate::canopen::{BusId, Frame, NmtState, NodeId, Outbox, cob};
-use crate::guard::Device;
-use crate::time::Time;
+use crate::error::{BootFailure, Said};
+use crate::phase::Phase;
+use crate::setup::Waits;
+use yieldwall_fieldbus::canopen::{BusId, Frame, NmtState, NodeId, Outbox, cob};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::guard::Device;
 
 /// So many heartbeats of one node ...
 const HEARTBEATS_OF_TWO: usize = 4;

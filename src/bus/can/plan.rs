@@ -2,13 +2,13 @@
 
 use super::node::Node;
 use super::{CanNetwork, refuse};
-use crate::bus::error::BootError;
-use crate::bus::script::{Action, Step, Written, check, little_endian, motor_speed};
-use crate::canopen::{BusId, Frame, NmtCommand, NodeId, Outbox};
-use crate::guard::Device;
-use crate::objects::Address;
-use crate::time::Time;
+use crate::error::BootError;
+use crate::script::{Action, Step, Written, check, little_endian, motor_speed};
 use yieldwall_drives::profiles::Identity;
+use yieldwall_fieldbus::canopen::{BusId, Frame, NmtCommand, NodeId, Outbox};
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::guard::Device;
 
 /// All that the boot of a network sends, in its order, beside the heartbeats that follow the first ones. From the end of
 /// [`BootPlan::start`] on there are SYNC and set-points as well.
@@ -54,7 +54,7 @@ pub struct PlannedWrite {
 
 impl CanNetwork {
     /// What the boot will send.
-    pub(in crate::bus) fn plan(&self) -> BootPlan {
+    pub(crate) fn plan(&self) -> BootPlan {
         let mut network = self.clone();
         let now = Time::default();
         let mut reset = Vec::new();
@@ -74,7 +74,7 @@ impl CanNetwork {
 
 impl CanNetwork {
     /// The objects that the boot writes, of each node.
-    pub(in crate::bus) fn written(&self) -> impl Iterator<Item = Written> + '_ {
+    pub(crate) fn written(&self) -> impl Iterator<Item = Written> + '_ {
         self.nodes.iter().map(|node| Written::new(node.bus, node.id.raw().into(), &node.name, node.boot.steps().0))
     }
 }
@@ -131,7 +131,7 @@ impl NodePlan {
         (writes, refused)
     }
 
-    fn refuse(&self, step: &Step, failure: crate::bus::BootFailure) -> BootError {
+    fn refuse(&self, step: &Step, failure: crate::BootFailure) -> BootError {
         refuse(Some(self.id.raw()), &self.name, step.doing, failure)
     }
 }

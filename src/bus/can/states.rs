@@ -5,27 +5,27 @@ use std::time::Duration;
 use super::line::Line;
 use super::node::Node;
 use super::{CanNetwork, refuse};
-use crate::bus::error::{BootFailure, Others};
-use crate::bus::phase::Phase;
-use crate::bus::signs::Heard;
-use crate::canopen::nmt::{self, HeartbeatChange, HeartbeatEvent};
-use crate::canopen::{BusId, Frame, NmtCommand, NmtState, NodeSet, Outbox};
-use crate::cycle::LinkEvents;
-use crate::guard::DeviceSet;
-use crate::plain_can::Client;
-use crate::time::Time;
+use crate::error::{BootFailure, Others};
+use crate::phase::Phase;
+use crate::signs::Heard;
+use yieldwall_fieldbus::canopen::nmt::{self, HeartbeatChange, HeartbeatEvent};
+use yieldwall_fieldbus::canopen::{BusId, Frame, NmtCommand, NmtState, NodeSet, Outbox};
+use yieldwall_fieldbus::plain_can::Client;
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::cycle::LinkEvents;
+use yieldwall_motion::guard::DeviceSet;
 
 impl CanNetwork {
     /// Begins to listen for another master, with nothing sent until [`CanNetwork::announce`] or [`CanNetwork::start`]. One that is
     /// heard is [`Phase::Failed`] with [`BootFailure::OtherMaster`], and so it is from then on until the exchange of process
     /// data: in operation such frames are a fault of the cycle.
-    pub(in crate::bus) fn listen(&mut self) {
+    pub(crate) fn listen(&mut self) {
         self.enter(Phase::Off);
     }
 
     /// Sends the first heartbeat, which disturbs nobody, before anything that does: two masters that begin at the same moment
     /// hear each other's.
-    pub(in crate::bus) fn announce(&mut self, now: Time, out: &mut impl Outbox) {
+    pub(crate) fn announce(&mut self, now: Time, out: &mut impl Outbox) {
         self.has_sent = true;
         self.next_heartbeat = now;
         self.send_heartbeat(now, out);
@@ -46,7 +46,7 @@ impl CanNetwork {
     }
 
     /// Resets the nodes of the rig, no others, and starts to watch them. Nothing is remembered of what was before but the emergencies.
-    pub(in crate::bus) fn start(&mut self, now: Time, out: &mut impl Outbox) {
+    pub(crate) fn start(&mut self, now: Time, out: &mut impl Outbox) {
         self.image.restart();
         self.lines.iter_mut().for_each(Line::restart);
         self.nodes.iter_mut().for_each(Node::restart);
@@ -66,7 +66,7 @@ impl CanNetwork {
     /// When [`CanNetwork::poll`] has to be called again at the latest.
     ///
     /// Real-time: yes.
-    pub(in crate::bus) fn next_deadline(&self) -> Time {
+    pub(crate) fn next_deadline(&self) -> Time {
         let watched = self.lines.iter().map(|line| line.watch.next_deadline()).fold(Time::NEVER, Time::min);
         let asked = self.nodes.iter().map(|node| node.transfer.deadline()).fold(Time::NEVER, Time::min);
         if self.phase == Phase::Operational {
@@ -86,7 +86,7 @@ impl CanNetwork {
     /// Does what time asks for: heartbeat, watched nodes, waits of the boot.
     ///
     /// Real-time: yes, while operational.
-    pub(in crate::bus) fn poll(&mut self, now: Time, out: &mut impl Outbox) {
+    pub(crate) fn poll(&mut self, now: Time, out: &mut impl Outbox) {
         if self.phase != Phase::Operational {
             self.send_heartbeat(now, out);
         }
@@ -107,7 +107,7 @@ impl CanNetwork {
     }
 
     /// Leaves the network: the nodes go to Pre-operational, where nobody waits for set-points. For a rig that was stopped.
-    pub(in crate::bus) fn leave(&mut self, out: &mut impl Outbox) {
+    pub(crate) fn leave(&mut self, out: &mut impl Outbox) {
         self.enter(Phase::Off);
         self.command(NmtCommand::EnterPreOperational, out);
     }

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use crate::canopen::{CanopenError, Frame, NodeId, Outbox, SdoClient, SdoOutcome};
-use crate::objects::{Address, ObjectAnswer, ObjectError, ObjectRequest};
-use crate::time::Time;
+use yieldwall_fieldbus::canopen::{CanopenError, Frame, NodeId, Outbox, SdoClient, SdoOutcome};
+use yieldwall_fieldbus::objects::{Address, ObjectAnswer, ObjectError, ObjectRequest};
+use yieldwall_fieldbus::time::Time;
 
 /// Bytes of the largest object that is read or written. A client has memory for so many from the start, so that a transfer beside the
 /// cycle allocates nothing.

@@ -4,9 +4,9 @@ use std::fmt;
 use std::time::Duration;
 
 use super::CanNetwork;
-use crate::bus::error::named;
-use crate::bus::phase::Phase;
-use crate::time::Time;
+use crate::error::named;
+use crate::phase::Phase;
+use yieldwall_fieldbus::time::Time;
 
 /// What the boot waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,7 +33,7 @@ impl fmt::Display for Waiting<'_> {
 
 impl CanNetwork {
     /// What the boot waits for; of several devices the one that is given up first. Nothing when there is no boot.
-    pub(in crate::bus) fn waiting(&self, now: Time) -> Option<Waiting<'_>> {
+    pub(crate) fn waiting(&self, now: Time) -> Option<Waiting<'_>> {
         let nodes = self.nodes.iter().filter_map(|node| {
             let (step, until) = match self.phase {
                 Phase::Configuring if !node.boot.is_done() => (node.boot.doing(), node.boot_deadline()),

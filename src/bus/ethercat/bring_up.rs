@@ -18,15 +18,17 @@ use super::station::{FIRST_STATION, Station};
 use super::topology::{Ports, delays};
 use super::writes::{self, Write};
 use super::{Asked, EthercatNetwork, EthernetOutbox, service_address};
-use crate::bus::Waiting;
-use crate::bus::error::BootFailure;
-use crate::bus::phase::Phase;
-use crate::ethercat::frame::{Ask, Command, address};
-use crate::ethercat::registers::{self as register, feature, sii_control};
-use crate::ethercat::sii::{MailboxArea, Sii, SiiError, words_needed};
-use crate::ethercat::{AlControl, AlState, AlStatus, AlStatusCode, Fmmu, SyncManager, array, u16_at, u32_at};
-use crate::objects::ObjectAnswer;
-use crate::time::Time;
+use crate::Waiting;
+use crate::error::BootFailure;
+use crate::phase::Phase;
+use yieldwall_fieldbus::ethercat::frame::{Ask, Command, address};
+use yieldwall_fieldbus::ethercat::registers::{self as register, feature, sii_control};
+use yieldwall_fieldbus::ethercat::sii::{MailboxArea, Sii, SiiError, words_needed};
+use yieldwall_fieldbus::ethercat::{
+    AlControl, AlState, AlStatus, AlStatusCode, Fmmu, SyncManager, array, u16_at, u32_at,
+};
+use yieldwall_fieldbus::objects::ObjectAnswer;
+use yieldwall_fieldbus::time::Time;
 
 /// Devices that a segment may have.
 const MOST_DEVICES: u16 = 64;
@@ -274,7 +276,7 @@ impl EthercatNetwork {
     }
 
     /// What is waited for; nothing when nothing is.
-    pub(in crate::bus) fn waiting(&self, now: Time) -> Option<Waiting<'_>> {
+    pub(crate) fn waiting(&self, now: Time) -> Option<Waiting<'_>> {
         let waited = now.since(self.phase_since);
         if self.phase == Phase::Starting {
             let (step, most) = self.starting();

@@ -15,8 +15,8 @@ use std::time::Duration;
 use super::flight::Purpose;
 use super::setup::{Acts, SegmentSetup, StationSetup};
 use super::{exchange, ports, repeat};
-use crate::bus::budget::PERIODS_US;
-use crate::ethercat::frame::{self, BYTE_NS, Command, DEVICE_NS};
+use crate::budget::PERIODS_US;
+use yieldwall_fieldbus::ethercat::frame::{self, BYTE_NS, Command, DEVICE_NS};
 
 /// Time that is counted for the computation of a cycle and for a device to take its outputs over.
 const COMPUTING: Duration = Duration::from_micros(40);

@@ -17,13 +17,15 @@ use super::ports::Shown;
 use super::setup::Acts;
 use super::writes::Altered;
 use super::{Asked, EthercatNetwork, EthernetOutbox, Station, service_address};
-use crate::bus::axis::{Arrived, DriveOrders};
-use crate::bus::phase::Phase;
-use crate::cycle::LinkEvents;
-use crate::ethercat::frame::{self, Command, Datagrams};
-use crate::ethercat::{AlControl, AlState, AlStatus, AlStatusCode, array, registers as register, u16_at, u32_at};
-use crate::guard::{Device, DeviceSet};
-use crate::time::Time;
+use crate::axis::{Arrived, DriveOrders};
+use crate::phase::Phase;
+use yieldwall_fieldbus::ethercat::frame::{self, Command, Datagrams};
+use yieldwall_fieldbus::ethercat::{
+    AlControl, AlState, AlStatus, AlStatusCode, array, registers as register, u16_at, u32_at,
+};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::cycle::LinkEvents;
+use yieldwall_motion::guard::{Device, DeviceSet};
 
 /// Bytes from AL status to AL status code.
 pub(super) const STATUS_LEN: usize = 6;
@@ -186,7 +188,7 @@ impl EthercatNetwork {
     /// What has come in this cycle. What comes after it is late: nothing that was measured in one cycle is used in another.
     ///
     /// Real-time: yes.
-    pub(in crate::bus) fn take(&mut self, now: Time) -> Arrived {
+    pub(crate) fn take(&mut self, now: Time) -> Arrived {
         if self.flight.give_up(Purpose::Inputs) && self.reference.is_some() {
             self.servo.on_silence();
         }
@@ -214,7 +216,7 @@ impl EthercatNetwork {
     /// The end of a cycle: the output frame, and behind it what is asked beside the cycle.
     ///
     /// Real-time: yes.
-    pub(in crate::bus) fn close(&mut self, now: Time, orders: &[DriveOrders; 2], out: &mut impl EthernetOutbox) {
+    pub(crate) fn close(&mut self, now: Time, orders: &[DriveOrders; 2], out: &mut impl EthernetOutbox) {
         if self.is_silent {
             return;
         }
@@ -226,7 +228,7 @@ impl EthercatNetwork {
     /// Time before the next grid point at which [`EthercatNetwork::repeat`] is due; `None` where there is nothing to repeat.
     ///
     /// Real-time: yes.
-    pub(in crate::bus) fn repeats_before(&self) -> Option<Duration> {
+    pub(crate) fn repeats_before(&self) -> Option<Duration> {
         let copying = self.stations.iter().filter(|station| station.setup.acts == Acts::AtSync0);
         let copying = copying.map(|station| station.script.copy_time()).max()?;
         if self.repeat.is_due() && !self.is_silent { self.repeat.before(copying) } else { None }
@@ -236,7 +238,7 @@ impl EthercatNetwork {
     /// act. A device that acts on arrival would take them for a second set-point.
     ///
     /// Real-time: yes.
-    pub(in crate::bus) fn repeat(&mut self, out: &mut impl EthernetOutbox) {
+    pub(crate) fn repeat(&mut self, out: &mut impl EthernetOutbox) {
         if let Some(orders) = self.repeat.forget().filter(|_| !self.is_silent) {
             self.send_outputs(Purpose::Repeat, &orders, |station| station.setup.acts == Acts::AtSync0, out);
         }
@@ -303,7 +305,7 @@ impl EthercatNetwork {
     /// Whether a frame has not come back.
     ///
     /// Real-time: yes.
-    pub(in crate::bus) fn is_in_flight(&self) -> bool {
+    pub(crate) fn is_in_flight(&self) -> bool {
         Purpose::ALL.into_iter().any(|purpose| self.flight.is_out(purpose))
     }
 

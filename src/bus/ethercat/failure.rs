@@ -1,10 +1,10 @@
 //! Why a segment did not come up.
 
-use crate::ethercat::mailbox::MailboxError;
-use crate::ethercat::sii::SiiError;
-use crate::ethercat::{AlState, AlStatus, AlStatusCode};
 use std::fmt;
 use thiserror::Error;
+use yieldwall_fieldbus::ethercat::mailbox::MailboxError;
+use yieldwall_fieldbus::ethercat::sii::SiiError;
+use yieldwall_fieldbus::ethercat::{AlState, AlStatus, AlStatusCode};
 
 /// What tells that somebody else is the master of a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! Frames on their way round the segment.
 
-use crate::ethercat::frame::{self, Command, FrameWriter, answers, digest, effect};
 use std::time::Duration;
+use yieldwall_fieldbus::ethercat::frame::{self, Command, FrameWriter, answers, digest, effect};
 
 /// What a frame was sent for. One of each is on its way at most.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -244,7 +244,7 @@ impl Flight {
 
 /// The source address of a frame.
 fn source(bytes: &[u8]) -> [u8; 6] {
-    crate::ethercat::array(bytes, 6)
+    yieldwall_fieldbus::ethercat::array(bytes, 6)
 }
 
 /// Adds datagrams to a frame.
@@ -282,7 +282,7 @@ pub(super) const FRAME_WAIT: Duration = Duration::from_millis(10);
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ethercat::frame::{SOURCE, address};
+    use yieldwall_fieldbus::ethercat::frame::{SOURCE, address};
 
     fn reply(sent: &[u8]) -> Vec<u8> {
         let mut bytes = sent.to_vec();

@@ -6,9 +6,9 @@ use std::time::Duration;
 use super::budget;
 use super::flight::Datagramer;
 use super::writes::{Altered, Write};
-use crate::ethercat::frame::{self, Command, Datagrams, address};
-use crate::ethercat::registers as register;
-use crate::time::Time;
+use yieldwall_fieldbus::ethercat::frame::{self, Command, Datagrams, address};
+use yieldwall_fieldbus::ethercat::registers as register;
+use yieldwall_fieldbus::time::Time;
 
 /// Time in which the registers of all devices are read back once.
 const ROUND: Duration = Duration::from_millis(800);

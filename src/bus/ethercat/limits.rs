@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use super::writes::{Altered, Place};
-use crate::bus::script::{Action, Step};
-use crate::objects::{Address, ObjectAnswer, ObjectRequest};
-use crate::time::Time;
+use crate::script::{Action, Step};
+use yieldwall_fieldbus::objects::{Address, ObjectAnswer, ObjectRequest};
+use yieldwall_fieldbus::time::Time;
 
 /// Without the master (6007h), following error window (6065h), torque limit (6072h).
 const INDICES: [u16; 3] = [0x6007, 0x6065, 0x6072];

@@ -20,7 +20,7 @@ mod ports;
 mod repeat;
 mod setup;
 mod station;
-#[cfg(all(test, feature = "sim"))]
+#[cfg(test)]
 mod tests;
 mod topology;
 mod writes;
@@ -32,14 +32,6 @@ use super::error::{BootError, BootFailure};
 use super::phase::Phase;
 use super::script::Written;
 use super::told::{LastTold, Told};
-use crate::canopen::{BusId, EmcyCode, ErrorRegister};
-use crate::cycle::LinkEvents;
-use crate::ethercat::coe::CoeEmergency;
-use crate::ethercat::frame::{self, Command, Datagrams};
-use crate::ethercat::{AlState, AlStatus, AlStatusCode};
-use crate::guard::{Device, DeviceSet};
-use crate::objects::{ObjectAnswer, ObjectError, ObjectRequest};
-use crate::time::Time;
 use bring_up::BringUp;
 use clock::GridServo;
 use exchange::Grid;
@@ -47,6 +39,14 @@ use flight::{Flight, Taken};
 use ports::PortWatch;
 use repeat::Repeat;
 use station::Station;
+use yieldwall_fieldbus::canopen::{BusId, EmcyCode, ErrorRegister};
+use yieldwall_fieldbus::ethercat::coe::CoeEmergency;
+use yieldwall_fieldbus::ethercat::frame::{self, Command, Datagrams};
+use yieldwall_fieldbus::ethercat::{AlState, AlStatus, AlStatusCode};
+use yieldwall_fieldbus::objects::{ObjectAnswer, ObjectError, ObjectRequest};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::cycle::LinkEvents;
+use yieldwall_motion::guard::{Device, DeviceSet};
 
 pub use budget::{Advice, Budget, FrameBudget, PlannedDatagram, PlannedFrame, advise};
 pub use failure::{SegmentFailure, SegmentSign};
@@ -264,12 +264,12 @@ impl EthercatNetwork {
     /// takes no outputs, whoever sends them.
     ///
     /// Real-time: yes.
-    pub(in crate::bus) fn set_stopping(&mut self, is_stopping: bool) {
+    pub(crate) fn set_stopping(&mut self, is_stopping: bool) {
         self.is_stopping = is_stopping;
     }
 
     /// Asks the devices for SAFE-OP, until the network is started again.
-    pub(in crate::bus) fn leave_op(&mut self) {
+    pub(crate) fn leave_op(&mut self) {
         self.leaves_op = true;
     }
 
@@ -311,7 +311,7 @@ impl EthercatNetwork {
     }
 
     /// The objects that the boot writes, of each device.
-    pub(in crate::bus) fn written(&self) -> impl Iterator<Item = Written> + '_ {
+    pub(crate) fn written(&self) -> impl Iterator<Item = Written> + '_ {
         let of = |station: &Station| {
             let StationSetup { position, name, .. } = &station.setup;
             Written::new(self.bus, *position, name, &station.setup.script())
@@ -583,7 +583,7 @@ impl EthercatNetwork {
         let sent = self.flight.send(Purpose::Service, |to| {
             for station in stations.iter().filter(|station| station.is_led) {
                 let request = (AlState::PreOperational as u16).to_le_bytes();
-                let address = service_address(station.address, crate::ethercat::registers::AL_CONTROL);
+                let address = service_address(station.address, yieldwall_fieldbus::ethercat::registers::AL_CONTROL);
                 to.push(Command::Fpwr, address, &request);
             }
         });

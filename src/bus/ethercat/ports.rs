@@ -4,8 +4,8 @@ use super::flight::Datagramer;
 use super::service_address;
 use super::station::FIRST_STATION;
 use super::topology::{self, Behind, Ports};
-use crate::ethercat::frame::{Command, Datagrams};
-use crate::ethercat::{registers as register, u16_at};
+use yieldwall_fieldbus::ethercat::frame::{Command, Datagrams};
+use yieldwall_fieldbus::ethercat::{registers as register, u16_at};
 
 /// Devices that are read in one frame.
 const AT_ONCE: usize = 16;
@@ -117,7 +117,7 @@ impl PortWatch {
                 continue;
             }
             let links = Ports { links: u16_at(status.data, 0), ..Ports::default() }.linked();
-            let now: [u8; COUNTERS] = crate::ethercat::array(counters.data, 0);
+            let now: [u8; COUNTERS] = yieldwall_fieldbus::ethercat::array(counters.data, 0);
             let before = device.counters.replace(now).unwrap_or(now);
             let count = |bytes: &[u8; COUNTERS], at: usize| bytes.get(at).copied().unwrap_or_default();
             let grown = |at: usize| count(&now, at).saturating_sub(count(&before, at));

@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use super::budget::Budget;
 use super::setup::SegmentSetup;
-use crate::bus::axis::DriveOrders;
+use crate::axis::DriveOrders;
 
 /// Share of a period that the repeat comes earlier than all known delays ask for: the grid moves by as much in a cycle.
 const SPARE: u32 = 100;

@@ -1,15 +1,15 @@
 //! What the master has to know of a segment.
 
-use crate::bus::error::BootFailure;
-use crate::bus::script::{self, Action, Step};
-use crate::bus::setup::{BrakeWords, HomingOrder, Waits};
-use crate::canopen::BusId;
-use crate::guard::Device;
-use crate::objects::Address;
+use crate::error::BootFailure;
+use crate::script::{self, Action, Step};
+use crate::setup::{BrakeWords, HomingOrder, Waits};
 use std::sync::Arc;
 use std::time::Duration;
 use yieldwall_drives::cia402::CommandMode;
 use yieldwall_drives::profiles::{DeviceProfile, Identity, Pdo, Quantity};
+use yieldwall_fieldbus::canopen::BusId;
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_motion::guard::Device;
 
 /// Objects that a mapping holds at most, and mappings that are exchanged.
 pub(super) const MOST_ENTRIES: u8 = 254;

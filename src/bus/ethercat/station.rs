@@ -5,18 +5,18 @@ use super::held::Held;
 use super::limits::Limits;
 use super::setup::{Acts, MOST_ENTRIES, Mapped, ProcessData, StationSetup};
 use super::writes::Altered;
-use crate::bus::axis::{DriveOrders, DriveWords};
-use crate::bus::script::Script;
-use crate::ethercat::mailbox::MailboxClient;
-use crate::ethercat::sii::{MailboxArea, Sii};
-use crate::ethercat::{AlState, AlStatus, AlStatusCode};
-use crate::guard::DeviceSet;
-use crate::objects::{Address, ObjectAnswer, ObjectError, ObjectRequest};
-use crate::sensing::RawSample;
-use crate::time::Time;
+use crate::axis::{DriveOrders, DriveWords};
+use crate::script::Script;
 use std::time::Duration;
 use yieldwall_drives::cia402::State;
 use yieldwall_drives::profiles::Quantity;
+use yieldwall_fieldbus::ethercat::mailbox::MailboxClient;
+use yieldwall_fieldbus::ethercat::sii::{MailboxArea, Sii};
+use yieldwall_fieldbus::ethercat::{AlState, AlStatus, AlStatusCode};
+use yieldwall_fieldbus::objects::{Address, ObjectAnswer, ObjectError, ObjectRequest};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::guard::DeviceSet;
+use yieldwall_motion::sensing::RawSample;
 
 /// Station addresses of devices: this and their position.
 pub(super) const FIRST_STATION: u16 = 0x1000;

@@ -5,10 +5,10 @@ use std::time::Duration;
 use super::failure::SegmentFailure;
 use super::flight;
 use super::station::Station;
-use crate::ethercat::registers as register;
-use crate::ethercat::sii::Sii;
-use crate::ethercat::{Direction, Fmmu, SyncManager};
-use crate::objects::Address;
+use yieldwall_fieldbus::ethercat::registers as register;
+use yieldwall_fieldbus::ethercat::sii::Sii;
+use yieldwall_fieldbus::ethercat::{Direction, Fmmu, SyncManager};
+use yieldwall_fieldbus::objects::Address;
 
 /// Time from the moment at which SYNC0 is set up to its first pulse.
 const SYNC0_AHEAD: Duration = Duration::from_millis(100);

@@ -1,7 +1,7 @@
 //! Another master on the bus: who hears it sends nothing more.
 
 use super::*;
-use crate::guard::DeviceSet;
+use yieldwall_motion::guard::DeviceSet;
 
 /// What only a master sends, as the rig of these tests hears it.
 fn of_masters() -> Vec<(Frame, Sign)> {

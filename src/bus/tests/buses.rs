@@ -1,7 +1,7 @@
 //! Both drives on one bus and the sensor on another, where it has the node id that the left drive has here.
 
 use super::*;
-use crate::guard::{Device, DeviceSet};
+use yieldwall_motion::guard::{Device, DeviceSet};
 
 const SENSOR_HERE: u8 = 128 + 1;
 
@@ -177,9 +177,9 @@ fn what_one_bus_holds_back_holds_all_buses() {
 #[test]
 fn only_a_bus_where_somebody_hears_it_gets_sync() {
     let (cycle, home) = torque_cycle();
-    let ids = crate::plain_can::streaming::Ids { command: 0x35f, data: [0x360, 0x361] };
-    let link = crate::plain_can::Link {
-        protocol: crate::plain_can::Protocol::Streaming(ids),
+    let ids = yieldwall_fieldbus::plain_can::streaming::Ids { command: 0x35f, data: [0x360, 0x361] };
+    let link = yieldwall_fieldbus::plain_can::Link {
+        protocol: yieldwall_fieldbus::plain_can::Protocol::Streaming(ids),
         pair_gap: Duration::from_micros(500),
         sample_period: Duration::from_millis(1),
         zero_at_start: false,

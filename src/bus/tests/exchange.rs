@@ -158,7 +158,7 @@ fn a_frame_after_the_computation_is_late_and_not_used() {
     let (outputs, _) = net.cycle(["3712"; 2], Request::None, |_| {});
     assert_eq!(outputs.signals.measured_angles, before);
     assert_eq!((net.seen(Fault::PdoLate), net.seen(Fault::PdoDuplicated), net.seen(Fault::PdoMissed)), (1, 0, 0));
-    assert_eq!(net.master.cycle().faults().devices(Fault::PdoLate), crate::guard::DeviceSet::LEFT_DRIVE);
+    assert_eq!(net.master.cycle().faults().devices(Fault::PdoLate), yieldwall_motion::guard::DeviceSet::LEFT_DRIVE);
     // Nothing is owed any more: a second frame now is a duplicate.
     net.cycle(["3712"; 2], Request::None, |net| net.hear(&left_at(net, 500)));
     assert_eq!((net.seen(Fault::PdoLate), net.seen(Fault::PdoDuplicated)), (0, 1));

@@ -15,24 +15,24 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use super::*;
-use crate::canopen::{BusId, Frame, cob};
-use crate::config::shipped_profile;
-use crate::control::Law;
-use crate::cycle::{Cycle, Outputs, Servo, Timing};
-use crate::guard::{Fault, Request, State};
-use crate::linkage::FiveBar;
-use crate::quantity::TipPoint;
-use crate::time::Time;
 use cycle_example::{cycle_with, fixture, geometry, torque_servo};
+use yieldwall_config::shipped_profile;
 use yieldwall_drives::scaling::{AxisScaling, Direction};
+use yieldwall_fieldbus::canopen::{BusId, Frame, cob};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::control::Law;
+use yieldwall_motion::cycle::{Cycle, Outputs, Servo, Timing};
+use yieldwall_motion::guard::{Fault, Request, State};
+use yieldwall_motion::linkage::FiveBar;
+use yieldwall_motion::quantity::TipPoint;
 
 /// A cycle whose drives close the position loop (CSP), and the angles of its home in rad.
-pub(in crate::bus) fn position_cycle() -> (Cycle, [f64; 2]) {
+pub(crate) fn position_cycle() -> (Cycle, [f64; 2]) {
     at_home(Servo::Position)
 }
 
 /// A cycle that closes the loop itself (CST), and the angles of its home in rad.
-pub(in crate::bus) fn torque_cycle() -> (Cycle, [f64; 2]) {
+pub(crate) fn torque_cycle() -> (Cycle, [f64; 2]) {
     at_home(torque_servo(Law::Psmc, false))
 }
 

@@ -1,7 +1,7 @@
 //! What nodes and strangers do while process data are exchanged.
 
 use super::*;
-use crate::guard::{Device, DeviceSet};
+use yieldwall_motion::guard::{Device, DeviceSet};
 
 #[test]
 fn what_happens_on_the_bus_stops_both_drives_in_the_same_cycle() {

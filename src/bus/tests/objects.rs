@@ -1,8 +1,8 @@
 //! Objects of the devices, asked for beside the cycle.
 
 use super::*;
-use crate::guard::Device;
-use crate::objects::{AbortCode, Address, ObjectAnswer, ObjectError, ObjectRequest};
+use yieldwall_fieldbus::objects::{AbortCode, Address, ObjectAnswer, ObjectError, ObjectRequest};
+use yieldwall_motion::guard::Device;
 
 const STATUSWORD: ObjectRequest<'_> = ObjectRequest::Read(Address::new(0x6041, 0));
 

@@ -1,8 +1,8 @@
 //! Set-points of somebody else: no SYNC makes a drive act on them.
 
 use super::*;
-use crate::guard::DeviceSet;
 use proptest::prelude::*;
+use yieldwall_motion::guard::DeviceSet;
 
 /// Enable Operation with half of the rated torque.
 const FOREIGN: &str = "201#0F00F401";

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use super::strip::Stripper;
-use crate::cli::config::Checked;
-use crate::cli::render::Renderer;
-use crate::config::{self, Document, Loaded, Report, Rig, Source};
-use crate::record::CycleRecord;
-use crate::record::recording::{BlackBox, Machine, Reader, Writer};
+use crate::config::Checked;
+use crate::render::Renderer;
+use yieldwall_config::{self as config, Document, Loaded, Report, Rig, Source};
+use yieldwall_record::CycleRecord;
+use yieldwall_record::recording::{BlackBox, Machine, Reader, Writer};
 
 /// Cycles of a black box that are taken, its last ones.
 const MOST_CYCLES: usize = 20_000;
@@ -60,7 +60,7 @@ pub(super) fn contents(rig: Option<&str>, messages: Option<String>, folders: &Fo
             Ok(Document::Rig(rig)) => Some(&rig.value),
             _ => None,
         });
-        entries.push(text("doctor.txt", crate::cli::doctor::text(rig)));
+        entries.push(text("doctor.txt", crate::doctor::text(rig)));
     }
     if let Some((checked, source)) = checked {
         let mut said = Renderer::new(false).render(&checked.findings);
@@ -102,8 +102,8 @@ fn version() -> String {
     format!(
         "version {}\ncommit  {}\ntarget  {}\nsystem  {} {}\n",
         env!("CARGO_PKG_VERSION"),
-        known(crate::cli::commit()),
-        known(env!("YIELDWALL_TARGET")),
+        known(crate::commit()),
+        known(yieldwall_run::built::TARGET),
         std::env::consts::OS,
         std::env::consts::ARCH
     )

@@ -6,8 +6,8 @@ use std::io::Read;
 use super::contents::{Content, Entry, Folders, contents};
 use super::strip::Stripper;
 use super::{stripped, zipped};
-use crate::record::CycleRecord;
-use crate::record::recording::{About, BlackBox, Machine, Recorded, Writer};
+use yieldwall_record::CycleRecord;
+use yieldwall_record::recording::{About, BlackBox, Machine, Recorded, Writer};
 
 const USER: &str = "wilhelmina";
 const HOST: &str = "benchbox-17";
@@ -61,14 +61,14 @@ fn no_name_is_in_any_byte_of_the_zip() {
     let home = folder("names").join(USER);
     let state = home.join("state");
     fs::create_dir_all(state.join("drills")).unwrap();
-    let scene = format!("# {USER}'s hand\n{}", crate::config::builtin("scenes/circle-tour.yaml").read().unwrap());
+    let scene = format!("# {USER}'s hand\n{}", yieldwall_config::builtin("scenes/circle-tour.yaml").read().unwrap());
     let profile = yieldwall_drives::profiles::SHIPPED.iter().find(|(name, _)| *name == "simulated-servo").unwrap().1;
     let rig = format!(
         "# {USER} made this on {HOST}, for a drive with the serial number {SERIAL}\nlike: base.yaml\nrig: {{name: planted}}\n\
          drives:\n  - {{name: left, profile: {USER}-servo.yaml}}\n"
     );
-    let base = crate::config::builtin("paper-admittance.yaml").read().unwrap().to_string();
-    let simulation = crate::config::builtin("simulations/paper-arm.yaml").read().unwrap();
+    let base = yieldwall_config::builtin("paper-admittance.yaml").read().unwrap().to_string();
+    let simulation = yieldwall_config::builtin("simulations/paper-arm.yaml").read().unwrap();
     for (name, text) in [
         ("scene.yaml", scene),
         (&format!("{USER}-servo.yaml"), format!("# {HOST}\n{profile}")),
@@ -119,8 +119,8 @@ fn no_name_is_in_any_byte_of_the_zip() {
     }
     // What was recorded is still there, and can be read.
     let mcap = &files.iter().find(|(name, _)| name == "black-box.mcap").unwrap().1;
-    let mut reader: crate::record::recording::Reader<_> =
-        crate::record::recording::Reader::new(mcap.as_slice()).unwrap();
+    let mut reader: yieldwall_record::recording::Reader<_> =
+        yieldwall_record::recording::Reader::new(mcap.as_slice()).unwrap();
     assert!(reader.about().scene.contains("by USER on HOST"), "{:?}", reader.about());
     let mut cycles = 0;
     while reader.next_record().unwrap().is_some() {

@@ -4,13 +4,13 @@ use serde_json::{Value, json};
 
 use super::called;
 use super::frame::{NAME_WIDTH, figures, row, verdict};
-use crate::bus::MasterSetup;
-use crate::bus::budget::{Advice, Budget, Conditions, FrameBudget, advise};
-use crate::config::{Diagnostic, Loaded, Rig, Severity};
+use yieldwall_bus::MasterSetup;
+use yieldwall_bus::budget::{Advice, Budget, Conditions, FrameBudget, advise};
+use yieldwall_config::{Diagnostic, Loaded, Rig, Severity};
 
 /// The budget of one of a rig's CAN buses and what it was made from.
 #[derive(Debug)]
-pub(in crate::cli) struct CanPlan<'a> {
+pub(crate) struct CanPlan<'a> {
     pub(super) rig: &'a Rig,
     /// Its name.
     pub(super) name: &'a str,
@@ -26,17 +26,17 @@ impl CanPlan<'_> {
     }
 
     /// Whether every frame is always in time, or takes none.
-    pub(in crate::cli) fn is_kept(&self) -> bool {
+    pub(crate) fn is_kept(&self) -> bool {
         self.is_ideal() || self.budget.is_schedulable()
     }
 
     /// The least change with which everything is in time.
-    pub(in crate::cli) fn advice(&self) -> Option<Advice> {
+    pub(crate) fn advice(&self) -> Option<Advice> {
         advise(&self.setup, self.budget.conditions, &self.others).ok().flatten()
     }
 
     /// One line for `config check`.
-    pub(in crate::cli) fn line(&self) -> String {
+    pub(crate) fn line(&self) -> String {
         let load = 100.0 * self.budget.load();
         let nearest = self.budget.latest().map(|latest| format!(", {}", verdict(latest))).unwrap_or_default();
         format!("bus{} load at most {load:.1} %{nearest}", called(self.rig, " ", self.name))
@@ -131,7 +131,7 @@ impl CanPlan<'_> {
 
     /// What a bus that cannot keep the cycle is for whoever wants to run the rig: an error, on a bus without timing a
     /// warning. `None` if it can.
-    pub(in crate::cli) fn finding(&self, file: &Loaded<Rig>) -> Option<Diagnostic> {
+    pub(crate) fn finding(&self, file: &Loaded<Rig>) -> Option<Diagnostic> {
         let latest = self.budget.latest().filter(|_| !self.budget.is_schedulable())?;
         let called = called(self.rig, " ", self.name);
         let (severity, where_to) = if self.is_ideal() {

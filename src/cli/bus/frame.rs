@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use crate::bus::budget::{FrameBudget, Moment, Use};
+use yieldwall_bus::budget::{FrameBudget, Moment, Use};
 
 /// Longest name of a frame that the table shows whole.
 pub(super) const NAME_WIDTH: usize = 22;

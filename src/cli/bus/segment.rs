@@ -3,12 +3,12 @@
 use serde_json::{Value, json};
 
 use super::called;
-use crate::bus::ethercat::{Advice, Budget, FrameBudget, PlannedDatagram, Purpose, SegmentSetup, advise};
-use crate::config::{Diagnostic, Loaded, Rig, Severity};
+use yieldwall_bus::ethercat::{Advice, Budget, FrameBudget, PlannedDatagram, Purpose, SegmentSetup, advise};
+use yieldwall_config::{Diagnostic, Loaded, Rig, Severity};
 
 /// The budget of a rig's segment and what it was made from.
 #[derive(Debug)]
-pub(in crate::cli) struct SegmentPlan<'a> {
+pub(crate) struct SegmentPlan<'a> {
     rig: &'a Rig,
     /// The name of the bus.
     name: &'a str,
@@ -222,7 +222,7 @@ fn figures(each: &FrameBudget) -> Value {
 mod tests {
     use super::super::{plans, text, to_json};
     use super::*;
-    use crate::config::{Source, builtin, load_rig};
+    use yieldwall_config::{Source, builtin, load_rig};
 
     /// The shipped rig on EtherCAT with another cycle.
     fn rig(period_us: u32, compute_at_us: u32) -> Loaded<Rig> {
@@ -241,7 +241,7 @@ mod tests {
                 let rig = rig(period_us, compute_at_us);
                 let plans = plans(&rig.value).unwrap();
                 let findings: Vec<_> = plans.iter().filter_map(|plan| plan.finding(&rig)).collect();
-                format!("{}\n{}", text(&plans), crate::cli::render::Renderer::new(false).render(&findings))
+                format!("{}\n{}", text(&plans), crate::render::Renderer::new(false).render(&findings))
             })
             .collect();
         insta::assert_snapshot!("segment-findings", drawn.join("\n"));
@@ -255,7 +255,7 @@ mod tests {
             period,
             compute_at,
             sync0_phase: period / 10,
-            ..crate::assembly::segment(&file.value).unwrap()
+            ..yieldwall_run::assembly::segment(&file.value).unwrap()
         };
         setup.stations.iter_mut().for_each(|station| {
             let all = &mut station.inputs[0].entries;

@@ -8,10 +8,10 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::Machine;
-use crate::cli::failure::{Exit, Failure};
-use crate::config;
-use crate::run::commission::{Begin, Commissioned, Figure, STEPS, Step, StepReport, Verdict};
-use crate::run::{DriveIdentity, fnv1a};
+use crate::failure::{Exit, Failure};
+use yieldwall_config as config;
+use yieldwall_run::commission::{Begin, Commissioned, Figure, STEPS, Step, StepReport, Verdict};
+use yieldwall_run::{DriveIdentity, fnv1a};
 
 /// What `--json` has written, as far as it counts here.
 #[derive(Deserialize)]
@@ -167,7 +167,7 @@ mod tests {
     use serde_json::json;
 
     use super::{Earlier, Machine, Report, rig_hash};
-    use crate::config::{Source, load_rig};
+    use yieldwall_config::{Source, load_rig};
     use yieldwall_drives::profiles::SHIPPED;
 
     #[cfg(target_os = "linux")]
@@ -178,7 +178,7 @@ mod tests {
             |defects: &[&str]| Machine::Simulated { defects: defects.iter().map(|it| (*it).to_owned()).collect() };
         let on_bus = |is_lockstep| Machine::OnBus { buses: vec!["main=can0".to_owned()], is_lockstep };
         let refused = |of: &Machine, at: &Machine| {
-            let steps = crate::run::commission::STEPS
+            let steps = yieldwall_run::commission::STEPS
                 .map(|step| json!({ "step": step.name(), "verdict": "fail", "does": step.does(), "evidence": {} }));
             let report = json!({
                 "version": env!("CARGO_PKG_VERSION"), "rig_hash": rig_hash(&rig), "machine": of.document(), "drives": null, "steps": steps,

@@ -7,21 +7,21 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::{Arguments, Machine, Taken, begin, end, told};
-use crate::cli::at_the_arm::Typed;
-use crate::cli::confirm::agreed;
-use crate::cli::desk::journal::Journal;
-use crate::cli::events::Events;
-use crate::cli::failure::{Exit, Failure, both};
-use crate::cli::first_motion::{Opened, concluded};
-use crate::cli::interfaces::Interfaces;
-use crate::cli::latency::now_unix_s;
-use crate::cli::live::not_run;
-use crate::cli::on_bus::{warn, with_told};
-use crate::cli::output::Output;
-use crate::config;
-use crate::host::{News, Person};
-use crate::quantity::Force;
-use crate::run::commission::STEPS;
+use crate::at_the_arm::Typed;
+use crate::confirm::agreed;
+use crate::desk::journal::Journal;
+use crate::events::Events;
+use crate::failure::{Exit, Failure, both};
+use crate::first_motion::{Opened, concluded};
+use crate::interfaces::Interfaces;
+use crate::latency::now_unix_s;
+use crate::live::not_run;
+use crate::on_bus::{warn, with_told};
+use crate::output::Output;
+use yieldwall_config as config;
+use yieldwall_motion::quantity::Force;
+use yieldwall_run::commission::STEPS;
+use yieldwall_run::host::{News, Person};
 
 /// Drives that were switched on have started after so long.
 const BOOTS_WITHIN: Duration = Duration::from_secs(10);

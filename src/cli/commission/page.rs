@@ -3,12 +3,12 @@
 use chrono::DateTime;
 
 use super::earlier::rig_hash;
-use crate::cli::escaped::escaped;
-use crate::cli::latency::now_unix_s;
-use crate::config;
-use crate::run::DriveIdentity;
-use crate::run::commission::{Commissioned, Curve, Figure, StepReport, Verdict};
-use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series, svg};
+use crate::escaped::escaped;
+use crate::latency::now_unix_s;
+use yieldwall_config as config;
+use yieldwall_figures::chart::{Axis, Chart, Color, Mark, Panel, Series, svg};
+use yieldwall_run::DriveIdentity;
+use yieldwall_run::commission::{Commissioned, Curve, Figure, StepReport, Verdict};
 
 /// What a person reads of a figure.
 pub(super) fn figure_text(figure: &Figure) -> String {

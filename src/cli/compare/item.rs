@@ -14,12 +14,12 @@ use super::super::output::Output;
 use super::super::progress::Progress;
 use super::super::replay::{damage, failure, open, recording_file};
 use super::not_kept;
-use crate::config::{self, Document, Source};
-use crate::guard::State;
-use crate::record::recording::{About, Machine, Recording};
-use crate::record::{FaultMark, Row, Trace};
-use crate::report::measures::Measures;
-use crate::report::{Overrides, RunReport, Stage, Watch, replay, run_device, run_rig};
+use yieldwall_config::{self as config, Document, Source};
+use yieldwall_motion::guard::State;
+use yieldwall_record::recording::{About, Machine, Recording};
+use yieldwall_record::{FaultMark, Row, Trace};
+use yieldwall_rig::report::measures::Measures;
+use yieldwall_rig::report::{Overrides, RunReport, Stage, Watch, replay, run_device, run_rig};
 
 /// The first bytes of a recording.
 const MCAP: &[u8] = b"\x89MCAP";

@@ -89,7 +89,7 @@ fn number(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return if value.is_finite() { "0".to_owned() } else { "none".to_owned() };
     }
-    let whole_digits = crate::elementary::log10(value.abs()).floor() as i32 + 1;
+    let whole_digits = yieldwall_motion::elementary::log10(value.abs()).floor() as i32 + 1;
     let decimals = (DIGITS - whole_digits).clamp(0, 9) as usize;
     let text = format!("{value:.decimals$}");
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }

@@ -15,8 +15,8 @@ use serde_json::Value;
 use super::super::rehearsal::Rehearsal;
 use super::checked::Checked;
 use super::portable;
-use crate::config::{self, Document, Severity, Source, builtin, builtin_names};
 use crate::sample::cases;
+use yieldwall_config::{self as config, Document, Severity, Source, builtin, builtin_names};
 
 /// Number of changes that a test run of every case tries, and the seed that draws them.
 const USUAL: (u32, u64) = (80, 1);

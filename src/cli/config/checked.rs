@@ -6,13 +6,13 @@ use super::super::bus::{Plan, plans, to_json};
 use super::super::margins::{Margins, has_other_inertia};
 use super::super::rehearsal::{self, Rehearsal};
 use super::super::tune::{self, Masses};
-use crate::analysis::{Coupled, coupled_device};
-use crate::config::{self, Diagnostic, Document, ImpedanceDevice, Loaded, Report, Rig, Severity, Source};
+use yieldwall_config::{self as config, Diagnostic, Document, ImpedanceDevice, Loaded, Report, Rig, Severity, Source};
+use yieldwall_rig::analysis::{Coupled, coupled_device};
 
 /// A file, what was found in it, and what was computed of it.
-pub(in crate::cli) struct Checked {
-    pub(in crate::cli) result: Result<Document, Report>,
-    pub(in crate::cli) findings: Vec<Diagnostic>,
+pub(crate) struct Checked {
+    pub(crate) result: Result<Document, Report>,
+    pub(crate) findings: Vec<Diagnostic>,
     margins: Option<Margins>,
     masses: Option<Masses>,
     coupled: Option<Coupled>,
@@ -21,7 +21,7 @@ pub(in crate::cli) struct Checked {
 
 impl Checked {
     /// Reads a file, and computes what can be said without running it.
-    pub(in crate::cli) fn of(source: Source) -> Self {
+    pub(crate) fn of(source: Source) -> Self {
         let result = config::load(source);
         let mut findings = match &result {
             Ok(document) => document.warnings().to_vec(),
@@ -45,7 +45,7 @@ impl Checked {
     }
 
     /// Runs the scene of a rig or of a device in which there is no error.
-    pub(in crate::cli) fn rehearse(&mut self) {
+    pub(crate) fn rehearse(&mut self) {
         if self.findings.iter().all(|finding| finding.severity == Severity::Warning) {
             let of_rig = rig(&self.result).and_then(rehearsal::of_rig);
             self.rehearsal = of_rig.or_else(|| device(&self.result).and_then(rehearsal::of_device));
@@ -54,7 +54,7 @@ impl Checked {
     }
 
     /// Whether its scene was run, and ended as it should.
-    pub(in crate::cli) fn has_passed(&self) -> bool {
+    pub(crate) fn has_passed(&self) -> bool {
         self.rehearsal.as_ref().is_some_and(|rehearsal| rehearsal.finding.is_none())
     }
 
@@ -63,7 +63,7 @@ impl Checked {
     }
 
     /// What was computed, for a person to read.
-    pub(in crate::cli) fn lines(&self) -> impl Iterator<Item = String> {
+    pub(crate) fn lines(&self) -> impl Iterator<Item = String> {
         let device = device(&self.result).zip(self.coupled.as_ref());
         let coupled = device.map(|(device, coupled)| tune::coupled_lines(&device.value, coupled, 1.0));
         let margins = self.margins.iter().flat_map(Margins::lines).chain(self.masses.iter().map(Masses::line));
@@ -74,7 +74,7 @@ impl Checked {
     }
 
     /// All of it, for a program to read.
-    pub(in crate::cli) fn to_json(&self, file: &str, is_ok: bool) -> Value {
+    pub(crate) fn to_json(&self, file: &str, is_ok: bool) -> Value {
         let kind = self.result.as_ref().ok().map(|document| document.kind().to_string());
         let mut entry = json!({ "file": file, "ok": is_ok, "kind": kind, "diagnostics": self.findings });
         if let Some(like) = rig(&self.result).and_then(|rig| rig.like.as_ref()) {

@@ -3,12 +3,12 @@
 use serde_json::{Value, json};
 
 use super::checked::Checked;
-use crate::config::{Diagnostic, Source};
+use yieldwall_config::{Diagnostic, Source};
 
 /// Links of 0.25 and 0.35 m, an ellipse through points whose inside is forbidden, 12 N, 500 Hz.
 fn rig() -> Value {
     let point = |part: u32| {
-        let (sine, cosine) = crate::elementary::sin_cos(std::f64::consts::TAU * f64::from(part) / 12.0);
+        let (sine, cosine) = yieldwall_motion::elementary::sin_cos(std::f64::consts::TAU * f64::from(part) / 12.0);
         [0.09 * cosine, 0.06 * sine]
     };
     json!({

@@ -9,23 +9,23 @@ use super::keeping::{Named, back_up};
 use super::od::sheet_of;
 use super::place::{Desk, Place};
 use super::words::{mode_words, name, titled};
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::output::Output;
-use crate::cli::replace::Replace;
-use crate::config::ProfileName;
-use crate::service::adopt::{Refusal, contradictions, originals, profile, survey};
+use crate::failure::{Exit, Failure};
+use crate::output::Output;
+use crate::replace::Replace;
+use yieldwall_config::ProfileName;
+use yieldwall_service::adopt::{Refusal, contradictions, originals, profile, survey};
 
 /// Columns of a terminal.
 const WIDTH: usize = 80;
 
 #[derive(Debug, clap::Subcommand)]
-pub(in crate::cli) enum Command {
+pub(crate) enum Command {
     /// Write the profile of a drive: asked of it and tried out in Switch On Disabled; all values are put back
     Adopt(Arguments),
 }
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Arguments {
+pub(crate) struct Arguments {
     /// A node id, or the name of a drive in the rig
     #[arg(long)]
     node: String,
@@ -47,7 +47,7 @@ pub(in crate::cli) struct Arguments {
     place: Place,
 }
 
-pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
+pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
     let Command::Adopt(arguments) = command;
     if let Some(name) = arguments.name.as_ref().filter(|name| kebab(name) != **name || name.is_empty()) {
         let help = format!("write for example --name {}", kebab(name));

@@ -5,12 +5,12 @@ use serde_json::json;
 use super::place::Place;
 use super::segment::{Device, SegmentDesk};
 use super::sii::{Asking, overwrite};
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::output::Output;
-use crate::ethercat::sii::{Sii, set_alias};
+use crate::failure::{Exit, Failure};
+use crate::output::Output;
+use yieldwall_fieldbus::ethercat::sii::{Sii, set_alias};
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Arguments {
+pub(crate) struct Arguments {
     /// A position, or the name of a device in the rig
     node: String,
     /// Give it this alias, 1 to 65535, or 0 for none; asks before. Without a value the alias is shown
@@ -21,7 +21,7 @@ pub(in crate::cli) struct Arguments {
     place: Place,
 }
 
-pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let mut desk = SegmentDesk::only(&arguments.place, output)?;
     let device = desk.device(&arguments.node)?;
     let Some(alias) = arguments.value else {

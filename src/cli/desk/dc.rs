@@ -5,12 +5,12 @@ use serde_json::{Value, json};
 use super::place::Place;
 use super::segment::{Device, SegmentDesk};
 use super::words::{table, wrapped};
-use crate::cli::failure::Failure;
-use crate::cli::output::Output;
-use crate::service::ClockFacts;
+use crate::failure::Failure;
+use crate::output::Output;
+use yieldwall_service::ClockFacts;
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Arguments {
+pub(crate) struct Arguments {
     /// A position, or the name of a device in the rig; all unless one is named
     node: Option<String>,
     #[command(flatten)]
@@ -20,7 +20,7 @@ pub(in crate::cli) struct Arguments {
 /// A device, and its clock if it has one.
 pub(super) type Clock = (Device, Option<ClockFacts>);
 
-pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let mut desk = SegmentDesk::only(&arguments.place, output)?;
     let clocks = read(&mut desk, arguments.node.as_deref())?;
     if output.is_json() {

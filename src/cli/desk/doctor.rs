@@ -4,23 +4,23 @@ use serde_json::json;
 
 use super::place::{AnyLink, Desk, Entry, Node, Place};
 use super::segment::{self, SegmentDesk};
-use crate::canopen::{NodeId, NodeSet, node_id};
-use crate::cli::checkup::{Section, finish};
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::interrupt::on_interrupt;
-use crate::cli::output::Output;
-use crate::config::{self, Bus, Rig, Source};
-use crate::link::InterfaceFacts;
-use crate::link::checkup::{Check, Verdict};
-use crate::live::{PlantedLink, Trouble};
-use crate::service::doctor::{Around, NodeFacts, examine, judge, read_pattern};
-use crate::service::{Found, scan};
+use crate::checkup::{Section, finish};
+use crate::failure::{Exit, Failure};
+use crate::interrupt::on_interrupt;
+use crate::output::Output;
+use yieldwall_config::{self as config, Bus, Rig, Source};
+use yieldwall_fieldbus::canopen::{NodeId, NodeSet, node_id};
+use yieldwall_link::InterfaceFacts;
+use yieldwall_link::checkup::{Check, Verdict};
+use yieldwall_rig::live::{PlantedLink, Trouble};
+use yieldwall_service::doctor::{Around, NodeFacts, examine, judge, read_pattern};
+use yieldwall_service::{Found, scan};
 
 /// Most devices of one bus whose answers are compared.
 const MOST_COMPARED: usize = 8;
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Arguments {
+pub(crate) struct Arguments {
     /// A node id, on EtherCAT a position, or the name of a device in the rig
     node: String,
     /// Send nothing: judge by what is heard in 1 s; the way beside a master that runs
@@ -69,7 +69,7 @@ impl Fault {
     }
 }
 
-pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     if let Some(mut desk) = SegmentDesk::open(&arguments.place, output)? {
         if arguments.listen || arguments.fault.is_some() {
             let message = "--listen and --fault are for nodes on CAN, and this place is on EtherCAT";
@@ -167,7 +167,7 @@ fn of_rig(place: &Place) -> Result<Option<u32>, Failure> {
 }
 
 /// The devices of a segment, by its interface: what is wrong with them, or with the interface.
-pub(in crate::cli) fn on_segment(
+pub(crate) fn on_segment(
     interface: &str,
     argument: &str,
     rig: Option<&str>,
@@ -184,7 +184,7 @@ pub(in crate::cli) fn on_segment(
 
 /// The devices of an interface that can be used: who answers, and whether identifiers and node ids are right. `commands` is what
 /// commands need to come there.
-pub(in crate::cli) fn devices(argument: &str, rig: Option<&Rig>, commands: &str) -> Result<Vec<Check>, Failure> {
+pub(crate) fn devices(argument: &str, rig: Option<&Rig>, commands: &str) -> Result<Vec<Check>, Failure> {
     let mut desk = match Desk::on_bus(argument, rig, on_interrupt()?) {
         Ok(desk) => desk,
         // A master that is there is no trouble, and nothing is asked beside it.

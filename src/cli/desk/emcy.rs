@@ -6,16 +6,16 @@ use super::keeping::back_up;
 use super::place::{Desk, Node, Place};
 use super::reached::Reached;
 use super::segment::{self, SegmentDesk};
-use crate::canopen::{BusId, PastError};
-use crate::cli::explain;
-use crate::cli::failure::Failure;
-use crate::cli::output::Output;
-use crate::explanation::Explanation;
-use crate::objects::Address;
-use crate::service::{Bytes, Error, number, scan};
+use crate::explain;
+use crate::failure::Failure;
+use crate::output::Output;
+use yieldwall_fieldbus::canopen::{BusId, PastError};
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_run::explanation::Explanation;
+use yieldwall_service::{Bytes, Error, number, scan};
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Arguments {
+pub(crate) struct Arguments {
     /// A node id, on EtherCAT a position, or the name of a device in the rig; all that answer unless one is named
     node: Option<String>,
     /// Have the device forget its stored errors, after they were kept in a file
@@ -33,7 +33,7 @@ const HISTORY: Address = Address::new(0x1003, 0);
 /// Those are read at most.
 const MOST: u8 = 32;
 
-pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     if let (true, Some(word)) = (arguments.clear, &arguments.node) {
         return forget(word, arguments, output);
     }

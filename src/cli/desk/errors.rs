@@ -5,12 +5,12 @@ use serde_json::{Value, json};
 use super::place::Place;
 use super::segment::{Device, SegmentDesk};
 use super::words::{table, wrapped};
-use crate::cli::failure::Failure;
-use crate::cli::output::Output;
-use crate::service::{Counters, PortCounters};
+use crate::failure::Failure;
+use crate::output::Output;
+use yieldwall_service::{Counters, PortCounters};
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Arguments {
+pub(crate) struct Arguments {
     /// A position, or the name of a device in the rig; all unless one is named
     node: Option<String>,
     /// Have the devices count from 0 again afterwards
@@ -20,7 +20,7 @@ pub(in crate::cli) struct Arguments {
     place: Place,
 }
 
-pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let mut desk = SegmentDesk::only(&arguments.place, output)?;
     let devices = desk.devices_of(arguments.node.as_deref())?;
     let mut counted = Vec::new();

@@ -7,14 +7,14 @@ use super::place::{Desk, Place};
 use super::scan::{fit, kind};
 use super::segment::{self, SegmentDesk};
 use super::words::{self, nmt_words, table};
-use crate::cli::failure::Failure;
-use crate::cli::output::Output;
-use crate::explanation::Explanation;
-use crate::objects::Address;
-use crate::service::{Bytes, Error, Found, identify, known, number};
+use crate::failure::Failure;
+use crate::output::Output;
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_run::explanation::Explanation;
+use yieldwall_service::{Bytes, Error, Found, identify, known, number};
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Arguments {
+pub(crate) struct Arguments {
     /// A node id, on EtherCAT a position, or the name of a device in the rig
     node: String,
     #[command(flatten)]
@@ -44,7 +44,7 @@ const OBJECTS: [(u16, u8, &str); 14] = [
     (0x6080, 0, "motor speed limit"),
 ];
 
-pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     if let Some(desk) = SegmentDesk::open(&arguments.place, output)? {
         return segment::info::run(&arguments.node, desk, output);
     }

@@ -16,26 +16,26 @@ use super::reached::Reached;
 use super::segment::SegmentDesk;
 use super::state::refuse_powered;
 use super::words::titled;
-use crate::bus::Written;
-use crate::canopen::NmtCommand;
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::interfaces::Interfaces;
-use crate::cli::interrupt::{on_interrupt, uninterrupted};
-use crate::cli::keep::state_folder;
-use crate::cli::latency::now_unix_s;
-use crate::cli::output::Output;
-use crate::config::{Bus, Rig};
-use crate::ethercat::{AlState, AlStatus};
-use crate::objects::Address;
-use crate::record::trusted;
-use crate::service::{Error, Made, carry_out, number, plan, sheet_of};
+use crate::failure::{Exit, Failure};
+use crate::interfaces::Interfaces;
+use crate::interrupt::{on_interrupt, uninterrupted};
+use crate::keep::state_folder;
+use crate::latency::now_unix_s;
+use crate::output::Output;
+use yieldwall_bus::Written;
+use yieldwall_config::{Bus, Rig};
+use yieldwall_fieldbus::canopen::NmtCommand;
+use yieldwall_fieldbus::ethercat::{AlState, AlStatus};
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_record::trusted;
+use yieldwall_service::{Error, Made, carry_out, number, plan, sheet_of};
 
 /// What tells a device from others of its kind and from other kinds: vendor, product, serial number.
 const IDENTITY: [Address; 3] = [Address::new(0x1018, 1), Address::new(0x1018, 2), Address::new(0x1018, 4)];
 
 /// An open journal.
 #[derive(Debug)]
-pub(in crate::cli) struct Journal {
+pub(crate) struct Journal {
     path: PathBuf,
     kept: Kept,
 }
@@ -80,7 +80,7 @@ impl Journal {
     ///
     /// # Errors
     /// If a device does not answer or the journal cannot be kept; then nothing may be written. If one is open already.
-    pub(in crate::cli) fn begin(
+    pub(crate) fn begin(
         command: &str,
         (rig, file): (&Rig, &str),
         written: &[Written],
@@ -128,7 +128,7 @@ impl Journal {
     ///
     /// # Errors
     /// If the command is at work, and if a journal cannot be read.
-    pub(in crate::cli) fn left_on(interfaces: &Interfaces) -> Result<Option<Self>, Failure> {
+    pub(crate) fn left_on(interfaces: &Interfaces) -> Result<Option<Self>, Failure> {
         let Some(folder) = state_folder("journals") else { return Ok(None) };
         for journal in all(&folder)? {
             let is_here = |device: &KeptDevice| interfaces.names().contains(&device.interface);
@@ -146,7 +146,7 @@ impl Journal {
     }
 
     /// Closes a journal of devices to which nothing was written.
-    pub(in crate::cli) fn discard(&self) {
+    pub(crate) fn discard(&self) {
         // One that stays names devices that are as they were.
         let _ = fs::remove_file(&self.path);
     }
@@ -156,7 +156,7 @@ impl Journal {
     ///
     /// # Errors
     /// What could not be given back, by name; the journal stays open.
-    pub(in crate::cli) fn give_back(self, output: &mut Output) -> Result<(), Failure> {
+    pub(crate) fn give_back(self, output: &mut Output) -> Result<(), Failure> {
         let is_over = uninterrupted()?;
         let (mut given, mut lacking) = (Vec::new(), Vec::new());
         let mut reached: Option<Reached> = None;
@@ -214,7 +214,7 @@ impl Journal {
     }
 
     /// What was begun, for a person: `commission of 2026-01-31 12:00:00Z (left 31 objects, right 31 objects)`.
-    pub(in crate::cli) fn words(&self) -> String {
+    pub(crate) fn words(&self) -> String {
         let devices =
             self.kept.devices.iter().map(|device| format!("{} {} objects", device.name, device.objects.len()));
         format!(
@@ -234,7 +234,7 @@ impl Journal {
 }
 
 /// Refuses to move a rig while a journal is open on one of its interfaces.
-pub(in crate::cli) fn refuse_open(rig: &Rig, file: &str, interfaces: &Interfaces) -> Result<(), Failure> {
+pub(crate) fn refuse_open(rig: &Rig, file: &str, interfaces: &Interfaces) -> Result<(), Failure> {
     let Some(journal) = Journal::left_on(interfaces)? else { return Ok(()) };
     let help = format!(
         "nothing was sent; `yieldwall commission {file} {} --restore` gives the devices back what they held",
@@ -427,7 +427,7 @@ mod tests {
         store(&folder.join("1-1.json"), &kept).unwrap();
         let journals = all(&folder).unwrap();
         assert_eq!((journals.len(), &journals[0].kept), (1, &kept));
-        #[cfg(all(feature = "ethernet", target_os = "linux"))]
+        #[cfg(target_os = "linux")]
         {
             crate::sample::let_others_write(&folder.join("1-1.json"));
             let failure = all(&folder).unwrap_err();

@@ -7,13 +7,13 @@ use yieldwall_drives::eds::{Eds, Node as Of};
 use yieldwall_drives::objects;
 
 use super::reached::Reached;
-use crate::canopen::NodeId;
-use crate::cli::confirm::agreed;
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::keep::state_folder;
-use crate::objects::Address;
-use crate::record::trusted;
-use crate::service::sheet_of;
+use crate::confirm::agreed;
+use crate::failure::{Exit, Failure};
+use crate::keep::state_folder;
+use yieldwall_fieldbus::canopen::NodeId;
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_record::trusted;
+use yieldwall_service::sheet_of;
 
 /// By what commands name a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,15 +6,15 @@ use serde_json::{Value, json};
 
 use super::place::{Desk, Place};
 use super::words::wrapped;
-use crate::canopen::lss::{LssAddress, LssOutcome, LssRequest};
-use crate::canopen::node_id;
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::output::Output;
-use crate::objects::Address;
-use crate::service::{Error, identify};
+use crate::failure::{Exit, Failure};
+use crate::output::Output;
+use yieldwall_fieldbus::canopen::lss::{LssAddress, LssOutcome, LssRequest};
+use yieldwall_fieldbus::canopen::node_id;
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_service::{Error, identify};
 
 #[derive(Debug, clap::Subcommand)]
-pub(in crate::cli) enum Command {
+pub(crate) enum Command {
     /// Find a device without a node id, and say who it is
     Find(Find),
     /// Give a device another node id; it holds from its next reset on, and with --save beyond power-off
@@ -22,13 +22,13 @@ pub(in crate::cli) enum Command {
 }
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Find {
+pub(crate) struct Find {
     #[command(flatten)]
     place: Place,
 }
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct SetId {
+pub(crate) struct SetId {
     /// The device: its present node id, its name in the rig, or `new` for the one without a node id
     device: String,
     /// The new node id, 1 to 127
@@ -48,7 +48,7 @@ pub(in crate::cli) struct SetId {
 const ANSWER: Duration = Duration::from_millis(200);
 const SEARCH: Duration = Duration::from_millis(20);
 
-pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
+pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
     match command {
         Command::Find(arguments) => find(arguments, output),
         Command::SetId(arguments) => set_id(arguments, output),
@@ -177,7 +177,11 @@ fn set_id(arguments: &SetId, output: &mut Output) -> Result<(), Failure> {
 }
 
 /// The failure that another device has the node id.
-fn taken(desk: &mut Desk, arguments: &SetId, new: crate::canopen::NodeId) -> Result<Option<Failure>, Failure> {
+fn taken(
+    desk: &mut Desk,
+    arguments: &SetId,
+    new: yieldwall_fieldbus::canopen::NodeId,
+) -> Result<Option<Failure>, Failure> {
     desk.service.set_patience(Duration::from_millis(300), 0);
     let answer = desk.service.read(new, Address::new(0x1000, 0));
     match answer {

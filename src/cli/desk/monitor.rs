@@ -6,15 +6,15 @@ use serde_json::{Value, json};
 
 use super::place::{Desk, Entry, Place};
 use super::words::{nmt_words, spaced};
-use crate::canopen::{Emergency, Frame, NmtState, cob, nmt};
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::output::Output;
-use crate::explanation;
-use crate::link::{Arrival, Received};
-use crate::objects::{AbortCode, Address};
+use crate::failure::{Exit, Failure};
+use crate::output::Output;
+use yieldwall_fieldbus::canopen::{Emergency, Frame, NmtState, cob, nmt};
+use yieldwall_fieldbus::objects::{AbortCode, Address};
+use yieldwall_link::{Arrival, Received};
+use yieldwall_run::explanation;
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Arguments {
+pub(crate) struct Arguments {
     /// How long to listen; Ctrl-C ends it earlier
     #[arg(long = "for", value_name = "S", default_value_t = 3.0)]
     seconds: f64,
@@ -28,7 +28,7 @@ pub(in crate::cli) struct Arguments {
 /// Most frames of one JSON document.
 const MOST: usize = 200_000;
 
-pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     if !(arguments.seconds > 0.0 && arguments.seconds <= 1e6) {
         let message = format!("--for is {}: it lasts more than 0 and at most 1 000 000 seconds", arguments.seconds);
         return Err(Failure::new(Exit::Usage, message, "give a number of seconds, such as --for 10"));
@@ -64,7 +64,7 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
     failed?;
     // Whoever ends it has seen enough.
     if let Err(error) = listened
-        && error != crate::service::Error::Interrupted
+        && error != yieldwall_service::Error::Interrupted
     {
         return Err(desk.bus_failure(error));
     }

@@ -6,14 +6,14 @@ use serde_json::json;
 
 use super::place::{Desk, Node, Place};
 use super::words::{nmt_words, wrapped};
-use crate::canopen::{NmtCommand, NmtState};
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::output::Output;
-use crate::objects::Address;
-use crate::service::Error;
+use crate::failure::{Exit, Failure};
+use crate::output::Output;
+use yieldwall_fieldbus::canopen::{NmtCommand, NmtState};
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_service::Error;
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Arguments {
+pub(crate) struct Arguments {
     /// A node id, the name of a device in the rig, or `all`
     node: String,
     /// What it is told
@@ -59,7 +59,7 @@ impl Command {
     }
 }
 
-pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let mut desk = Desk::open(&arguments.place, output)?;
     let (command, words) = arguments.command.of_nmt();
     let node = if arguments.node == "all" { None } else { Some(desk.node(&arguments.node)?) };

@@ -14,14 +14,14 @@ use super::place::Place;
 use super::reached::Reached;
 use super::state::refuse_powered;
 use super::words::{self, object, table, titled};
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::output::Output;
-use crate::config::{Diagnostic, Severity};
-use crate::objects::{AbortCode, Address};
-use crate::service::{Caution, Error, Made, Step, carry_out, known, type_by_length};
+use crate::failure::{Exit, Failure};
+use crate::output::Output;
+use yieldwall_config::{Diagnostic, Severity};
+use yieldwall_fieldbus::objects::{AbortCode, Address};
+use yieldwall_service::{Caution, Error, Made, Step, carry_out, known, type_by_length};
 
 #[derive(Debug, clap::Subcommand)]
-pub(in crate::cli) enum Command {
+pub(crate) enum Command {
     /// Read objects
     Read(Read),
     /// Write one object and read it back; what it held is kept in a file
@@ -35,7 +35,7 @@ pub(in crate::cli) enum Command {
 }
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Read {
+pub(crate) struct Read {
     /// A node id, on EtherCAT a position, or the name of a device in the rig
     node: String,
     /// Objects by address (6041h, 1018h:2) or by name (statusword, vendor-id)
@@ -49,7 +49,7 @@ pub(in crate::cli) struct Read {
 }
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Write {
+pub(crate) struct Write {
     /// A node id, on EtherCAT a position, or the name of a device in the rig
     node: String,
     /// The object by address (6072h) or by name (max-torque)
@@ -139,7 +139,7 @@ impl Done {
     }
 }
 
-pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
+pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
     match command {
         Command::Read(arguments) => read(arguments, output),
         Command::Write(arguments) => write(arguments, output),
@@ -232,7 +232,7 @@ fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
     let old = match reached.read(at) {
         Ok(old) => Some(old),
         // Write only.
-        Err(Error::Refused(crate::objects::AbortCode::WRITE_ONLY)) => None,
+        Err(Error::Refused(yieldwall_fieldbus::objects::AbortCode::WRITE_ONLY)) => None,
         Err(error) => return Err(reached.failure(&format!("reading {at}"), error)),
     };
     let data_type = match (known(at, eds.as_ref()), &old) {

@@ -5,19 +5,19 @@ use serde_json::{Value, json};
 use super::place::{Desk, Node, Place};
 use super::segment::{self, SegmentDesk};
 use super::words::mapped;
-use crate::cli::failure::Failure;
-use crate::cli::output::Output;
-use crate::objects::Address;
-use crate::service::{Error, number};
+use crate::failure::Failure;
+use crate::output::Output;
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_service::{Error, number};
 
 #[derive(Debug, clap::Subcommand)]
-pub(in crate::cli) enum Command {
+pub(crate) enum Command {
     /// Show the PDOs of a device: identifier or sync manager, when they are exchanged, and what is mapped
     Show(Arguments),
 }
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Arguments {
+pub(crate) struct Arguments {
     /// A node id, on EtherCAT a position, or the name of a device in the rig
     node: String,
     #[command(flatten)]
@@ -36,7 +36,7 @@ struct Pdo {
     maps: Vec<u32>,
 }
 
-pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
+pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
     let Command::Show(arguments) = command;
     if let Some(desk) = SegmentDesk::open(&arguments.place, output)? {
         return segment::pdo::run(&arguments.node, desk, output);

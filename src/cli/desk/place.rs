@@ -8,24 +8,24 @@ use yieldwall_drives::codes::ErrorCodes;
 use yieldwall_drives::profiles::DeviceProfile;
 use yieldwall_drives::scaling::AxisScaling;
 
-use crate::assembly::{AssemblyError, bus_id, scaling};
-use crate::canopen::{BusId, NodeId, node_id};
-use crate::cli::ending::rig_failure;
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::interrupt::on_interrupt;
-use crate::cli::output::Output;
-use crate::config::{self, Bus, Loaded, Rig, SensorProtocol, Source};
-use crate::explanation::{self, Explanation};
-use crate::link::CanLink;
-use crate::live::VirtualLink;
-use crate::service::{Error, Service};
+use crate::ending::rig_failure;
+use crate::failure::{Exit, Failure};
+use crate::interrupt::on_interrupt;
+use crate::output::Output;
+use yieldwall_config::{self as config, Bus, Loaded, Rig, SensorProtocol, Source};
+use yieldwall_fieldbus::canopen::{BusId, NodeId, node_id};
+use yieldwall_link::CanLink;
+use yieldwall_rig::live::VirtualLink;
+use yieldwall_run::assembly::{AssemblyError, bus_id, scaling};
+use yieldwall_run::explanation::{self, Explanation};
+use yieldwall_service::{Error, Service};
 
 /// The rig of the simulation unless another one is named.
 const USUAL_RIG: &str = "builtin:paper-admittance.yaml";
 
 /// Where the devices are.
 #[derive(Clone, Debug, Default, clap::Args)]
-pub(in crate::cli) struct Place {
+pub(crate) struct Place {
     /// The interface of the bus; without it the devices of the rig's simulation are asked, and nothing is kept
     #[arg(long, value_name = "INTERFACE")]
     pub(super) bus: Option<String>,
@@ -172,10 +172,10 @@ impl Desk {
         is_silent: bool,
         is_over: Arc<AtomicBool>,
     ) -> Result<Self, Failure> {
-        use crate::bus::{LISTENING, Signs};
-        use crate::cli::on_bus::{link_failure, other_master};
-        use crate::link::{Role, SocketCan, SocketCanSettings, is_ethernet};
-        use crate::live::listen;
+        use crate::on_bus::{link_failure, other_master};
+        use yieldwall_bus::{LISTENING, Signs};
+        use yieldwall_link::{Role, SocketCan, SocketCanSettings, is_ethernet};
+        use yieldwall_rig::live::listen;
 
         let (named, interface) = argument.split_once('=').map_or((None, argument), |(name, rest)| (Some(name), rest));
         let bus = match (rig, named) {

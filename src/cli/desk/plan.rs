@@ -6,17 +6,17 @@ use yieldwall_drives::eds::Value;
 
 use super::place::{Desk, Entry, Node};
 use super::words::{self, nmt_words};
-use crate::assembly::master;
-use crate::bus::{BootPlan, NodePlan, PlannedWrite, words_to_enable};
-use crate::canopen::{BusId, Frame, NmtCommand, nmt};
-use crate::cli::ending::rig_failure;
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::output::Output;
-use crate::config::{Loaded, Rig};
-use crate::guard::Device;
-use crate::objects::Address;
-use crate::run::{ANNOUNCED, DRILL_LIMIT, END_OF_WATCH, REST_RAD, settling_on_bus, watchdogs};
-use crate::service::{Error, known, type_by_length};
+use crate::ending::rig_failure;
+use crate::failure::{Exit, Failure};
+use crate::output::Output;
+use yieldwall_bus::{BootPlan, NodePlan, PlannedWrite, words_to_enable};
+use yieldwall_config::{Loaded, Rig};
+use yieldwall_fieldbus::canopen::{BusId, Frame, NmtCommand, nmt};
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_motion::guard::Device;
+use yieldwall_run::assembly::master;
+use yieldwall_run::{ANNOUNCED, DRILL_LIMIT, END_OF_WATCH, REST_RAD, settling_on_bus, watchdogs};
+use yieldwall_service::{Error, known, type_by_length};
 
 /// Columns of a terminal.
 const COLUMNS: usize = 80;
@@ -25,7 +25,7 @@ const CONFIGURE: &str = "configure";
 
 /// Who would send.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::cli) enum Sender {
+pub(crate) enum Sender {
     /// `run`.
     Run,
     /// `drill`.
@@ -55,12 +55,7 @@ enum What {
 }
 
 /// Says what a rig's boot and start would send: to its devices on these buses, `NAME=INTERFACE` each, or to the simulated ones.
-pub(in crate::cli) fn run(
-    rig: &Loaded<Rig>,
-    buses: &[String],
-    sender: Sender,
-    output: &mut Output,
-) -> Result<(), Failure> {
+pub(crate) fn run(rig: &Loaded<Rig>, buses: &[String], sender: Sender, output: &mut Output) -> Result<(), Failure> {
     let plan = master(&rig.value, &rig.value.fixture).map_err(|error| rig_failure(&error.into()))?.plan();
     let mut desks = match buses {
         [] => vec![Desk::of_rig(rig, None)?],
@@ -319,7 +314,7 @@ fn short(at: Address, bytes: Option<&[u8]>) -> String {
     let Some(bytes) = bytes else { return "?".to_owned() };
     match data_type(at, bytes).map(|data_type| Value::from_bytes(data_type, bytes)) {
         Some(Value::Integer(_)) if at.index < 0x2000 && bytes.len() == 4 => {
-            format!("{:08X}h", crate::service::number(bytes))
+            format!("{:08X}h", yieldwall_service::number(bytes))
         }
         Some(Value::Integer(value)) => value.to_string(),
         _ => hexadecimal(bytes),
@@ -374,13 +369,13 @@ mod tests {
     use std::sync::{Arc, Mutex, atomic::AtomicBool};
 
     use super::*;
-    use crate::canopen::cob;
-    use crate::config::{Source, load_rig};
-    use crate::link::{Arrival, CanLink, SendError};
-    use crate::live::VirtualLink;
-    use crate::rig::EmbeddedRig;
-    use crate::service::Service;
-    use crate::time::Time;
+    use yieldwall_config::{Source, load_rig};
+    use yieldwall_fieldbus::canopen::cob;
+    use yieldwall_fieldbus::time::Time;
+    use yieldwall_link::{Arrival, CanLink, SendError};
+    use yieldwall_rig::EmbeddedRig;
+    use yieldwall_rig::live::VirtualLink;
+    use yieldwall_service::Service;
 
     /// A link that refuses to send anything that does more than read an object.
     struct Reading(VirtualLink);
@@ -478,7 +473,7 @@ mod tests {
                         _ => None,
                     })
                     .collect();
-                let node = crate::canopen::node_id(id).unwrap();
+                let node = yieldwall_fieldbus::canopen::node_id(id).unwrap();
                 let of_node = |cob: u16| sent.iter().filter(move |frame| frame.bus() == bus && frame.id() == cob);
                 let written: Vec<_> = of_node(cob::sdo_request(node)).filter_map(download).collect();
                 assert_eq!(told, written, "{name}: node {id}");

@@ -8,11 +8,11 @@ use yieldwall_drives::scaling::AxisScaling;
 use super::keeping::Named;
 use super::place::{Desk, Node, Place, placed};
 use super::segment::{Device, SegmentDesk};
-use crate::cli::failure::Failure;
-use crate::cli::output::Output;
-use crate::explanation::Explanation;
-use crate::objects::Address;
-use crate::service::{Bytes, Error, ObjectAccess, number};
+use crate::failure::Failure;
+use crate::output::Output;
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_run::explanation::Explanation;
+use yieldwall_service::{Bytes, Error, ObjectAccess, number};
 
 /// The device, and the desk at which it is.
 pub(super) enum Reached {

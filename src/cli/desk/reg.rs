@@ -5,16 +5,16 @@ use serde_json::json;
 use super::place::Place;
 use super::segment::{Device, SegmentDesk};
 use super::words::{hexadecimal, table};
-use crate::bus::ethercat::SegmentFailure;
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::output::Output;
-use crate::config::nearest_word;
-use crate::ethercat::registers::{self as register, NAMED};
-use crate::ethercat::{AlStatus, AlStatusCode, u16_at};
-use crate::service::{Bytes, SegmentError};
+use crate::failure::{Exit, Failure};
+use crate::output::Output;
+use yieldwall_bus::ethercat::SegmentFailure;
+use yieldwall_config::nearest_word;
+use yieldwall_fieldbus::ethercat::registers::{self as register, NAMED};
+use yieldwall_fieldbus::ethercat::{AlStatus, AlStatusCode, u16_at};
+use yieldwall_service::{Bytes, SegmentError};
 
 #[derive(Debug, clap::Subcommand)]
-pub(in crate::cli) enum Command {
+pub(crate) enum Command {
     /// Read registers
     Read(Read),
     /// Write one register and read it back; a device forgets it when it is switched off
@@ -22,7 +22,7 @@ pub(in crate::cli) enum Command {
 }
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Read {
+pub(crate) struct Read {
     /// A position, or the name of a device in the rig
     node: String,
     /// Registers by address (0130h) or by name (al-status); those that have a name unless one is given
@@ -35,7 +35,7 @@ pub(in crate::cli) struct Read {
 }
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Write {
+pub(crate) struct Write {
     /// A position, or the name of a device in the rig
     node: String,
     /// The register by address (0420h) or by name (watchdog-sync-manager)
@@ -63,7 +63,7 @@ pub(super) struct Register {
     pub(super) name: &'static str,
 }
 
-pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
+pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
     match command {
         Command::Read(arguments) => read(arguments, output),
         Command::Write(arguments) => write(arguments, output),

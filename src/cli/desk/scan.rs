@@ -8,13 +8,13 @@ use yieldwall_drives::profiles::{DeviceProfile, Identity as Wanted};
 use super::place::{Desk, Place};
 use super::segment::{self, SegmentDesk};
 use super::words::{nmt_words, table};
-use crate::cli::failure::Failure;
-use crate::cli::output::Output;
-use crate::config::ProfileName;
-use crate::service::{Found, scan};
+use crate::failure::Failure;
+use crate::output::Output;
+use yieldwall_config::ProfileName;
+use yieldwall_service::{Found, scan};
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Arguments {
+pub(crate) struct Arguments {
     #[command(flatten)]
     place: Place,
     /// Send nothing: list those that are heard within 3 s; the way beside a master that runs
@@ -25,7 +25,7 @@ pub(in crate::cli) struct Arguments {
 /// How long is listened.
 const LISTENING: Duration = Duration::from_secs(3);
 
-pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let segment = match arguments.listen {
         true => SegmentDesk::only_listening(&arguments.place, output)?,
         false => SegmentDesk::open(&arguments.place, output)?,
@@ -60,7 +60,7 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
 /// Those that are heard without being asked.
 fn heard(desk: &mut Desk) -> Result<Vec<Found>, Failure> {
     desk.service.listen(LISTENING, |_| {}).map_err(|error| desk.bus_failure(error))?;
-    let nodes = (1..=127).filter_map(|raw| crate::canopen::node_id(raw).ok());
+    let nodes = (1..=127).filter_map(|raw| yieldwall_fieldbus::canopen::node_id(raw).ok());
     let heard = nodes.map(|node| (node, desk.service.heard(node))).filter(|(_, heard)| heard.frames > 0);
     Ok(heard.map(|(node, heard)| Found { node, heard, device_type: None, identity: [None; 4], name: None }).collect())
 }

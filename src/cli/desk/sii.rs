@@ -9,14 +9,14 @@ use super::place::Place;
 use super::scan::{fit_of, identity_words};
 use super::segment::{Device, SegmentDesk};
 use super::words::{mapped, table, wrapped_behind};
-use crate::cli::confirm::agreed;
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::output::Output;
-use crate::ethercat::sii::{MailboxArea, Pdo, Sii, changes, seal};
-use crate::service::{Present, SegmentError};
+use crate::confirm::agreed;
+use crate::failure::{Exit, Failure};
+use crate::output::Output;
+use yieldwall_fieldbus::ethercat::sii::{MailboxArea, Pdo, Sii, changes, seal};
+use yieldwall_service::{Present, SegmentError};
 
 #[derive(Debug, clap::Subcommand)]
-pub(in crate::cli) enum Command {
+pub(crate) enum Command {
     /// Read the SII of a device: identity, mailboxes, sync managers, process data
     Read(Read),
     /// Write an image into the memory chip of a device, after what it holds was kept in a file; asks before
@@ -26,7 +26,7 @@ pub(in crate::cli) enum Command {
 }
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Read {
+pub(crate) struct Read {
     /// A position, or the name of a device in the rig
     node: String,
     /// Keep the image as it is in a new file
@@ -37,7 +37,7 @@ pub(in crate::cli) struct Read {
 }
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Write {
+pub(crate) struct Write {
     /// A position, or the name of a device in the rig
     node: String,
     /// The image, as `sii read --out` writes it; its checksum is made anew
@@ -61,14 +61,14 @@ pub(super) struct Asking {
 }
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Check {
+pub(crate) struct Check {
     /// A position, or the name of a device in the rig; all unless one is named
     node: Option<String>,
     #[command(flatten)]
     place: Place,
 }
 
-pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
+pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
     match command {
         Command::Read(arguments) => read(arguments, output),
         Command::Write(arguments) => write(arguments, output),

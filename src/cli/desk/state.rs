@@ -10,15 +10,15 @@ use super::reached::Reached;
 use super::segment::state::Target;
 use super::segment::{self, SegmentDesk};
 use super::words::{mode_code_words, nmt_words, state_words};
-use crate::cli::explain;
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::output::Output;
-use crate::explanation;
-use crate::objects::Address;
-use crate::service::{Error, number};
+use crate::explain;
+use crate::failure::{Exit, Failure};
+use crate::output::Output;
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_run::explanation;
+use yieldwall_service::{Error, number};
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Arguments {
+pub(crate) struct Arguments {
     /// A node id, on EtherCAT a position or `all`, or the name of a device in the rig
     node: String,
     /// On EtherCAT: bring the device there
@@ -45,7 +45,7 @@ const MODE: Address = Address::new(0x6061, 0);
 const LEAVING_LOOKS: u32 = 50;
 const LOOK: Duration = Duration::from_millis(20);
 
-pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let mut reached = match SegmentDesk::taking_over(&arguments.place, arguments.take_over, output)? {
         Some(desk) if arguments.reset_fault => Reached::on_segment(desk, &arguments.node, output)?,
         Some(desk) => {

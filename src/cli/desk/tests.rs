@@ -5,11 +5,11 @@ use std::time::Duration;
 use super::place::{Desk, Place};
 use super::reached::Reached;
 use super::state::{refuse_powered, reset_fault, statusword};
-use crate::canopen::{NmtCommand, NmtState, nmt, node_id};
-use crate::cli::failure::Exit;
-use crate::cli::output::Output;
-use crate::explanation::{self, Explanation};
-use crate::objects::Address;
+use crate::failure::Exit;
+use crate::output::Output;
+use yieldwall_fieldbus::canopen::{NmtCommand, NmtState, nmt, node_id};
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_run::explanation::{self, Explanation};
 
 fn desk() -> (Desk, Output) {
     let mut output = Output::new(true, false, false);

@@ -7,13 +7,13 @@ use yieldwall_drives::cia402::{OperationMode, Statusword};
 use yieldwall_drives::eds::{Eds, Value};
 use yieldwall_drives::scaling::AxisScaling;
 
-use crate::canopen::{EmcyCode, NmtState};
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::printable::one_line;
-use crate::config::nearest_word;
-use crate::explanation::state_name;
-use crate::objects::Address;
-use crate::service::{known, named, names, number, type_by_length};
+use crate::failure::{Exit, Failure};
+use crate::printable::one_line;
+use yieldwall_config::nearest_word;
+use yieldwall_fieldbus::canopen::{EmcyCode, NmtState};
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_run::explanation::state_name;
+use yieldwall_service::{known, named, names, number, type_by_length};
 
 /// Columns of a terminal.
 pub(super) const COLUMNS: usize = 80;
@@ -62,7 +62,7 @@ pub(super) fn object(word: &str, eds: Option<&Eds>) -> Result<Address, Failure> 
 }
 
 /// The object that an address means: `6041h`, `0x1018:2`, `1018h:2` or `1018sub2`.
-pub(in crate::cli) fn address(word: &str) -> Option<Address> {
+pub(crate) fn address(word: &str) -> Option<Address> {
     let lower = word.to_ascii_lowercase();
     let (index, sub) = match lower.split_once(':').or_else(|| lower.split_once("sub")) {
         Some((index, sub)) => (index, hexadecimal(sub).filter(|sub| *sub <= 0xff)? as u8),
@@ -166,13 +166,13 @@ fn meaning(at: Address, value: i128, bytes: &[u8], scaling: Option<&AxisScaling>
 }
 
 /// `6064h:0 position-actual, 32 bits`.
-pub(in crate::cli) fn mapped(entry: u32) -> String {
+pub(crate) fn mapped(entry: u32) -> String {
     let at = Address::new((entry >> 16) as u16, (entry >> 8) as u8);
     format!("{}, {} bits", titled(at, &name(at, None)), entry & 0xff)
 }
 
 /// The state in a statusword, in words.
-pub(in crate::cli) fn state_words(word: u16) -> String {
+pub(crate) fn state_words(word: u16) -> String {
     let status = Statusword(word);
     let mut words = state_name(status.state()).to_owned();
     for (bit, says) in [(Statusword::WARNING, ", warning"), (Statusword::INTERNAL_LIMIT, ", internal limit")] {

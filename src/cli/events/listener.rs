@@ -7,16 +7,16 @@ use std::time::{Duration, Instant};
 
 use super::narrator::Narrator;
 use super::{Event, Events};
-use crate::canopen::{Emergency, Frame};
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::keep::{Watched, ring};
-use crate::cli::tui::View;
-use crate::config;
-use crate::link::Packet;
-use crate::record::CycleRecord;
-use crate::record::recording::{Feed, Outlet, Sink, side_ring};
-use crate::report::Watch;
-use crate::run::{BootSteps, DriveError};
+use crate::failure::{Exit, Failure};
+use crate::keep::{Watched, ring};
+use crate::tui::View;
+use yieldwall_config as config;
+use yieldwall_fieldbus::canopen::{Emergency, Frame};
+use yieldwall_link::Packet;
+use yieldwall_record::CycleRecord;
+use yieldwall_record::recording::{Feed, Outlet, Sink, side_ring};
+use yieldwall_rig::report::Watch;
+use yieldwall_run::{BootSteps, DriveError};
 
 /// Emergencies and errors that wait for the thread.
 const ASIDE: usize = 64;
@@ -24,15 +24,11 @@ const ASIDE: usize = 64;
 const REFRESH: Duration = Duration::from_millis(100);
 
 /// Events under way.
-pub(in crate::cli) struct Listening(Feed<()>);
+pub(crate) struct Listening(Feed<()>);
 
 impl Listening {
     /// Begins to listen: what has to watch the rig for it.
-    pub(in crate::cli) fn start(
-        events: &Events,
-        watched: Watched<'_>,
-        rig: &config::Rig,
-    ) -> Result<(Self, Watch), Failure> {
+    pub(crate) fn start(events: &Events, watched: Watched<'_>, rig: &config::Rig) -> Result<(Self, Watch), Failure> {
         // The simulation has a bar of its own.
         if matches!(watched, Watched::Simulation(_)) {
             events.clear();
@@ -81,7 +77,7 @@ impl Listening {
     }
 
     /// Waits until everything was told.
-    pub(in crate::cli) fn finish(self) -> Result<(), Failure> {
+    pub(crate) fn finish(self) -> Result<(), Failure> {
         self.0.finish().map(|_| ()).map_err(|error| Failure::new(Exit::Internal, error.to_string(), ""))
     }
 }

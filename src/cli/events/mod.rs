@@ -23,11 +23,11 @@ use super::printable::printable;
 #[cfg(target_os = "linux")]
 use super::run::{finding_json, finding_text};
 use super::tui::View;
-#[cfg(target_os = "linux")]
-use crate::host::News;
-#[cfg(target_os = "linux")]
-use crate::run::Finding;
 pub(super) use listener::Listening;
+#[cfg(target_os = "linux")]
+use yieldwall_run::Finding;
+#[cfg(target_os = "linux")]
+use yieldwall_run::host::News;
 
 /// Columns before what is said, as in every report.
 const HEAD: usize = 10;

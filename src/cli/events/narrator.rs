@@ -4,15 +4,15 @@ use serde_json::{Value, json};
 use yieldwall_drives::cia402;
 
 use super::Event;
-use crate::canopen::{Emergency, Frame};
-use crate::cli::ending::{bus_names, describe};
-use crate::cli::on_bus::{drive_error_json, drive_error_text, not_in_time, said_first, words_of_code, words_of_fault};
-use crate::config;
-use crate::elementary::hypot;
-use crate::explanation::state_name;
-use crate::guard::{Cause, Device, Fault, State};
-use crate::record::{CycleRecord, Standstill};
-use crate::run::DriveError;
+use crate::ending::{bus_names, describe};
+use crate::on_bus::{drive_error_json, drive_error_text, not_in_time, said_first, words_of_code, words_of_fault};
+use yieldwall_config as config;
+use yieldwall_fieldbus::canopen::{Emergency, Frame};
+use yieldwall_motion::elementary::hypot;
+use yieldwall_motion::guard::{Cause, Device, Fault, State};
+use yieldwall_record::{CycleRecord, Standstill};
+use yieldwall_run::DriveError;
+use yieldwall_run::explanation::state_name;
 
 /// How the rig is now, for a line.
 #[derive(Clone, Copy, Debug, Default)]
@@ -155,7 +155,7 @@ impl Narrator {
         if let Value::Object(facts) = drive_error_json(error, &self.rig) {
             event.facts = facts;
         }
-        let code = error.code.filter(|code| *code != 0).map(crate::canopen::EmcyCode);
+        let code = error.code.filter(|code| *code != 0).map(yieldwall_fieldbus::canopen::EmcyCode);
         event.meaning(code.map_or_else(Vec::new, |code| words_of_code(code, Some(error.drive), &self.rig).1))
     }
 
@@ -195,9 +195,9 @@ mod tests {
     use std::sync::mpsc::channel;
 
     use super::*;
-    use crate::cli::faults::FaultArgument;
-    use crate::injection::Injection;
-    use crate::report::{Overrides, Watch, run_rig};
+    use crate::faults::FaultArgument;
+    use yieldwall_config::injection::Injection;
+    use yieldwall_rig::report::{Overrides, Watch, run_rig};
 
     enum Heard {
         Cycle(Box<CycleRecord>),

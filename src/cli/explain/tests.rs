@@ -1,14 +1,14 @@
 //! `explain` says what `run` and the commands for devices say.
 
 use super::*;
-use crate::bus::Told;
-use crate::canopen::{EmcyCode, ErrorRegister};
-use crate::cli::ending::stopped_by;
-use crate::cli::on_bus::{different, text as emergency_text, with_told};
-use crate::config::shipped_error_codes;
-use crate::guard::{Cause, Device, DeviceSet, Fault};
-use crate::time::Time;
+use crate::ending::stopped_by;
+use crate::on_bus::{different, text as emergency_text, with_told};
+use yieldwall_bus::Told;
+use yieldwall_config::shipped_error_codes;
 use yieldwall_drives::codes::SHIPPED;
+use yieldwall_fieldbus::canopen::{EmcyCode, ErrorRegister};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::guard::{Cause, Device, DeviceSet, Fault};
 
 fn told(word: &str, codes: Option<&ErrorCodes>) -> String {
     let found = meanings(word, codes).unwrap_or_else(|failure| panic!("{word}: {failure:?}"));

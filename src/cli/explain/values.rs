@@ -3,9 +3,9 @@
 use yieldwall_drives::objects;
 
 use super::super::desk::mapped;
-use crate::explanation::{self, Explanation};
-use crate::objects::{AbortCode, Address};
-use crate::service::known;
+use yieldwall_fieldbus::objects::{AbortCode, Address};
+use yieldwall_run::explanation::{self, Explanation};
+use yieldwall_service::known;
 
 /// The first bytes of the abort codes that the standards and the makers of drives use.
 const ABORT_CLASSES: [u32; 4] = [0x05, 0x06, 0x08, 0x0f];

@@ -3,11 +3,11 @@
 use serde_json::{Value, json};
 
 use super::Plan;
-use crate::assembly::scaling;
-use crate::cli::failure::{Exit, Failure};
-use crate::config;
-use crate::identification::Estimate;
-use crate::run::{NoShift, Repeated};
+use crate::failure::{Exit, Failure};
+use yieldwall_config as config;
+use yieldwall_motion::identification::Estimate;
+use yieldwall_run::assembly::scaling;
+use yieldwall_run::{NoShift, Repeated};
 
 /// What is known of the references of the joints that were homed more than once.
 pub(super) struct Shifts {

@@ -16,8 +16,8 @@ use rustix::io::{Errno, read};
 use rustix::stdio::stdin;
 use rustix::termios::{InputModes, LocalModes, OptionalActions, SpecialCodeIndex, Termios, tcgetattr, tcsetattr};
 
-use crate::cli::failure::{Exit, Failure};
-use crate::run::{Key, Keys};
+use crate::failure::{Exit, Failure};
+use yieldwall_run::{Key, Keys};
 
 /// How often it is looked whether the reading is over.
 const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };

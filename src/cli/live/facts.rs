@@ -5,16 +5,16 @@ use std::collections::BTreeMap;
 use serde_json::{Value, json};
 
 use super::Seen;
-use crate::cli::ending::{bus_names, devices_text};
-use crate::cli::interfaces::Interfaces;
-use crate::cli::keep::Kept;
-use crate::cli::on_bus::{document, drive_error_json, drive_error_text, text};
-use crate::cli::pace::PaceArgument;
-use crate::cli::run::{Arguments, counted_json, counted_text, measures_text, mode_text};
-use crate::config;
-use crate::host::{Histogram, Kept as Timely, Outcome};
-use crate::report::measures::Measures;
-use crate::run::Played;
+use crate::ending::{bus_names, devices_text};
+use crate::interfaces::Interfaces;
+use crate::keep::Kept;
+use crate::on_bus::{document, drive_error_json, drive_error_text, text};
+use crate::pace::PaceArgument;
+use crate::run::{Arguments, counted_json, counted_text, measures_text, mode_text};
+use yieldwall_config as config;
+use yieldwall_rig::report::measures::Measures;
+use yieldwall_run::Played;
+use yieldwall_run::host::{Histogram, Kept as Timely, Outcome};
 
 /// All of it.
 pub(super) struct Facts<'a> {

@@ -2,22 +2,22 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::analysis::{LEAST_MARGINS, has_margins, identified_margins};
-use crate::cli::ending::rig_failure;
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::keep::state_folder;
-use crate::cli::latency::now_unix_s;
-use crate::cli::pace::PaceArgument;
-use crate::cli::run::{NOTHING_ENABLED, judge};
-use crate::cli::tune::Masses;
-use crate::cli::{drill, latency};
-use crate::config::{self, Diagnostic};
-use crate::host::{Evidence, Untimely};
-use crate::rig;
-use crate::run::{MeasuredLoop, Unproven};
+use crate::ending::rig_failure;
+use crate::failure::{Exit, Failure};
+use crate::keep::state_folder;
+use crate::latency::now_unix_s;
+use crate::pace::PaceArgument;
+use crate::run::{NOTHING_ENABLED, judge};
+use crate::tune::Masses;
+use crate::{drill, latency};
+use yieldwall_config::{self as config, Diagnostic};
+use yieldwall_rig as rig;
+use yieldwall_rig::analysis::{LEAST_MARGINS, has_margins, identified_margins};
+use yieldwall_run::host::{Evidence, Untimely};
+use yieldwall_run::{MeasuredLoop, Unproven};
 
 /// In lockstep nothing measures time on the bus; the devices have to be simulated then. Their kind is drilled in virtual time.
-pub(in crate::cli) fn evidence(
+pub(crate) fn evidence(
     pace: PaceArgument,
     rig: &config::Rig,
     scene: Option<&config::Scene>,
@@ -66,7 +66,7 @@ pub(super) fn untimely(error: &Untimely, rig: &config::Rig) -> Failure {
 }
 
 /// The folder with what `tune loop` has measured on a bus.
-pub(in crate::cli) fn loops() -> Result<PathBuf, Failure> {
+pub(crate) fn loops() -> Result<PathBuf, Failure> {
     state_folder("loops").ok_or_else(|| {
         let message = "there is no folder for the records of loops: neither XDG_STATE_HOME nor HOME is set";
         Failure::new(Exit::Usage, message, "set XDG_STATE_HOME to a folder that is kept")
@@ -117,7 +117,7 @@ pub(super) fn measured_masses(rig: &config::Loaded<config::Rig>, folder: &Path) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::JointFound;
+    use yieldwall_run::JointFound;
 
     #[test]
     fn a_rig_whose_measured_delay_leaves_too_little_margin_is_refused() {

@@ -7,10 +7,10 @@ use clap::ValueEnum;
 use yieldwall_drives::profiles::EncoderKind;
 
 use super::Arguments;
-use crate::cli::confirm::answer;
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::fit;
-use crate::config::{ProfileName, Source, load_profile, nearest_word};
+use crate::confirm::answer;
+use crate::failure::{Exit, Failure};
+use crate::fit;
+use yieldwall_config::{ProfileName, Source, load_profile, nearest_word};
 
 /// Node id of this program.
 pub(super) const OWN_NODE: u8 = 127;

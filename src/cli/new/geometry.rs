@@ -1,9 +1,9 @@
 //! Where the arm of a new rig stands and how far it works, from the lengths of its links.
 
-use crate::cli::failure::{Exit, Failure};
-use crate::config::{Finite, Positive, builtin, load_rig};
-use crate::linkage::FiveBar;
-use crate::quantity::TipPoint;
+use crate::failure::{Exit, Failure};
+use yieldwall_config::{Finite, Positive, builtin, load_rig};
+use yieldwall_motion::linkage::FiveBar;
+use yieldwall_motion::quantity::TipPoint;
 
 /// Clearance that the tool keeps from singular poses and from the edge of the workspace, m, as the guard of the rig has it.
 pub(super) const MARGIN_M: f64 = 0.02;

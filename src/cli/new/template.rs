@@ -4,8 +4,8 @@ use yieldwall_drives::profiles::EncoderKind;
 
 use super::choice::{Choice, Law, Mode, OWN_NODE, Protocol};
 use super::geometry::{Geometry, MARGIN_M};
-use crate::control::Gains;
-use crate::elementary;
+use yieldwall_motion::control::Gains;
+use yieldwall_motion::elementary;
 
 /// Above this cycle time, in us, heartbeats are slower: they come to whole cycles.
 const FAST_US: u32 = 2000;

@@ -6,9 +6,9 @@ use clap::{Parser, ValueEnum};
 
 use super::choice::{Law, Mode, Person, Protocol, ask};
 use super::{compose, names};
-use crate::cli::config::Checked;
-use crate::cli::failure::Exit;
-use crate::cli::run;
+use crate::config::Checked;
+use crate::failure::Exit;
+use crate::run;
 use crate::sample::share;
 
 fn word<T: ValueEnum>(value: &T) -> String {
@@ -50,7 +50,7 @@ struct Flags {
 
 /// What `config check` finds in a rig that is made with these flags: it runs the scene as `run` does, and an exit code other than 0 is a
 /// warning. Or how the flags are refused.
-fn findings(flags: &[&str]) -> Result<Vec<crate::config::Diagnostic>, Exit> {
+fn findings(flags: &[&str]) -> Result<Vec<yieldwall_config::Diagnostic>, Exit> {
     let flags = Flags::try_parse_from(["new", "rig.yaml", "--yes"].iter().chain(flags)).map_err(|_| Exit::Usage)?;
     let made = ask(&flags.arguments, None).and_then(|choice| {
         let files = compose(&choice, &names(&flags.arguments.rig)?)?;
@@ -98,7 +98,7 @@ fn links_and_node_ids_are_the_users_own() {
         let rig = folder.file(&format!("links-{}.yaml", links.replace([',', '.'], "-")));
         assert_eq!(exit(&["new", "--yes", &rig, "--links", links, "--nodes", "5,6,7"]), Exit::Ok, "{links}");
         assert_eq!(exit(&["run", &rig]), Exit::Ok, "{links}");
-        let written = crate::config::load_rig(crate::config::Source::disk(&rig)).unwrap().value;
+        let written = yieldwall_config::load_rig(yieldwall_config::Source::disk(&rig)).unwrap().value;
         assert_eq!(written.drives.each_ref().map(|drive| drive.address.node_id()), [Some(5), Some(6)]);
     }
 }

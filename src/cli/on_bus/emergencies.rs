@@ -2,18 +2,18 @@
 
 use serde_json::{Value, json};
 
-use crate::bus::{BootError, BootFailure, Told};
-use crate::canopen::{EmcyCode, Emergency};
-use crate::cli::desk::state_words;
-use crate::cli::failure::Failure;
-use crate::config::{self, SensorProtocol};
-use crate::explanation::{self, Explanation};
-use crate::guard::{Device, Fault};
-use crate::run::DriveError;
-use crate::time::Time;
+use crate::desk::state_words;
+use crate::failure::Failure;
+use yieldwall_bus::{BootError, BootFailure, Told};
+use yieldwall_config::{self as config, SensorProtocol};
+use yieldwall_fieldbus::canopen::{EmcyCode, Emergency};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::guard::{Device, Fault};
+use yieldwall_run::DriveError;
+use yieldwall_run::explanation::{self, Explanation};
 
 /// The emergencies without those that say the same again, in their order.
-pub(in crate::cli) fn different(emergencies: impl Iterator<Item = Told>) -> Vec<Told> {
+pub(crate) fn different(emergencies: impl Iterator<Item = Told>) -> Vec<Told> {
     let mut different: Vec<Told> = Vec::new();
     for told in emergencies {
         let says_the_same = |known: &Told| (known.device, known.code) == (told.device, told.code);
@@ -25,7 +25,7 @@ pub(in crate::cli) fn different(emergencies: impl Iterator<Item = Told>) -> Vec<
 }
 
 /// One of them: the device with its address, and the code with meaning and cause, by the table of its vendor.
-pub(in crate::cli) fn text(told: &Told, rig: &config::Rig) -> String {
+pub(crate) fn text(told: &Told, rig: &config::Rig) -> String {
     let (name, address) = (name(told.device, rig), address(told.device, rig));
     let device = match address {
         (Some(node_id), _) => format!("node {node_id} ({name})"),
@@ -54,7 +54,7 @@ fn explained(code: EmcyCode, device: Option<Device>, rig: &config::Rig) -> Expla
 }
 
 /// The same as data.
-pub(in crate::cli) fn document(told: &Told, rig: &config::Rig) -> Value {
+pub(crate) fn document(told: &Told, rig: &config::Rig) -> Value {
     let (node_id, position) = address(told.device, rig);
     let explained = of_told(told, rig);
     json!({
@@ -72,7 +72,7 @@ pub(in crate::cli) fn document(told: &Told, rig: &config::Rig) -> Value {
 }
 
 /// What a code of a device means, and its cause and next step.
-pub(in crate::cli) fn words_of_code(
+pub(crate) fn words_of_code(
     code: EmcyCode,
     device: Option<Device>,
     rig: &config::Rig,
@@ -82,7 +82,7 @@ pub(in crate::cli) fn words_of_code(
 }
 
 /// What a fault of the rig comes from, and what to do next.
-pub(in crate::cli) fn words_of_fault(fault: Fault) -> Vec<(&'static str, String)> {
+pub(crate) fn words_of_fault(fault: Fault) -> Vec<(&'static str, String)> {
     let Explanation { cause, next, .. } = explanation::fault(fault);
     words(cause.into_owned(), next.into_owned())
 }
@@ -92,7 +92,7 @@ fn words(cause: String, next: String) -> Vec<(&'static str, String)> {
 }
 
 /// What a drive says of a fault.
-pub(in crate::cli) fn drive_error_text(error: &DriveError, rig: &config::Rig) -> String {
+pub(crate) fn drive_error_text(error: &DriveError, rig: &config::Rig) -> String {
     let name = name(error.drive, rig);
     let code = match error.code {
         None => "does not tell its error code (603Fh)".to_owned(),
@@ -107,7 +107,7 @@ pub(in crate::cli) fn drive_error_text(error: &DriveError, rig: &config::Rig) ->
 }
 
 /// The same as data.
-pub(in crate::cli) fn drive_error_json(error: &DriveError, rig: &config::Rig) -> Value {
+pub(crate) fn drive_error_json(error: &DriveError, rig: &config::Rig) -> Value {
     let code = error.code.map(EmcyCode);
     let words = code.filter(|code| !code.is_reset()).map(|code| words_of_code(code, Some(error.drive), rig));
     let mut document = json!({
@@ -125,7 +125,7 @@ pub(in crate::cli) fn drive_error_json(error: &DriveError, rig: &config::Rig) ->
 }
 
 /// What a node told last while the network did not come up, beside what is known already.
-pub(in crate::cli) fn told_at_boot(error: &BootError, known: &[Told], rig: &config::Rig) -> Vec<Told> {
+pub(crate) fn told_at_boot(error: &BootError, known: &[Told], rig: &config::Rig) -> Vec<Told> {
     let (BootFailure::NotStarted { said, .. } | BootFailure::Missing { said, .. }) = &error.failure else {
         return known.to_vec();
     };
@@ -139,7 +139,7 @@ pub(in crate::cli) fn told_at_boot(error: &BootError, known: &[Told], rig: &conf
 }
 
 /// The failure with what was wrong with the devices of a segment.
-pub(in crate::cli) fn with_findings(mut failure: Failure, findings: &[String]) -> Failure {
+pub(crate) fn with_findings(mut failure: Failure, findings: &[String]) -> Failure {
     if let Some(first) = failure.report.diagnostics.first_mut().filter(|_| !findings.is_empty()) {
         first.message = format!("{}; {}", first.message, findings.join("; "));
     }
@@ -147,7 +147,7 @@ pub(in crate::cli) fn with_findings(mut failure: Failure, findings: &[String]) -
 }
 
 /// The failure with what the devices told and what to do about that, if they told anything.
-pub(in crate::cli) fn with_told(
+pub(crate) fn with_told(
     mut failure: Failure,
     emergencies: &[Told],
     errors: &[DriveError],
@@ -207,11 +207,11 @@ fn name(device: Device, rig: &config::Rig) -> &str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bus::Said;
-    use crate::canopen::{ErrorRegister, Frame};
-    use crate::cli::ending::rig_failure;
-    use crate::cli::failure::Exit;
-    use crate::config::Source;
+    use crate::ending::rig_failure;
+    use crate::failure::Exit;
+    use yieldwall_bus::Said;
+    use yieldwall_config::Source;
+    use yieldwall_fieldbus::canopen::{ErrorRegister, Frame};
 
     /// A drive that says at the boot what is wrong is understood by the table of its vendor.
     #[test]

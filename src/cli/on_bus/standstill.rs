@@ -2,16 +2,16 @@
 
 use yieldwall_drives::profiles::Tried;
 
-use crate::cli::failure::Failure;
-use crate::config;
-use crate::guard::Fault;
-use crate::record::Standstill;
+use crate::failure::Failure;
+use yieldwall_config as config;
+use yieldwall_motion::guard::Fault;
+use yieldwall_record::Standstill;
 
 /// Next step for a computer that does not run in time.
 const NEXT: &str = "stop other programs, or measure this computer with `yieldwall latency`; then run again";
 
 /// Names the standstill of this computer and its length.
-pub(in crate::cli) fn stood(standstill: Standstill) -> String {
+pub(crate) fn stood(standstill: Standstill) -> String {
     let Standstill { lasted, ago } = standstill;
     let [lasted, ago] = [lasted, ago].map(|time| match time.as_secs_f64() {
         seconds if seconds < 1.0 => format!("{:.0} ms", 1e3 * seconds),
@@ -22,7 +22,7 @@ pub(in crate::cli) fn stood(standstill: Standstill) -> String {
 
 /// Why a fault may say nothing about cable, node or arm: this computer stood still before it, or the devices are simulated by a program that
 /// has to run in time. Nothing where neither explains it.
-pub(in crate::cli) fn not_in_time(fault: Fault, standstill: Option<Standstill>, rig: &config::Rig) -> Option<String> {
+pub(crate) fn not_in_time(fault: Fault, standstill: Option<Standstill>, rig: &config::Rig) -> Option<String> {
     if !fault.may_follow_standstill() {
         return None;
     }
@@ -39,10 +39,7 @@ pub(in crate::cli) fn not_in_time(fault: Fault, standstill: Option<Standstill>, 
 }
 
 /// Cause and next step with `why` in front of the cause.
-pub(in crate::cli) fn said_first(
-    why: Option<String>,
-    mut words: Vec<(&'static str, String)>,
-) -> Vec<(&'static str, String)> {
+pub(crate) fn said_first(why: Option<String>, mut words: Vec<(&'static str, String)>) -> Vec<(&'static str, String)> {
     let Some(why) = why else { return words };
     for (key, text) in &mut words {
         *text = match *key {
@@ -54,7 +51,7 @@ pub(in crate::cli) fn said_first(
 }
 
 /// The failure as a consequence of a computer that did not run in time, which it names first.
-pub(in crate::cli) fn after_standstill(mut failure: Failure, why: Option<String>) -> Failure {
+pub(crate) fn after_standstill(mut failure: Failure, why: Option<String>) -> Failure {
     if let (Some(first), Some(why)) = (failure.report.diagnostics.first_mut(), why) {
         first.message = format!("{why}, and this may follow from it: {}", first.message);
         let help = first.help.take().map_or_else(String::new, |help| format!("; if it stays: {help}"));
@@ -68,8 +65,8 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::cli::failure::Exit;
-    use crate::config::{Source, load_rig};
+    use crate::failure::Exit;
+    use yieldwall_config::{Source, load_rig};
 
     #[test]
     fn a_computer_that_stood_still_is_named_before_cable_and_node() {

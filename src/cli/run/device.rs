@@ -13,9 +13,9 @@ use super::super::keep::{Keep, described};
 use super::super::output::Output;
 use super::super::progress::Progress;
 use super::{Arguments, draw, measures_text, with_files};
-use crate::config::{self, Coupling, ImpedanceDevice, Loaded};
-use crate::report::{Overrides, RunReport, replay, run_device};
-use crate::rig::ImpedanceRig;
+use yieldwall_config::{self as config, Coupling, ImpedanceDevice, Loaded};
+use yieldwall_rig::ImpedanceRig;
+use yieldwall_rig::report::{Overrides, RunReport, replay, run_device};
 
 pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;

@@ -13,10 +13,10 @@ use super::{
     Arguments, counted_json, counted_text, measures_text, mode_text, settled_json, settled_text, simulated_interfaces,
     watchdogs_json, watchdogs_text,
 };
-use crate::config;
-use crate::fixture::prediction;
-use crate::report::RunReport;
-use crate::run::{Drilled, Settled};
+use yieldwall_config as config;
+use yieldwall_motion::fixture::prediction;
+use yieldwall_rig::report::RunReport;
+use yieldwall_run::{Drilled, Settled};
 
 /// A run and what was known before it.
 pub(super) struct Facts<'a> {

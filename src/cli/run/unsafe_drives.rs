@@ -5,14 +5,14 @@ use yieldwall_drives::watchdog::{HEARTBEAT_PERIODS, TORQUE_LIMIT, Watchdog};
 
 use super::super::failure::{Exit, Failure};
 use super::words::{copy_of, copying};
-use crate::config::{CommandMode, Drive, HEARTBEAT_CYCLES, Rig};
-use crate::run::{Demands, Drilled, Unsafe};
+use yieldwall_config::{CommandMode, Drive, HEARTBEAT_CYCLES, Rig};
+use yieldwall_run::{Demands, Drilled, Unsafe};
 
 /// What a refusal says that comes before any drive on a bus was enabled.
-pub(in crate::cli) const NOTHING_ENABLED: &str = "nothing was enabled";
+pub(crate) const NOTHING_ENABLED: &str = "nothing was enabled";
 
 /// Refuses drives that would go on when their master has died; `before` says what was done with the rig.
-pub(in crate::cli) fn judge(drilled: &Drilled, rig: &Rig, before: &str) -> Result<(), Failure> {
+pub(crate) fn judge(drilled: &Drilled, rig: &Rig, before: &str) -> Result<(), Failure> {
     drilled.judge(Demands::of(rig)).map_err(|error| {
         let [left, right] = &rig.drives;
         let advice = match &error {
@@ -172,8 +172,8 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::config;
-    use crate::run::Finding;
+    use yieldwall_config as config;
+    use yieldwall_run::Finding;
 
     /// What is advised where nothing stops drives with these profiles.
     fn advice(profile: &str, mode: CommandMode, goes_on: &[Watchdog], after_ms: u64) -> String {

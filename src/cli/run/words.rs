@@ -5,14 +5,14 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use super::super::ending::scope_text;
-use crate::config;
-use crate::explanation::state_name;
-use crate::guard::Fault;
-use crate::report::measures::Measures;
-use crate::run::{Drilled, Finding, Settled};
+use yieldwall_config as config;
+use yieldwall_motion::guard::Fault;
+use yieldwall_rig::report::measures::Measures;
+use yieldwall_run::explanation::state_name;
+use yieldwall_run::{Drilled, Finding, Settled};
 
 /// How soon the drives stop by themselves, the slower one.
-pub(in crate::cli) fn watchdogs_text(drilled: &Drilled) -> String {
+pub(crate) fn watchdogs_text(drilled: &Drilled) -> String {
     let after = |finding: &Finding| {
         let slowest = finding.stopped_after.iter().copied().collect::<Option<Vec<_>>>();
         let slowest = slowest.and_then(|times| times.into_iter().max());
@@ -28,7 +28,7 @@ pub(in crate::cli) fn watchdogs_text(drilled: &Drilled) -> String {
 }
 
 /// The same as data.
-pub(in crate::cli) fn watchdogs_json(drilled: &Drilled) -> Value {
+pub(crate) fn watchdogs_json(drilled: &Drilled) -> Value {
     json!({
         "findings": drilled.findings.iter().map(finding_json).collect::<Vec<_>>(),
         "resolution_ms": 1e3 * drilled.resolution.as_secs_f64(),
@@ -36,7 +36,7 @@ pub(in crate::cli) fn watchdogs_json(drilled: &Drilled) -> Value {
 }
 
 /// What one watchdog does, as data.
-pub(in crate::cli) fn finding_json(finding: &Finding) -> Value {
+pub(crate) fn finding_json(finding: &Finding) -> Value {
     let ms = |time: Duration| 1e3 * time.as_secs_f64();
     json!({
         "without": finding.watchdog.name(),
@@ -48,7 +48,7 @@ pub(in crate::cli) fn finding_json(finding: &Finding) -> Value {
 }
 
 /// What one watchdog does, drive by drive.
-pub(in crate::cli) fn finding_text(finding: &Finding) -> String {
+pub(crate) fn finding_text(finding: &Finding) -> String {
     let drives = ["left", "right"].into_iter().zip(finding.stopped_after).zip(finding.stopped_in);
     let each: Vec<String> = drives
         .map(|((side, after), state)| match after {
@@ -63,7 +63,7 @@ pub(in crate::cli) fn finding_text(finding: &Finding) -> String {
 }
 
 /// What the drill has shown where a profile says too little, and the line to write there.
-pub(in crate::cli) fn settled_text(settled: &[Settled]) -> Vec<String> {
+pub(crate) fn settled_text(settled: &[Settled]) -> Vec<String> {
     let mut lines = Vec::new();
     for Settled { profile, watchdog, stops, key, value, .. } in settled {
         let shows = match stops {
@@ -92,17 +92,17 @@ pub(in crate::cli) fn settled_text(settled: &[Settled]) -> Vec<String> {
 }
 
 /// The command that makes a copy of a profile that comes with the program.
-pub(in crate::cli) fn copying(profile: &str) -> String {
+pub(crate) fn copying(profile: &str) -> String {
     format!("yieldwall config show builtin:profiles/{profile}.yaml > {}", copy_of(profile))
 }
 
 /// The file of that copy.
-pub(in crate::cli) fn copy_of(profile: &str) -> String {
+pub(crate) fn copy_of(profile: &str) -> String {
     format!("my-{profile}.yaml")
 }
 
 /// The same as data.
-pub(in crate::cli) fn settled_json(settled: &[Settled]) -> Value {
+pub(crate) fn settled_json(settled: &[Settled]) -> Value {
     let each = settled.iter().map(|settled| {
         json!({
             "profile": settled.profile,
@@ -117,7 +117,7 @@ pub(in crate::cli) fn settled_json(settled: &[Settled]) -> Value {
 }
 
 /// What was counted and held nothing, a line each: faults with the number of cycles, and SDO downloads of somebody else.
-pub(in crate::cli) fn counted_text(counted: &[(Fault, u32)], foreign_downloads: u32) -> Vec<String> {
+pub(crate) fn counted_text(counted: &[(Fault, u32)], foreign_downloads: u32) -> Vec<String> {
     let faults = counted.iter().map(|(fault, cycles)| {
         let row = fault.row();
         format!("counted   {} in {cycles} cycles: {}", row.name, row.meaning)
@@ -129,12 +129,12 @@ pub(in crate::cli) fn counted_text(counted: &[(Fault, u32)], foreign_downloads: 
 }
 
 /// The faults of the same as data.
-pub(in crate::cli) fn counted_json(counted: &[(Fault, u32)]) -> Value {
+pub(crate) fn counted_json(counted: &[(Fault, u32)]) -> Value {
     counted.iter().map(|(fault, cycles)| (fault.row().name.to_owned(), Value::from(*cycles))).collect()
 }
 
 /// What a command mode is.
-pub(in crate::cli) fn mode_text(mode: config::CommandMode) -> &'static str {
+pub(crate) fn mode_text(mode: config::CommandMode) -> &'static str {
     match mode {
         config::CommandMode::Torque => "torque mode (CST), the loop closes here",
         config::CommandMode::Velocity => "velocity mode (CSV)",
@@ -143,7 +143,7 @@ pub(in crate::cli) fn mode_text(mode: config::CommandMode) -> &'static str {
 }
 
 /// What was measured, a line each.
-pub(in crate::cli) fn measures_text(measures: &Measures) -> Vec<String> {
+pub(crate) fn measures_text(measures: &Measures) -> Vec<String> {
     let mut lines = Vec::new();
     lines.push(impacts_text(measures));
     lines.extend(tool_text(measures));
@@ -186,7 +186,7 @@ pub(in crate::cli) fn measures_text(measures: &Measures) -> Vec<String> {
 }
 
 /// How far the tool was from the surface, if it was on it.
-pub(in crate::cli) fn tool_text(measures: &Measures) -> Option<String> {
+pub(crate) fn tool_text(measures: &Measures) -> Option<String> {
     let (tracing, whole) = (measures.tool_rms_tracing_mm?, measures.tool_rms_on_surface_mm?);
     let most = measures.tool_max_on_surface_mm?;
     Some(format!(

@@ -3,13 +3,13 @@
 use serde_json::json;
 
 use super::{Calibrate, columns, document, ended, simulated};
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::first_motion::at_rest;
-use crate::cli::interrupt::on_interrupt;
-use crate::cli::output::Output;
-use crate::config::{self, Loaded};
-use crate::identification::{ForceMap, force_map};
-use crate::run::Pulled;
+use crate::failure::{Exit, Failure};
+use crate::first_motion::at_rest;
+use crate::interrupt::on_interrupt;
+use crate::output::Output;
+use yieldwall_config::{self as config, Loaded};
+use yieldwall_motion::identification::{ForceMap, force_map};
+use yieldwall_run::Pulled;
 
 /// How far a gain may be from 1, how far axes may be turned, degrees, and how much of a force may be felt along the other axis: beyond it
 /// the rig is not run with what its file says.
@@ -34,7 +34,7 @@ pub(super) fn run(arguments: &Calibrate, rig: &Loaded<config::Rig>, output: &mut
     #[cfg(not(target_os = "linux"))]
     let is_on_bus = false;
     let pulled = if is_on_bus {
-        use crate::cli::at_the_arm::Typed;
+        use crate::at_the_arm::Typed;
         let place = ("sensor calibrate", arguments.rig.as_str());
         at_rest(&arguments.on_bus, place, rig, output, |on_bus, terms, is_interrupted, output, tell| {
             let typed = Typed::new(std::sync::Arc::clone(is_interrupted));

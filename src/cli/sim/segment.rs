@@ -3,20 +3,20 @@
 use serde_json::json;
 
 use super::{Arguments, Own, milliseconds, named, names};
-use crate::canopen::BusId;
-use crate::cli::ending::rig_failure;
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::interfaces::Interfaces;
-use crate::cli::interrupt::on_interrupt;
-use crate::cli::on_bus::{only_for_can, open_failure};
-use crate::cli::output::Output;
-use crate::config;
-use crate::host::open_buses;
-use crate::host::system::run_first;
-use crate::injection::{Injection, Medium};
-use crate::link::{CanLink, CobFilter, Role};
-use crate::live::{ServeError, serve_segment};
-use crate::rig::SegmentServer;
+use crate::ending::rig_failure;
+use crate::failure::{Exit, Failure};
+use crate::interfaces::Interfaces;
+use crate::interrupt::on_interrupt;
+use crate::on_bus::{only_for_can, open_failure};
+use crate::output::Output;
+use yieldwall_config as config;
+use yieldwall_config::injection::{Injection, Medium};
+use yieldwall_fieldbus::canopen::BusId;
+use yieldwall_link::{CanLink, CobFilter, Role};
+use yieldwall_rig::SegmentServer;
+use yieldwall_rig::live::{ServeError, serve_segment};
+use yieldwall_run::host::open_buses;
+use yieldwall_run::host::system::run_first;
 
 pub(super) fn run(
     arguments: &Arguments,

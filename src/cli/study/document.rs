@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::replace::unwritten;
-use crate::study::chart;
-use crate::study::sweep::{Report, Study, Table};
+use crate::failure::{Exit, Failure};
+use crate::replace::unwritten;
+use yieldwall_figures::chart;
+use yieldwall_study::sweep::{Report, Study, Table};
 
 /// How fast the points of a table were computed in this run.
 #[derive(Clone, Debug)]
@@ -119,9 +119,9 @@ fn machine(origin: &Origin<'_>) -> Value {
         "architecture": std::env::consts::ARCH,
         "version": env!("CARGO_PKG_VERSION"),
         "build": origin.build,
-        "rustc": env!("YIELDWALL_RUSTC"),
-        "profile": env!("YIELDWALL_PROFILE"),
-        "opt_level": env!("YIELDWALL_OPT_LEVEL"),
+        "rustc": yieldwall_run::built::RUSTC,
+        "profile": yieldwall_run::built::PROFILE,
+        "opt_level": yieldwall_run::built::OPT_LEVEL,
         "debug_assertions": cfg!(debug_assertions),
         "mujoco": origin.mujoco,
     })

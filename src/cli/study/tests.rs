@@ -3,7 +3,7 @@ use std::fs;
 use clap::Parser;
 
 use super::*;
-use crate::study::sweep::{Clock, Report};
+use yieldwall_study::sweep::{Clock, Report};
 
 /// Points that need no time: a table of halves and one of squares.
 struct Small([Box<dyn Sweep>; 2]);
@@ -153,7 +153,7 @@ fn a_point_alone_is_its_row() {
     let folder = Folder::new("point");
     let out = folder.0.display();
     let line = format!("yieldwall -q study pair --out {out}");
-    assert_eq!(crate::cli::run(line.split(' ').map(Into::into)), Exit::Ok);
+    assert_eq!(crate::run(line.split(' ').map(Into::into)), Exit::Ok);
     let text = fs::read_to_string(folder.0.join("pair/pair.json")).unwrap();
     let document: Value = serde_json::from_str(&text).unwrap();
     let pair = study("pair", &Options::default()).unwrap();

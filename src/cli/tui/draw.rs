@@ -8,10 +8,10 @@ use ratatui::widgets::{Block, Paragraph};
 
 use super::keys::Act;
 use super::view::{CLASSES, View};
-use crate::cli::printable::printable;
-use crate::elementary::hypot;
-use crate::explanation::state_name;
-use crate::guard::State;
+use crate::printable::printable;
+use yieldwall_motion::elementary::hypot;
+use yieldwall_motion::guard::State;
+use yieldwall_run::explanation::state_name;
 
 /// Least that anything can be read on, in columns and rows.
 const LEAST: (u16, u16) = (40, 8);
@@ -169,7 +169,7 @@ mod tests {
     use ratatui::backend::TestBackend;
 
     use super::*;
-    use crate::cli::events::Event;
+    use crate::events::Event;
 
     fn view() -> View {
         let mut view = View::new("paper-admittance", ["left", "right"], "can0, by the wall clock", 27.0);

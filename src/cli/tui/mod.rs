@@ -5,7 +5,7 @@
 //! thread "screen":  View, ten times a second --> terminal
 //! thread "keys":    terminal --> the flag that Ctrl-C sets, which the loop looks at once a cycle
 //! ```
-//! Reset and enabling again take two keys each, and go to the loop as [`Orders`](crate::run::Orders). A stop goes from the key to the
+//! Reset and enabling again take two keys each, and go to the loop as [`Orders`](yieldwall_run::Orders). A stop goes from the key to the
 //! flag and passes nothing that draws: it works also while the screen is slow or stands still.
 
 #[cfg(feature = "full")]

@@ -11,8 +11,8 @@ use ratatui::crossterm::event::{self, Event as Input};
 use super::draw::{Offer, draw};
 use super::keys::{Act, Keys};
 use super::view::View;
-use crate::cli::failure::{Exit, Failure};
-use crate::run::Orders;
+use crate::failure::{Exit, Failure};
+use yieldwall_run::Orders;
 
 /// Time from one picture to the next.
 const REFRESH: Duration = Duration::from_millis(100);
@@ -20,13 +20,13 @@ const REFRESH: Duration = Duration::from_millis(100);
 const LOOK: Duration = Duration::from_millis(50);
 
 /// A screen that is shown until it ends; the terminal is then as before, also after a panic.
-pub(in crate::cli) struct Screen {
+pub(crate) struct Screen {
     is_over: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
 }
 
 /// Refuses what is no terminal.
-pub(in crate::cli) fn check_terminal() -> Result<(), Failure> {
+pub(crate) fn check_terminal() -> Result<(), Failure> {
     if io::stdout().is_terminal() && io::stdin().is_terminal() {
         return Ok(());
     }
@@ -37,7 +37,7 @@ pub(in crate::cli) fn check_terminal() -> Result<(), Failure> {
 impl Screen {
     /// Takes the terminal, and has its stop keys set `is_interrupted`.
     /// With orders its keys can also reset and enable a rig that a fault has stopped, each with a second key.
-    pub(in crate::cli) fn start(
+    pub(crate) fn start(
         view: &Arc<Mutex<View>>,
         is_interrupted: &Arc<AtomicBool>,
         orders: Option<Arc<Orders>>,

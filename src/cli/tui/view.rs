@@ -4,9 +4,9 @@ use std::collections::VecDeque;
 
 use yieldwall_drives::cia402;
 
-use crate::cli::events::Event;
-use crate::guard::{JointCommand, State};
-use crate::record::CycleRecord;
+use crate::events::Event;
+use yieldwall_motion::guard::{JointCommand, State};
+use yieldwall_record::CycleRecord;
 
 /// Classes of the histogram: below 1, 2, 4, .. us, and all that is later.
 pub(super) const CLASSES: usize = 18;
@@ -26,7 +26,7 @@ pub(super) struct Axis {
 
 /// All of it.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(in crate::cli) struct View {
+pub(crate) struct View {
     pub(super) rig: String,
     pub(super) place: String,
     pub(super) state: State,
@@ -45,13 +45,13 @@ pub(in crate::cli) struct View {
 
 impl View {
     /// Of a rig with drives of these names, that runs somewhere for so long.
-    pub(in crate::cli) fn new(rig: &str, drives: [&str; 2], place: &str, duration_s: f64) -> Self {
+    pub(crate) fn new(rig: &str, drives: [&str; 2], place: &str, duration_s: f64) -> Self {
         let axes = drives.map(|name| Axis { name: name.to_owned(), ..Axis::default() });
         Self { rig: rig.to_owned(), place: place.to_owned(), duration_s, axes, ..Self::default() }
     }
 
     /// Takes a cycle.
-    pub(in crate::cli) fn take(&mut self, record: &CycleRecord) {
+    pub(crate) fn take(&mut self, record: &CycleRecord) {
         let signals = &record.signals;
         self.state = record.directive.state;
         self.time_s = Some(record.moment.scene_time_s).filter(|time_s| time_s.is_finite());
@@ -76,7 +76,7 @@ impl View {
     }
 
     /// Takes an event; what every cycle shows anyway is not logged.
-    pub(in crate::cli) fn tell(&mut self, event: &Event) {
+    pub(crate) fn tell(&mut self, event: &Event) {
         if self.log.len() == LOG {
             self.log.pop_front();
         }

@@ -2,8 +2,8 @@
 
 use serde_json::{Value, json};
 
-use crate::analysis::Coupled;
-use crate::config::{Coupling, Diagnostic, ImpedanceDevice, Loaded, Severity};
+use yieldwall_config::{Coupling, Diagnostic, ImpedanceDevice, Loaded, Severity};
+use yieldwall_rig::analysis::Coupled;
 
 /// A number to four significant digits.
 fn four_digits(value: f64) -> f64 {
@@ -11,7 +11,7 @@ fn four_digits(value: f64) -> f64 {
 }
 
 /// What the coupling of a device bears, for a person to read.
-pub(in crate::cli) fn coupled_lines(device: &ImpedanceDevice, coupled: &Coupled, reserve: f64) -> Vec<String> {
+pub(crate) fn coupled_lines(device: &ImpedanceDevice, coupled: &Coupled, reserve: f64) -> Vec<String> {
     let Coupling::Impedance { stiffness_n_per_m, damping_n_s_per_m } = device.fixture.coupling else { return vec![] };
     let own = device.plant.damping_n_s_per_m.get();
     let bound = |value: Option<f64>| value.map_or("none".to_owned(), |value| four_digits(value).to_string());
@@ -32,7 +32,7 @@ pub(in crate::cli) fn coupled_lines(device: &ImpedanceDevice, coupled: &Coupled,
 }
 
 /// The same for a program to read.
-pub(in crate::cli) fn coupled_json(coupled: &Coupled, reserve: f64) -> Value {
+pub(crate) fn coupled_json(coupled: &Coupled, reserve: f64) -> Value {
     json!({
         "reserve": reserve,
         "stable": coupled.is_stable,
@@ -43,7 +43,7 @@ pub(in crate::cli) fn coupled_json(coupled: &Coupled, reserve: f64) -> Value {
 }
 
 /// What to say of a device whose coupling is unstable.
-pub(in crate::cli) fn coupled_finding(device: &Loaded<ImpedanceDevice>, coupled: &Coupled) -> Option<Diagnostic> {
+pub(crate) fn coupled_finding(device: &Loaded<ImpedanceDevice>, coupled: &Coupled) -> Option<Diagnostic> {
     if coupled.is_stable {
         return None;
     }
@@ -59,8 +59,8 @@ pub(in crate::cli) fn coupled_finding(device: &Loaded<ImpedanceDevice>, coupled:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::coupled_device;
-    use crate::config::{builtin, load_device};
+    use yieldwall_config::{builtin, load_device};
+    use yieldwall_rig::analysis::coupled_device;
 
     #[test]
     fn bounds_are_told_to_four_digits() {

@@ -7,18 +7,22 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use self::file::{Edit, Place};
-use crate::analysis::{PROPOSED_MARGINS, has_margins, pose_margins, proposed_gains, proposed_rate_gain, rate_margins};
-use crate::cli::confirm::agreed;
-use crate::cli::ending::rig_failure;
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::margins::Margins;
-use crate::cli::output::Output;
-use crate::cli::tune::Masses;
-use crate::config::{self, CommandMode, ControlGains, ControlLaw, Loaded, NotNegative, Positive, Rig, Source};
-use crate::control::Gains;
+use crate::confirm::agreed;
+use crate::ending::rig_failure;
+use crate::failure::{Exit, Failure};
+use crate::margins::Margins;
+use crate::output::Output;
+use crate::tune::Masses;
+use yieldwall_config::{
+    self as config, CommandMode, ControlGains, ControlLaw, Loaded, NotNegative, Positive, Rig, Source,
+};
+use yieldwall_motion::control::Gains;
+use yieldwall_rig::analysis::{
+    PROPOSED_MARGINS, has_margins, pose_margins, proposed_gains, proposed_rate_gain, rate_margins,
+};
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Arguments {
+pub(crate) struct Arguments {
     /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
     #[arg(value_name = "RIG.yaml")]
     rig: String,
@@ -33,7 +37,7 @@ pub(in crate::cli) struct Arguments {
 /// A gain: its key in the rig, what it is and what it shall be.
 type Change = (String, f64, f64);
 
-pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     output.configuration(&rig.warnings)?;
     let tuned = tuned(&rig)?;

@@ -9,34 +9,36 @@ use serde_json::{Value, json};
 
 use super::gains::{Proposal, file, nothing, set};
 use super::masses::Masses;
-use crate::analysis::{PROPOSED_MARGINS, PoseMargins, has_margins, identified_margins, proposed_gains, usual_hands};
-use crate::cli::commission::add_defects;
-use crate::cli::ending::{rig_failure, stopped_by};
-use crate::cli::failure::{Exit, Failure, both};
-use crate::cli::interrupt::{interrupted, on_interrupt};
-use crate::cli::margins::Margins;
-use crate::cli::output::Output;
-use crate::cli::replace::Replace;
-use crate::cli::run::check_buses;
-use crate::config::{self, CommandMode, ControlLaw, Loaded, Positive, Rig, Source};
-use crate::control::Grip;
-use crate::guard::Fault;
-use crate::identification::{Estimate, Friction, NotIdentified};
-use crate::rig::EmbeddedRig;
-use crate::run::{
+use crate::commission::add_defects;
+use crate::ending::{rig_failure, stopped_by};
+use crate::failure::{Exit, Failure, both};
+use crate::interrupt::{interrupted, on_interrupt};
+use crate::margins::Margins;
+use crate::output::Output;
+use crate::replace::Replace;
+use crate::run::check_buses;
+use yieldwall_config::{self as config, CommandMode, ControlLaw, Loaded, Positive, Rig, Source};
+use yieldwall_motion::control::Grip;
+use yieldwall_motion::guard::Fault;
+use yieldwall_motion::identification::{Estimate, Friction, NotIdentified};
+use yieldwall_rig::EmbeddedRig;
+use yieldwall_rig::analysis::{
+    PROPOSED_MARGINS, PoseMargins, has_margins, identified_margins, proposed_gains, usual_hands,
+};
+use yieldwall_run::{
     Ended, ForceFound, JointFound, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced, NotProven, STEP_RISE_S,
 };
 
 /// Beside the exact bound: so much more sliding time keeps an axis from overshooting after a saturation.
 ///
 /// # Source
-/// [`Psmc`](crate::control::Psmc).
+/// [`Psmc`](yieldwall_motion::control::Psmc).
 const SLIDING_FACTOR: f64 = 1.3;
 /// Share of the identified dry friction that a feed-forward may have: what exceeds the real one pushes a joint that rests.
 const FED_SHARE: f64 = 0.8;
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Arguments {
+pub(crate) struct Arguments {
     /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
     #[arg(value_name = "RIG.yaml")]
     rig: String,
@@ -60,7 +62,7 @@ pub(in crate::cli) struct Arguments {
     defect: Vec<String>,
     #[cfg(target_os = "linux")]
     #[command(flatten)]
-    on_bus: crate::cli::first_motion::OnBus,
+    on_bus: crate::first_motion::OnBus,
 }
 
 fn torque(text: &str) -> Result<Positive, String> {
@@ -68,7 +70,7 @@ fn torque(text: &str) -> Result<Positive, String> {
     value.ok_or_else(|| format!("write a torque in N m above 0, such as 15, not `{text}`"))
 }
 
-pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     output.configuration(&rig.warnings)?;
     check_buses(&rig, None, output)?;
@@ -96,7 +98,7 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
     for plan in &plans {
         let one = machine.tune_loop(&rig.value, plan, &is_interrupted).map_err(|error| rig_failure(&error))?;
         traced.push(one.map_err(|error| match error {
-            NotProven::Run(error) => crate::cli::on_bus::live_failure(&error),
+            NotProven::Run(error) => crate::on_bus::live_failure(&error),
             NotProven::Unproven(error) => Failure::new(Exit::SafetyStop, error.to_string(), ""),
         })?);
         if traced.last().is_none_or(|last| last.found.is_none()) {
@@ -108,12 +110,12 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
 
 #[cfg(target_os = "linux")]
 fn on_bus(arguments: &Arguments, plans: &[LoopPlan], rig: &Loaded<Rig>, output: &mut Output) -> Result<(), Failure> {
-    use crate::cli::confirm::agreed;
-    use crate::cli::events::Events;
-    use crate::cli::first_motion::{Opened, concluded};
-    use crate::cli::live::{ended, not_run};
-    use crate::cli::on_bus::warn;
-    use crate::host::News;
+    use crate::confirm::agreed;
+    use crate::events::Events;
+    use crate::first_motion::{Opened, concluded};
+    use crate::live::{ended, not_run};
+    use crate::on_bus::warn;
+    use yieldwall_run::host::News;
 
     let what = format!(
         "Each joint goes to and fro by {:.1} degrees at most, at up to 20 degrees in a second and with small vibrations, for half a minute. The arm has \
@@ -155,12 +157,12 @@ fn on_bus(arguments: &Arguments, plans: &[LoopPlan], rig: &Loaded<Rig>, output: 
 /// Keeps what was measured on a bus for the runs with this configuration; where.
 #[cfg(target_os = "linux")]
 fn keep(traced: &[LoopTraced], rig: &Loaded<Rig>, is_by_the_clock: bool) -> Result<Option<PathBuf>, Failure> {
-    use crate::run::MeasuredLoop;
+    use yieldwall_run::MeasuredLoop;
 
     let found: Vec<&JointLoop> = traced.iter().filter_map(|traced| traced.found.as_ref()).collect();
     // In lockstep time is that of the devices, and says nothing of a bus.
     let Some(joints) = joints_found(&found, &rig.value).filter(|_| is_by_the_clock) else { return Ok(None) };
-    let folder = crate::cli::live::loops()?;
+    let folder = crate::live::loops()?;
     // Without the weight that has shown it the age of the force stays as it was measured.
     let before = || MeasuredLoop::load(&rig.value, &folder).ok().flatten().and_then(|before| before.force(&rig.value));
     let force = ForceFound::of(&found).or_else(before);
@@ -487,8 +489,8 @@ mod tests {
     use std::fs;
 
     use super::*;
-    use crate::cli::run;
-    use crate::config::{ControlGains, builtin, load_rig};
+    use crate::run;
+    use yieldwall_config::{ControlGains, builtin, load_rig};
 
     fn exit(arguments: &[&str]) -> Exit {
         run(["yieldwall", "-q", "--json"].into_iter().chain(arguments.iter().copied()).map(OsString::from))

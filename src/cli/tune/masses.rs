@@ -5,16 +5,16 @@ mod measured;
 use serde_json::{Value, json};
 
 use self::measured::Measured;
-use crate::analysis::{
+use crate::bus::{Plan, plans};
+use yieldwall_config::{Coupling, Diagnostic, Loaded, Rig, Scene, Severity};
+use yieldwall_motion::control::Grip;
+use yieldwall_rig::RigError;
+use yieldwall_rig::analysis::{
     DriveLimits, HeldMasses, Holding, Remedy, UnevenSamples, drive_limits, hand_of, held_masses,
     held_masses_identified, remedies, stiffer, uneven_samples, unmodelled, usual_hands,
 };
-use crate::cli::bus::{Plan, plans};
-use crate::config::{Coupling, Diagnostic, Loaded, Rig, Scene, Severity};
-use crate::control::Grip;
-use crate::report::{Overrides, replay};
-use crate::rig::RigError;
-use crate::run::{ForceFound, JointFound};
+use yieldwall_rig::report::{Overrides, replay};
+use yieldwall_run::{ForceFound, JointFound};
 
 /// What to do where the loop closes in the drives, of which nothing was identified.
 const UNKNOWN: &str = "least virtual mass: not known by these measurements, since the loop closes in the drives; `yieldwall tune fixture` prints it \
@@ -29,7 +29,7 @@ const SAMPLE_MISSED: &str = "heartbeats that delay SYNC can decide whether a sam
                              at some of its phases the rig may need more mass, 1.5 times the least in the worst of 60 drawn rigs";
 
 /// How light a rig may be, by hands; the first is the scene's, if it has a spring.
-pub(in crate::cli) struct Masses {
+pub(crate) struct Masses {
     name: String,
     configured_kg: f64,
     has_scene_hand: bool,
@@ -46,7 +46,7 @@ pub(in crate::cli) struct Masses {
 
 impl Masses {
     /// For the hand of the scene and for the usual ones, or those of `stiffnesses` in N/m.
-    pub(in crate::cli) fn of(rig: &Loaded<Rig>, stiffnesses: &[f64]) -> Result<Self, RigError> {
+    pub(crate) fn of(rig: &Loaded<Rig>, stiffnesses: &[f64]) -> Result<Self, RigError> {
         let others = |hand: &Grip| match stiffnesses {
             [] => usual_hands(hand).to_vec(),
             _ => stiffnesses.iter().map(|&stiffness| stiffer(hand, stiffness)).collect(),
@@ -55,7 +55,7 @@ impl Masses {
     }
 
     /// For the hand of the scene alone.
-    pub(in crate::cli) fn of_scene(rig: &Loaded<Rig>) -> Result<Self, RigError> {
+    pub(crate) fn of_scene(rig: &Loaded<Rig>) -> Result<Self, RigError> {
         Self::with(rig, |_| Vec::new(), held_masses)
     }
 
@@ -103,7 +103,7 @@ impl Masses {
     }
 
     /// One line for `config check`.
-    pub(in crate::cli) fn line(&self) -> String {
+    pub(crate) fn line(&self) -> String {
         let Some(holdings) = &self.holdings else {
             return UNKNOWN.to_owned();
         };
@@ -120,7 +120,7 @@ impl Masses {
     }
 
     /// What to say of a rig whose mass its scene's hand does not allow.
-    pub(in crate::cli) fn finding(&self, rig: &Loaded<Rig>) -> Option<Diagnostic> {
+    pub(crate) fn finding(&self, rig: &Loaded<Rig>) -> Option<Diagnostic> {
         let scenes = self.holdings.as_ref()?.first().filter(|_| self.has_scene_hand)?;
         if scenes.is_configured_stable {
             return None;
@@ -178,7 +178,7 @@ impl Masses {
     }
 
     /// A table for a person to read.
-    pub(in crate::cli) fn text(&self, reserve: f64) -> String {
+    pub(crate) fn text(&self, reserve: f64) -> String {
         let Some(holdings) = &self.holdings else { return self.line() + "\n" };
         let mut text = format!("{}: stable virtual masses in kg at the worst pose on its surface\n", self.name);
         let mut row = |cells: [&str; 7]| {
@@ -222,7 +222,7 @@ impl Masses {
     }
 
     /// For a program to read. A mass that does not exist is `null`, and so is a greatest one where none drifts.
-    pub(in crate::cli) fn to_json(&self, reserve: f64) -> Value {
+    pub(crate) fn to_json(&self, reserve: f64) -> Value {
         let hands = self.holdings.as_ref().map(|holdings| {
             let each = holdings.iter().enumerate().map(|(index, holding)| {
                 let reserved = holding.masses.as_ref().and_then(|masses| with_reserve(masses, reserve));
@@ -263,7 +263,7 @@ fn is_same(one: &Grip, other: &Grip) -> bool {
 }
 
 /// What to do about a rig that swings with its scene's hand, as far as its linear model knows.
-pub(in crate::cli) fn advice(rig: &Rig, scene: &Scene) -> String {
+pub(crate) fn advice(rig: &Rig, scene: &Scene) -> String {
     let Coupling::Admittance { mass_kg } = rig.fixture.coupling else { return String::new() };
     let hand = hand_of(scene);
     match held_masses(rig, scene, &[hand], mass_kg.get()).ok().flatten().as_deref() {
@@ -373,7 +373,7 @@ fn coordinates(tool_m: [f64; 2]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{Source, builtin, load_rig};
+    use yieldwall_config::{Source, builtin, load_rig};
 
     fn rig(changes: &[(&str, &str)]) -> Loaded<Rig> {
         let source = builtin("paper-admittance.yaml");
@@ -503,9 +503,9 @@ mod tests {
         let of_shipped = shipped.to_json(2.0)["drives"].clone();
         (rig.value.cycle.period_us, rig.value.cycle.compute_at_us) = (250, 150);
         let servo = &mut rig.value.simulation.as_mut().unwrap().drive_position_loop;
-        servo.stiffness_n_m_per_rad = crate::config::Positive::new(1.35e6).unwrap();
-        servo.damping_n_m_s_per_rad = crate::config::NotNegative::new(1232.0).unwrap();
-        rig.value.fixture.coupling = Coupling::Admittance { mass_kg: crate::config::Positive::new(0.8).unwrap() };
+        servo.stiffness_n_m_per_rad = yieldwall_config::Positive::new(1.35e6).unwrap();
+        servo.damping_n_m_s_per_rad = yieldwall_config::NotNegative::new(1232.0).unwrap();
+        rig.value.fixture.coupling = Coupling::Admittance { mass_kg: yieldwall_config::Positive::new(0.8).unwrap() };
         let stiff = Masses::of_scene(&rig).unwrap();
         let (text, json) = (stiff.text(2.0), stiff.to_json(2.0)["drives"].clone());
         // 2 pi/800 000 counts of 1232 N m s/rad in 0.25 ms.

@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use super::about::About;
 use super::feed::Sink;
 use super::writer::{Writer, create_new};
-use yieldwall_motion::guard::{Cause, State};
 use crate::{AROUND_FAULT_S, CycleRecord, fault_severity, trusted};
+use yieldwall_motion::guard::{Cause, State};
 
 /// Files that are kept in one folder.
 const KEPT_FILES: usize = 20;

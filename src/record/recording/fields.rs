@@ -1,10 +1,10 @@
 //! The fields of a record, in one list: schema, bytes, text and comparison all come from it.
 
 use super::scalar::{CommandKind, Scalar};
+use crate::{CycleRecord, DeviceRecord, Stages, Truth};
 use yieldwall_motion::cycle::{DriveSample, Inputs, LinkEvents, Signals, Timing};
 use yieldwall_motion::guard::{Cause, DeviceSet, Directive, Fault, JointCommand};
 use yieldwall_motion::quantity::{JointAngles, JointRates, JointTorques};
-use crate::{CycleRecord, DeviceRecord, Stages, Truth};
 use yieldwall_motion::sensing::RawSample;
 
 /// What is known of a field besides its value.

@@ -47,8 +47,8 @@ impl fmt::Display for Damage {
 /// Reads a recording from its begin to its end.
 ///
 /// ```
-/// use yieldwall::record::recording::Reader;
-/// # use yieldwall::record::{CycleRecord, recording::{About, Recorded, Writer}};
+/// use yieldwall_record::recording::Reader;
+/// # use yieldwall_record::{CycleRecord, recording::{About, Recorded, Writer}};
 /// # let mut file = Vec::new();
 /// # let mut writer = Writer::new(&mut file, &About::default())?;
 /// # writer.write(&CycleRecord::blank())?;

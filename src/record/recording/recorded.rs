@@ -45,9 +45,9 @@ impl Recorded for CycleRecord {
     }
 
     fn blank() -> Self {
+        use yieldwall_drives::cia402;
         use yieldwall_motion::cycle::{DriveSample, Inputs, LinkEvents, Signals, Timing};
         use yieldwall_motion::guard::{Directive, JointCommand, Request};
-        use yieldwall_drives::cia402;
         let drive = DriveSample {
             angle_rad: None,
             state: cia402::State::NotReadyToSwitchOn,

@@ -2,8 +2,8 @@
 
 use std::fmt::Write;
 
-use yieldwall_motion::guard::{DeviceSet, Fault, Motion, Request, State, fault};
 use yieldwall_drives::cia402;
+use yieldwall_motion::guard::{DeviceSet, Fault, Motion, Request, State, fault};
 
 /// A value of at most eight bytes.
 pub trait Scalar: Copy {

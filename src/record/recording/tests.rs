@@ -11,10 +11,10 @@ use proptest::prelude::*;
 use super::fields::{Field, Visitor};
 use super::scalar::Scalar;
 use super::*;
-use yieldwall_motion::cycle::DriveSample;
-use yieldwall_motion::guard::{Cause, DeviceSet, Fault, State};
 use crate::{CycleRecord, DeviceRecord, Stages};
 use yieldwall_drives::cia402;
+use yieldwall_motion::cycle::DriveSample;
+use yieldwall_motion::guard::{Cause, DeviceSet, Fault, State};
 
 /// A folder of this test's own, removed at the end.
 struct Folder(PathBuf);
@@ -287,7 +287,7 @@ fn names_are_those_that_a_message_definition_may_have() {
 
 #[test]
 fn the_document_lists_the_fields() {
-    let document = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/recording.md");
+    let document = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/recording.md");
     let text = std::fs::read_to_string(document).unwrap();
     for table in [table::<CycleRecord>(), table::<DeviceRecord>()] {
         assert!(text.contains(&table), "docs/recording.md lists other fields; it should have\n{table}");

@@ -5,17 +5,17 @@ use std::sync::atomic::AtomicBool;
 use super::buses::DEVICES;
 use super::simulation::Simulation;
 use super::{EmbeddedRig, RigError};
-use crate::config;
-use crate::guard::{Request, State};
-use crate::quantity::{JointAngles, TipPoint};
-use crate::record::CycleRecord;
-use crate::rig::line::Line;
-use crate::run::{
+use crate::line::Line;
+use yieldwall_config as config;
+use yieldwall_motion::guard::{Request, State};
+use yieldwall_motion::quantity::{JointAngles, TipPoint};
+use yieldwall_motion::sensing::Wrench;
+use yieldwall_record::CycleRecord;
+use yieldwall_run::{
     Bounds, Enabling, HomePlan, Homed, Jog, Jogged, LoopPlan, LoopTraced, NotProven, Permit, Pulled, Repeated,
     RunError, Runner, STOP_LIMIT_S, Task, Wrenches, has_torque, settling_cycles,
 };
-use crate::sensing::Wrench;
-use crate::sim::Drive;
+use yieldwall_sim::Drive;
 
 /// Cycles from a reset to the question to be enabled again: the drives have left their fault state.
 const CYCLES_AFTER_RESET: u32 = 50;
@@ -105,7 +105,7 @@ impl EmbeddedRig {
     }
 
     /// Switches everything on, boots the network, tells the drives how little torque they may make, enables them, leads the joints and
-    /// stops, as [`Runner::jog`](crate::run::Runner::jog). No hand takes the tool. `each` gets the record of every cycle in which they are led.
+    /// stops, as [`Runner::jog`](yieldwall_run::Runner::jog). No hand takes the tool. `each` gets the record of every cycle in which they are led.
     ///
     /// # Errors
     /// [`RigError::Boot`] if a node is missing or is not what it should be, and if the simulated arm cannot go on; what kept the joints from
@@ -119,10 +119,10 @@ impl EmbeddedRig {
         mut each: impl FnMut(&CycleRecord),
     ) -> Result<Result<Jogged, RunError>, RigError> {
         self.boot()?;
-        if let Err(error) = self.runner.limit_torque(rig, bounds.torque_n_m) {
-            return Ok(Err(error));
+        match self.runner.bring_up_in_virtual_time(rig, bounds) {
+            Ok(permit) => self.permit = permit,
+            Err(error) => return Ok(Err(error)),
         }
-        self.permit = Permit::for_bring_up(&self.runner, bounds);
         // Injections count their time from here.
         self.take_tool();
         self.place_mut().far.world.let_go();
@@ -134,7 +134,7 @@ impl EmbeddedRig {
     }
 
     /// Switches everything on, boots the network for homing, tells the drives how little torque they may make, enables them and has each find
-    /// its reference, as [`Runner::home`](crate::run::Runner::home). No hand takes the tool.
+    /// its reference, as [`Runner::home`](yieldwall_run::Runner::home). No hand takes the tool.
     ///
     /// # Errors
     /// As [`EmbeddedRig::jog`].
@@ -149,11 +149,11 @@ impl EmbeddedRig {
             return Ok(Err(error));
         }
         self.boot()?;
-        if let Err(error) = self.runner.limit_torque(rig, torque_n_m) {
-            return Ok(Err(error));
-        }
         let motion_rad = config::Positive::new(plan.bound_rad()).unwrap_or(torque_n_m);
-        self.permit = Permit::for_bring_up(&self.runner, Bounds { motion_rad, torque_n_m });
+        match self.runner.bring_up_in_virtual_time(rig, Bounds { motion_rad, torque_n_m }) {
+            Ok(permit) => self.permit = permit,
+            Err(error) => return Ok(Err(error)),
+        }
         // Injections count their time from here.
         self.take_tool();
         self.place_mut().far.world.let_go();
@@ -163,7 +163,7 @@ impl EmbeddedRig {
     }
 
     /// Switches everything on and homes the joints again and again, as
-    /// [`Runner::home_repeatedly`](crate::run::Runner::home_repeatedly). No hand takes the tool.
+    /// [`Runner::home_repeatedly`](yieldwall_run::Runner::home_repeatedly). No hand takes the tool.
     ///
     /// # Errors
     /// As [`EmbeddedRig::jog`].
@@ -188,7 +188,7 @@ impl EmbeddedRig {
     }
 
     /// Switches everything on, boots the network and listens to the force sensor, as
-    /// [`Runner::sense_in_rows`](crate::run::Runner::sense_in_rows). No hand takes the tool.
+    /// [`Runner::sense_in_rows`](yieldwall_run::Runner::sense_in_rows). No hand takes the tool.
     ///
     /// # Errors
     /// [`RigError::Boot`] if a node is missing or is not what it should be; that a person asked for the end is inside.
@@ -205,7 +205,7 @@ impl EmbeddedRig {
         Ok(sensed)
     }
 
-    /// Switches everything on, boots the network and tares the force sensor, as [`Runner::tare`](crate::run::Runner::tare). No hand
+    /// Switches everything on, boots the network and tares the force sensor, as [`Runner::tare`](yieldwall_run::Runner::tare). No hand
     /// takes the tool.
     ///
     /// # Errors
@@ -222,7 +222,7 @@ impl EmbeddedRig {
         Ok(tared)
     }
 
-    /// Switches everything on and measures forces that somebody has pull at the tool, as [`Runner::pulls`](crate::run::Runner::pulls). No hand
+    /// Switches everything on and measures forces that somebody has pull at the tool, as [`Runner::pulls`](yieldwall_run::Runner::pulls). No hand
     /// takes the tool.
     ///
     /// # Errors
@@ -239,7 +239,7 @@ impl EmbeddedRig {
         Ok(pulls)
     }
 
-    /// Switches everything on and has somebody lead the tool to points, as [`Runner::visit`](crate::run::Runner::visit): the angles of the
+    /// Switches everything on and has somebody lead the tool to points, as [`Runner::visit`](yieldwall_run::Runner::visit): the angles of the
     /// joints at each.
     ///
     /// # Errors
@@ -272,7 +272,7 @@ impl EmbeddedRig {
     }
 
     /// Switches everything on, leads a joint along its course and identifies its loop, as
-    /// [`Runner::tune_loop`](crate::run::Runner::tune_loop). No hand takes the tool.
+    /// [`Runner::tune_loop`](yieldwall_run::Runner::tune_loop). No hand takes the tool.
     ///
     /// # Errors
     /// As [`EmbeddedRig::jog`].
@@ -348,8 +348,7 @@ pub(super) fn bring_up(
     rig: &config::Rig,
     bounds: Bounds,
 ) -> Result<Permit, NotProven> {
-    runner.limit_torque(rig, bounds.torque_n_m)?;
-    Ok(Permit::for_bring_up(runner, bounds))
+    Ok(runner.bring_up_in_virtual_time(rig, bounds)?)
 }
 
 /// Somebody at the simulated arm.

@@ -3,9 +3,9 @@
 use std::sync::{Arc, Mutex};
 
 use super::*;
-use crate::injection::{Kind, Target};
-use crate::link::Packet;
+use yieldwall_config::injection::{Kind, Target};
 use yieldwall_drives::profiles::{BitState, Brake, BrakeHolder, BrakeOutput, Entry, Quantity, Role};
+use yieldwall_link::Packet;
 
 const CLOSES_IN_MS: u32 = 30;
 

@@ -2,14 +2,14 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::assembly::device_buses;
-use crate::canopen::{BusId, Frame};
-use crate::config;
-use crate::rig::devices::simulated;
-use crate::rig::error::RigError;
-use crate::rig::far_end::Wire;
-use crate::sim::can::{BitTiming, BusCounters, Delivery, QueueOrder, Tamper, VirtualBus, Witness};
-use crate::time::Time;
+use crate::devices::simulated;
+use crate::error::RigError;
+use crate::far_end::Wire;
+use yieldwall_config as config;
+use yieldwall_fieldbus::canopen::{BusId, Frame};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_run::assembly::device_buses;
+use yieldwall_sim::can::{BitTiming, BusCounters, Delivery, QueueOrder, Tamper, VirtualBus, Witness};
 
 /// Port of the master on each bus.
 pub(super) const MASTER: usize = 0;

@@ -3,11 +3,11 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use crate::ethercat::frame::{BYTE_NS, LONGEST, SHORTEST};
-use crate::injection::{Injection, Kind, Target};
-use crate::rig::frame_faults::FrameFaults;
-use crate::sim::can::BusCounters;
-use crate::time::Time;
+use crate::frame_faults::FrameFaults;
+use yieldwall_config::injection::{Injection, Kind, Target};
+use yieldwall_fieldbus::ethercat::frame::{BYTE_NS, LONGEST, SHORTEST};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_sim::can::BusCounters;
 
 /// Preamble, check sequence and gap around a frame, in bytes.
 const AROUND_FRAME: u64 = 8 + 4 + 12;

@@ -5,11 +5,11 @@ use std::sync::atomic::AtomicBool;
 use super::EmbeddedRig;
 use super::boot::bring_up;
 use super::simulation::Simulation;
-use crate::config;
-use crate::quantity::{Force, JointAngles};
-use crate::rig::error::RigError;
-use crate::run::commission::{Attendant, Begin, Commissioned, StepReport};
-use crate::run::{Bounds, Drilled, DriveIdentity, NotProven, Permit, Runner};
+use crate::error::RigError;
+use yieldwall_config as config;
+use yieldwall_motion::quantity::{Force, JointAngles};
+use yieldwall_run::commission::{Attendant, Begin, Commissioned, StepReport};
+use yieldwall_run::{Bounds, Drilled, DriveIdentity, NotProven, Permit, Runner};
 
 /// A person at a simulated arm.
 #[derive(Default)]
@@ -56,7 +56,7 @@ impl Attendant<Simulation> for Onlooker {
 
 impl EmbeddedRig {
     /// Switches everything on and takes the steps of a commissioning, as
-    /// [`Runner::commission`](crate::run::Runner::commission). No hand takes the tool.
+    /// [`Runner::commission`](yieldwall_run::Runner::commission). No hand takes the tool.
     ///
     /// # Errors
     /// [`RigError::Boot`] if a node is missing or is not what it should be, and if the simulated arm cannot go on.

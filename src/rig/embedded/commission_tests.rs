@@ -4,11 +4,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
 use super::*;
-use crate::injection::{DEFECTS, Defect, DefectKind, DefectRow, FoundBy, Kind, Target};
-use crate::quantity::JointAngles;
-use crate::run::commission::{Begin, Commissioned, STEPS, Step, StepReport, Verdict};
 use crate::sample::{self, share};
 use proptest::prelude::*;
+use yieldwall_config::injection::{DEFECTS, Defect, DefectKind, DefectRow, FoundBy, Kind, Target};
+use yieldwall_motion::quantity::JointAngles;
+use yieldwall_run::commission::{Begin, Commissioned, STEPS, Step, StepReport, Verdict};
 
 const RIGS: [&str; 5] = [
     "paper-admittance.yaml",
@@ -42,7 +42,7 @@ fn until(file: &str, defects: &[Defect], injections: &[Injection], cycles: u64) 
     let farthest = Arc::new(Mutex::new(0.0_f64));
     let seen = Arc::clone(&farthest);
     // By the truth of the tool, from the moment at which a drive says that it is enabled until one says so again.
-    let linkage = crate::assembly::linkage(&rig).unwrap();
+    let linkage = yieldwall_run::assembly::linkage(&rig).unwrap();
     let (mut start, mut was_on, mut count) = (JointAngles::default(), None, 0);
     let is_interrupted = Arc::new(AtomicBool::new(false));
     let asks = Arc::clone(&is_interrupted);
@@ -120,7 +120,7 @@ fn left_alone(file: &str, change: impl Fn(&mut config::Rig, &mut config::Scene))
     change(&mut rig, &mut scene);
     let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
     let mut done = machine.commission(&rig, Step::Admittance.into(), &AtomicBool::new(false), |_| ()).unwrap();
-    assert!(!machine.drive_states().into_iter().any(crate::run::has_torque));
+    assert!(!machine.drive_states().into_iter().any(yieldwall_run::has_torque));
     assert!(machine.drives().iter().all(|drive| drive.torque_limit_per_mille() == 1000), "{:?}", done.steps);
     done.steps.pop().unwrap()
 }

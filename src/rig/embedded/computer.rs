@@ -5,11 +5,11 @@ use std::panic::resume_unwind;
 use std::time::Duration;
 
 use super::cable::Frames;
-use crate::canopen::BusId;
-use crate::injection::{Injection, Kind};
-use crate::link::{Arrival, ErrorFrame, Received};
-use crate::run::Process;
-use crate::time::Time;
+use yieldwall_config::injection::{Injection, Kind};
+use yieldwall_fieldbus::canopen::BusId;
+use yieldwall_fieldbus::time::Time;
+use yieldwall_link::{Arrival, ErrorFrame, Received};
+use yieldwall_run::Process;
 
 /// Frames that wait for a process that is stopped, as in a socket's buffer; more are lost.
 const WAITING_FRAMES: usize = 256;

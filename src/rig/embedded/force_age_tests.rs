@@ -5,10 +5,10 @@ use std::sync::atomic::AtomicBool;
 use super::tune_loop_tests::{AT_1_KHZ, at_4_khz, on_ethercat, rig};
 use super::*;
 use crate::analysis::{believed_age_s, later_s};
-use crate::identification::NotIdentified;
-use crate::injection::{Defect, DefectKind};
-use crate::run::{ForceFound, JointLoop, LoopPlan};
 use crate::sample::share;
+use yieldwall_config::injection::{Defect, DefectKind};
+use yieldwall_motion::identification::NotIdentified;
+use yieldwall_run::{ForceFound, JointLoop, LoopPlan};
 
 /// What is identified of a joint with these defects, and the root mean square of the force that the cycle had meanwhile, N.
 fn found(loaded: &config::Loaded<config::Rig>, joint: usize, seed: u64, defects: &[Defect]) -> (JointLoop, f64) {

@@ -4,10 +4,10 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
 use super::*;
-use crate::injection::{Defect, DefectKind, Kind, Target};
-use crate::quantity::JointAngles;
-use crate::run::{Bounds, Ended, HOMING_BEYOND_RAD, HomePlan, Homed, NotHome, NotProven, Repeated, RunError};
 use proptest::prelude::*;
+use yieldwall_config::injection::{Defect, DefectKind, Kind, Target};
+use yieldwall_motion::quantity::JointAngles;
+use yieldwall_run::{Bounds, Ended, HOMING_BEYOND_RAD, HomePlan, Homed, NotHome, NotProven, Repeated, RunError};
 
 const RIG: &str = "paper-incremental.yaml";
 
@@ -47,7 +47,7 @@ fn homed(
     let mut machine = EmbeddedRig::new(rig, scene, &rig.fixture, scene.seed).unwrap();
     machine.set_injections(injections).unwrap();
     let plan = HomePlan::of(rig, joints, 20).unwrap();
-    let linkage = crate::assembly::linkage(rig).unwrap();
+    let linkage = yieldwall_run::assembly::linkage(rig).unwrap();
     let farthest = Arc::new(Mutex::new(([0.0_f64; 2], None)));
     let seen = Arc::clone(&farthest);
     machine.set_observer(Box::new(move |record| {
@@ -58,7 +58,7 @@ fn homed(
     }));
     let torque = config::Positive::new(15.0).unwrap();
     let homed = machine.home(rig, &plan, torque, &AtomicBool::new(false)).unwrap();
-    assert!(!machine.drive_states().into_iter().any(crate::run::has_torque), "{homed:?}");
+    assert!(!machine.drive_states().into_iter().any(yieldwall_run::has_torque), "{homed:?}");
     let [left, right] = machine.arm().unwrap().motor_angles().to_array();
     let farthest = farthest.lock().unwrap().0;
     (homed, JointAngles::new(left, right), farthest)
@@ -200,7 +200,11 @@ fn a_joint_whose_encoder_stands_still_loses_its_torque() {
         let homed = homed.unwrap();
         assert!(matches!(homed.failed, Some((1, NotHome::Blocked(1, _)))), "{homed:?} {farthest:?}");
         assert!(homed.joints[0].is_homed && !homed.joints[1].is_homed, "{homed:?} {farthest:?}");
-        assert_eq!(homed.cause.map(|cause| cause.fault), Some(crate::guard::Fault::FollowingError), "{homed:?}");
+        assert_eq!(
+            homed.cause.map(|cause| cause.fault),
+            Some(yieldwall_motion::guard::Fault::FollowingError),
+            "{homed:?}"
+        );
     }
 }
 
@@ -251,7 +255,7 @@ fn repeated(
     let mut machine = EmbeddedRig::new(rig, &scene, &rig.fixture, scene.seed).unwrap();
     machine.set_injections(injections).unwrap();
     let plan = HomePlan::of(rig, joints, 20).unwrap();
-    let linkage = crate::assembly::linkage(rig).unwrap();
+    let linkage = yieldwall_run::assembly::linkage(rig).unwrap();
     let seen = Arc::new(Mutex::new((JointAngles::default(), None, [0.0_f64; 2])));
     let sees = Arc::clone(&seen);
     machine.set_observer(Box::new(move |record| {
@@ -269,7 +273,7 @@ fn repeated(
         homes.push(seen.lock().unwrap().0 - JointAngles::from(told));
     };
     let repeated = machine.home_repeatedly(rig, (&plan, times), bounds, &AtomicBool::new(false), told).unwrap();
-    assert!(!machine.drive_states().into_iter().any(crate::run::has_torque), "{repeated:?}");
+    assert!(!machine.drive_states().into_iter().any(yieldwall_run::has_torque), "{repeated:?}");
     let farthest = seen.lock().unwrap().2;
     (repeated, homes, farthest)
 }
@@ -335,7 +339,7 @@ fn a_joint_that_is_not_asked_for_is_not_homed_again_either() {
 
 #[test]
 fn the_scatter_that_was_planted_is_found() {
-    use crate::identification::Estimate;
+    use yieldwall_motion::identification::Estimate;
     let machine = rig(false, config::CommandMode::Torque, |_, homing| {
         homing.rate_rad_per_s = config::Positive::new(0.1).unwrap();
     });
@@ -395,8 +399,8 @@ proptest! {
 /// A machine with other links and zeros than its file says, whose tool is led to points of a plate.
 #[test]
 fn links_and_zeros_are_found_from_points() {
-    use crate::identification::kinematics;
-    use crate::quantity::TipPoint;
+    use yieldwall_motion::identification::kinematics;
+    use yieldwall_motion::quantity::TipPoint;
     let loaded = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap();
     let (mut built, scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
     built.linkage.proximal_m[0] = config::Positive::new(0.3012).unwrap();
@@ -405,7 +409,7 @@ fn links_and_zeros_are_found_from_points() {
         .map(|at| {
             let angle = f64::from(at) * std::f64::consts::TAU / 8.0;
             let radius = if at < 8 { 0.06 } else { 0.12 };
-            let (sin, cos) = crate::elementary::sin_cos(angle);
+            let (sin, cos) = yieldwall_motion::elementary::sin_cos(angle);
             TipPoint::new(radius * cos, radius * sin)
         })
         .collect();
@@ -427,13 +431,13 @@ fn links_and_zeros_are_found_from_points() {
 /// A sensor that feels too much along x and too little along y, and one whose axes are taken for one another.
 #[test]
 fn a_sensor_is_calibrated_by_pulls() {
-    use crate::identification::force_map;
+    use yieldwall_motion::identification::force_map;
     let loaded = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap();
     let (rig, mut scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
     let map = |rig: &config::Rig, scene: &config::Scene, told: &config::Rig| {
         let mut machine = EmbeddedRig::new(rig, scene, &rig.fixture, scene.seed).unwrap();
         let pulled = machine.pulls(told, 8.0, &AtomicBool::new(false)).unwrap().unwrap();
-        let xy = |wrench: crate::sensing::Wrench| [wrench.0.x, wrench.0.y];
+        let xy = |wrench: yieldwall_motion::sensing::Wrench| [wrench.0.x, wrench.0.y];
         let pulls: Vec<_> = pulled.iter().map(|pulled| (xy(pulled.expected), xy(pulled.shown.mean()))).collect();
         force_map(&pulls).unwrap()
     };

@@ -2,12 +2,12 @@
 
 use super::injectable::{InjectableDrive, InjectableSensor};
 use super::simulation::Simulation;
-use crate::injection::{Injection, Kind, Lasts, Medium, Target};
-use crate::rig::error::RigError;
-use crate::rig::far_end::{Plug, SENSOR};
-use crate::rig::line::Line;
-use crate::rig::world::Body;
-use crate::time::Time;
+use crate::error::RigError;
+use crate::far_end::{Plug, SENSOR};
+use crate::line::Line;
+use crate::world::Body;
+use yieldwall_config::injection::{Injection, Kind, Lasts, Medium, Target};
+use yieldwall_fieldbus::time::Time;
 
 /// Slack of moments in s, far below a cycle.
 const SLACK_S: f64 = 1e-9;

@@ -3,11 +3,11 @@
 use std::sync::atomic::AtomicBool;
 
 use super::*;
-use crate::cycle::LeadLimits;
-use crate::injection::{Kind, Target};
-use crate::quantity::JointAngles;
-use crate::run::{Bounds, Ended, Jog, Jogged, Key, Keys};
 use proptest::prelude::*;
+use yieldwall_config::injection::{Kind, Target};
+use yieldwall_motion::cycle::LeadLimits;
+use yieldwall_motion::quantity::JointAngles;
+use yieldwall_run::{Bounds, Ended, Jog, Jogged, Key, Keys};
 
 const TORQUE_N_M: f64 = 15.0;
 
@@ -155,14 +155,15 @@ fn keys_lead_no_joint_beyond_its_way_and_the_end_is_heard_while_they_come() {
 
 /// How far beyond its way a joint goes by the truth of the tool, rad.
 struct Went {
-    linkage: crate::linkage::FiveBar,
+    linkage: yieldwall_motion::linkage::FiveBar,
     start: Option<JointAngles>,
     beyond_rad: std::sync::Arc<std::sync::Mutex<f64>>,
 }
 
 impl Went {
     fn new(file: &str) -> (Self, std::sync::Arc<std::sync::Mutex<f64>>) {
-        let linkage = crate::assembly::linkage(&config::load_rig(config::builtin(file)).unwrap().value).unwrap();
+        let linkage =
+            yieldwall_run::assembly::linkage(&config::load_rig(config::builtin(file)).unwrap().value).unwrap();
         let beyond_rad = std::sync::Arc::default();
         (Self { linkage, start: None, beyond_rad: std::sync::Arc::clone(&beyond_rad) }, beyond_rad)
     }

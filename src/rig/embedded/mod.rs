@@ -33,27 +33,27 @@ use super::error::RigError;
 use super::far_end::{DEVICES, FarEnd};
 use super::silence::Silence;
 use super::world::Body;
-use crate::assembly;
-use crate::bus::Master;
-use crate::config;
-use crate::cycle::Outputs;
-use crate::guard::{Cause, Request, State};
-use crate::injection::Injection;
-use crate::record::{CycleRecord, Moment, Row, Stages};
-use crate::run::{
-    Ask, BootWatch, DriveError, Enabling, ErrorWatch, Observer, Pace, Permit, Place, RunError, Runner, Tap,
-};
-use crate::sim::arm::Arm;
-use crate::sim::can::{BusCounters, Tamper};
-use crate::sim::hand::Hand;
-use crate::sim::{Drive, ForceSensor};
-use crate::time::Time;
 use cable::Cable;
 use computer::Injected;
 use injectable::InjectableBuses;
 use simulation::Simulation;
+use yieldwall_bus::Master;
+use yieldwall_config as config;
+use yieldwall_config::injection::Injection;
 use yieldwall_drives::cia402;
 use yieldwall_drives::watchdog::Watchdog;
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::cycle::Outputs;
+use yieldwall_motion::guard::{Cause, Request, State};
+use yieldwall_record::{CycleRecord, Moment, Row, Stages};
+use yieldwall_run::assembly;
+use yieldwall_run::{
+    Ask, BootWatch, DriveError, Enabling, ErrorWatch, Observer, Pace, Permit, Place, RunError, Runner, Tap,
+};
+use yieldwall_sim::arm::Arm;
+use yieldwall_sim::can::{BusCounters, Tamper};
+use yieldwall_sim::hand::Hand;
+use yieldwall_sim::{Drive, ForceSensor};
 
 /// Master, virtual buses, simulated devices, arm and hand.
 ///

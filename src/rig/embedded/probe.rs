@@ -2,9 +2,9 @@
 
 use super::buses::{DEVICES, MASTER};
 use super::{Body, EmbeddedRig};
-use crate::quantity::{Force, JointAngles, TipPoint, TipVelocity};
-use crate::rig::RigError;
-use crate::sim::can::Witness;
+use crate::RigError;
+use yieldwall_motion::quantity::{Force, JointAngles, TipPoint, TipVelocity};
+use yieldwall_sim::can::Witness;
 
 /// Ports of the master, of the drives and of the sensor, as a [`Witness`] sees them; any other belongs to a device that is
 /// not of the rig.

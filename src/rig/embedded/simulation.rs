@@ -7,24 +7,24 @@ use super::buses::{DEVICES, MASTER};
 use super::cable::Cable;
 use super::computer::Computer;
 use super::injectable::{InjectableBuses, InjectableDrive, InjectableSensor};
-use crate::bus::LinkEvent;
-use crate::canopen::{BusId, Frame, cob};
-use crate::cycle::Outputs;
-use crate::link::{
+use crate::error::RigError;
+use crate::far_end::FarEnd;
+use crate::line::Line;
+use crate::script::Script;
+use crate::silence::Silence;
+use crate::world;
+use yieldwall_bus::LinkEvent;
+use yieldwall_fieldbus::canopen::{BusId, Frame, cob};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_link::{
     Arrival, CanLink, ErrorFrame, EthernetArrival, EthernetReceived, Packet, Received, SendError, Wires,
 };
-use crate::quantity::{JointAngles, JointTorques};
-use crate::record;
-use crate::rig::error::RigError;
-use crate::rig::far_end::FarEnd;
-use crate::rig::line::Line;
-use crate::rig::script::Script;
-use crate::rig::silence::Silence;
-use crate::rig::world;
-use crate::run::{Place, Process, Tap};
-use crate::sim::EthercatDrive;
-use crate::sim::can::Passage;
-use crate::time::Time;
+use yieldwall_motion::cycle::Outputs;
+use yieldwall_motion::quantity::{JointAngles, JointTorques};
+use yieldwall_record as record;
+use yieldwall_run::{Place, Process, Tap, VirtualPlace};
+use yieldwall_sim::EthercatDrive;
+use yieldwall_sim::can::Passage;
 
 /// Buses, devices, machine and computer, and what is broken of them.
 pub(super) struct Simulation {
@@ -258,6 +258,8 @@ impl Wires for Simulation {
         if cable.send(self.now, bytes) { Ok(()) } else { Err(SendError::Down) }
     }
 }
+
+impl VirtualPlace for Simulation {}
 
 impl Place for Simulation {
     const IS_VIRTUAL: bool = true;

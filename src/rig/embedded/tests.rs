@@ -6,12 +6,12 @@ mod malformed;
 use std::sync::atomic::AtomicBool;
 
 use super::*;
-use crate::config::{Source, load_rig};
-use crate::elementary;
-use crate::quantity::Force;
-use crate::run::Bounds;
 use malformed::{base_text, with};
 use proptest::prelude::*;
+use yieldwall_config::{Source, load_rig};
+use yieldwall_motion::elementary;
+use yieldwall_motion::quantity::Force;
+use yieldwall_run::Bounds;
 
 fn shipped(permit: fn(&Runner<Simulation>) -> Permit) -> EmbeddedRig {
     let loaded = config::load_rig(config::Source::named("builtin:paper-admittance.yaml")).unwrap();
@@ -51,9 +51,9 @@ fn drives_on_ethercat_stop_without_outputs_and_without_op() {
     let (rig, scene) = (&loaded.value, loaded.scene().unwrap().value);
     let mut machine = EmbeddedRig::new(rig, &scene, &rig.fixture, scene.seed).unwrap();
     let by_frames = machine.runner.drill(50, &AtomicBool::new(false), |_| ()).unwrap();
-    let virtually = crate::rig::drill(rig, &scene, |_| ()).unwrap();
+    let virtually = crate::drill(rig, &scene, |_| ()).unwrap();
     for drilled in [by_frames, virtually] {
-        let of = |finding: &crate::run::Finding| (finding.watchdog.name(), finding.stopped_in.map(Option::unwrap));
+        let of = |finding: &yieldwall_run::Finding| (finding.watchdog.name(), finding.stopped_in.map(Option::unwrap));
         let [outputs, op] = drilled.findings.as_slice() else { panic!("{drilled:?}") };
         let off = [cia402::State::SwitchOnDisabled; 2];
         assert_eq!([of(outputs), of(op)], [("outputs", off), ("OP", off)]);
@@ -72,11 +72,10 @@ fn bring_up_is_kept_within_its_bounds() {
     let scene = loaded.scene().unwrap().value;
     let mut machine = EmbeddedRig::new(&loaded.value, &scene, &loaded.value.fixture, scene.seed).unwrap();
     machine.boot().unwrap();
-    machine.runner.limit_torque(&loaded.value, bounds.torque_n_m).unwrap();
+    machine.permit = machine.runner.bring_up_in_virtual_time(&loaded.value, bounds).unwrap();
     let rated_n_m = loaded.value.drives[0].rated_torque_n_m.get();
-    let limit = machine.runner.read(crate::guard::Device::LeftDrive, 0x6072, 0).unwrap();
+    let limit = machine.runner.read(yieldwall_motion::guard::Device::LeftDrive, 0x6072, 0).unwrap();
     assert_eq!(f64::from(limit), (40.0 / rated_n_m * 1000.0).round());
-    machine.permit = Permit::for_bring_up(&machine.runner, bounds);
     machine.come_to_run(machine.enabling).unwrap();
     let (farthest, state) = led(machine);
     assert!(farthest > 0.05 && farthest < 0.07 && state == State::Stopped, "{farthest} {state:?}");

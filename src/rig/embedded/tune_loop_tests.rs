@@ -4,15 +4,15 @@ use std::sync::atomic::AtomicBool;
 
 use super::*;
 use crate::analysis::{PROPOSED_MARGINS, has_margins, identified_margins, pose_margins, proposed_gains};
-use crate::assembly::{delay_cycles, linkage};
-use crate::guard::Fault;
-use crate::identification::NotIdentified;
-use crate::injection::{Kind, Target};
-use crate::linkage::MassModel;
-use crate::quantity::JointRates;
-use crate::rig::simulated_arm;
-use crate::run::{Ended, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced};
 use crate::sample::share;
+use crate::simulated_arm;
+use yieldwall_config::injection::{Kind, Target};
+use yieldwall_motion::guard::Fault;
+use yieldwall_motion::identification::NotIdentified;
+use yieldwall_motion::linkage::MassModel;
+use yieldwall_motion::quantity::JointRates;
+use yieldwall_run::assembly::{delay_cycles, linkage};
+use yieldwall_run::{Ended, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced};
 
 pub(super) fn rig(text: &str) -> config::Loaded<config::Rig> {
     config::load_rig(config::Source::memory("rig.yaml", text.to_owned())).unwrap()
@@ -340,7 +340,7 @@ fn a_fault_at_either_drive_takes_the_torque_off_both_and_nothing_is_identified()
         let (end, states) = traced(&loaded, 0, &[broken], |_| ());
         assert_eq!((end.ended, end.found), (Ended::Stopped, None), "{target:?}");
         assert!(end.cause.is_some_and(|cause| cause.fault != Fault::FollowingError), "{:?}", end.cause);
-        assert!(!states.iter().any(|state| crate::run::has_torque(*state)), "{states:?}");
+        assert!(!states.iter().any(|state| yieldwall_run::has_torque(*state)), "{states:?}");
     }
 }
 
@@ -358,7 +358,7 @@ fn no_joint_is_led_beyond_its_bound_or_with_more_torque_than_its_limit() {
         let now = record.signals.target_angles;
         let way = (now - *from.get_or_insert(now)).to_array();
         let torques = match record.command {
-            crate::guard::JointCommand::Torque(torques) => torques.to_array(),
+            yieldwall_motion::guard::JointCommand::Torque(torques) => torques.to_array(),
             _ => [0.0; 2],
         };
         let mut seen = seen.lock().unwrap();
@@ -402,7 +402,7 @@ fn an_encoder_that_stands_still_at_any_moment_leads_no_joint_away() {
 
 #[test]
 fn a_joint_that_runs_the_wrong_way_is_told_so_and_gets_no_more_torque() {
-    use crate::injection::{Defect, DefectKind};
+    use yieldwall_config::injection::{Defect, DefectKind};
     let loaded = rig(AT_1_KHZ);
     let (rig, mut scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
     for joint in [0, 1] {

@@ -11,16 +11,16 @@ use super::frame_faults::FrameFaults;
 use super::script::Script;
 use super::server::{GRACE, LAG};
 use super::world::{Body, World};
-use crate::canopen::{Frame, cob};
-use crate::config;
-use crate::ethercat::frame::{self, Command, Datagram, Datagrams};
-use crate::ethercat::registers::SII_CONTROL;
-use crate::injection::{Injection, Kind, Medium, Target};
-use crate::run::Pace;
-use crate::sim::ethercat::{Segment, SimulatedDevice};
-use crate::time::Time;
+use yieldwall_config as config;
+use yieldwall_config::injection::{Injection, Kind, Medium, Target};
 use yieldwall_drives::cia402;
 use yieldwall_drives::watchdog::Clock;
+use yieldwall_fieldbus::canopen::{Frame, cob};
+use yieldwall_fieldbus::ethercat::frame::{self, Command, Datagram, Datagrams};
+use yieldwall_fieldbus::ethercat::registers::SII_CONTROL;
+use yieldwall_fieldbus::time::Time;
+use yieldwall_run::Pace;
+use yieldwall_sim::ethercat::{Segment, SimulatedDevice};
 
 /// Slack of moments in s, far below a cycle.
 const SLACK_S: f64 = 1e-9;
@@ -266,7 +266,7 @@ impl SegmentServer {
     }
 
     /// Where the tool is, in m in the base frame, and the force of the hand on it, in N.
-    pub fn truth(&self) -> (crate::quantity::TipPoint, crate::quantity::Force) {
+    pub fn truth(&self) -> (yieldwall_motion::quantity::TipPoint, yieldwall_motion::quantity::Force) {
         (self.far.world.truth.tip, self.far.world.truth.force)
     }
 }

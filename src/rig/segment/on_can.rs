@@ -2,9 +2,9 @@
 
 use std::collections::VecDeque;
 
-use crate::canopen::{BusId, Frame};
-use crate::rig::far_end::{DEVICES, Wire};
-use crate::time::Time;
+use crate::far_end::{DEVICES, Wire};
+use yieldwall_fieldbus::canopen::{BusId, Frame};
+use yieldwall_fieldbus::time::Time;
 
 /// Frames that wait for the interface before a device has to wait with one that can.
 const ROOM: usize = 8;

@@ -2,15 +2,15 @@
 
 use super::super::frame_faults::KEPT;
 use super::*;
-use crate::config::{builtin, load_rig};
-use crate::ethercat::coe::{CoeAnswer, CoeClient, CoeRequest, Heard};
-use crate::ethercat::frame::{Datagrams, FrameWriter, address};
-use crate::ethercat::mailbox::{self, Counter, Protocol};
-use crate::ethercat::sii::Sii;
-use crate::ethercat::{Direction, Fmmu, u16_at};
-use crate::injection::{CATALOGUE, Kind, Target};
-use crate::objects::Address;
+use yieldwall_config::injection::{CATALOGUE, Kind, Target};
+use yieldwall_config::{builtin, load_rig};
 use yieldwall_drives::cia402::State;
+use yieldwall_fieldbus::ethercat::coe::{CoeAnswer, CoeClient, CoeRequest, Heard};
+use yieldwall_fieldbus::ethercat::frame::{Datagrams, FrameWriter, address};
+use yieldwall_fieldbus::ethercat::mailbox::{self, Counter, Protocol};
+use yieldwall_fieldbus::ethercat::sii::Sii;
+use yieldwall_fieldbus::ethercat::{Direction, Fmmu, u16_at};
+use yieldwall_fieldbus::objects::Address;
 
 const PERIOD: Duration = Duration::from_millis(1);
 /// Bytes of outputs and inputs of a drive, by default.
@@ -234,7 +234,7 @@ fn drives_move_the_arm_and_the_sensor_feels_the_hand() {
         assert!(force.0.norm() > 0.1, "{pace:?}: {force:?}");
         let at = 26 + 2 * (12 + INPUTS);
         let counts = |sub: usize| i32::from_le_bytes(frame[at + 4 * sub..at + 4 * sub + 4].try_into().unwrap());
-        let felt_n = crate::elementary::hypot(f64::from(counts(0)), f64::from(counts(1))) * 1e-6;
+        let felt_n = yieldwall_motion::elementary::hypot(f64::from(counts(0)), f64::from(counts(1))) * 1e-6;
         assert!((felt_n - force.0.norm()).abs() < 0.3 * force.0.norm() + 1.0, "{pace:?}: {felt_n} N of {force:?}");
     }
 }
@@ -304,7 +304,7 @@ fn a_kind_that_is_for_can_is_refused_by_its_name() {
     let mut server = server(Pace::Free, [true; 3]);
     for row in &CATALOGUE {
         let refused = server.inject(usual(row.kind));
-        match row.media.contains(&crate::injection::Medium::Ethercat) {
+        match row.media.contains(&yieldwall_config::injection::Medium::Ethercat) {
             true if usual(row.kind).is_at_master() => {
                 let refused = refused.unwrap_err().to_string();
                 assert_eq!(refused, format!("{} is of the computer that runs the master, which is not here", row.name));

@@ -3,19 +3,19 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::{Attendant, Curve, Figure, Step, StepReport, Verdict};
-use crate::config::{self, Positive};
-use crate::cycle::LeadLimits;
-use crate::guard::Device;
-use crate::quantity::JointAngles;
-use crate::record::CycleRecord;
-use crate::run::conduct::{has_torque, settling_on_bus};
-use crate::run::error::RunError;
-use crate::run::jog::{Jog, Jogged};
-use crate::run::permit::{Ask, Bounds};
-use crate::run::place::Place;
-use crate::run::proof::{DriveIdentity, NotProven};
-use crate::run::runner::Runner;
-use crate::run::scene::Ended;
+use crate::conduct::{has_torque, settling_on_bus};
+use crate::error::RunError;
+use crate::jog::{Jog, Jogged};
+use crate::permit::{Ask, Bounds};
+use crate::place::Place;
+use crate::proof::{DriveIdentity, NotProven};
+use crate::runner::Runner;
+use crate::scene::Ended;
+use yieldwall_config::{self as config, Positive};
+use yieldwall_motion::cycle::LeadLimits;
+use yieldwall_motion::guard::Device;
+use yieldwall_motion::quantity::JointAngles;
+use yieldwall_record::CycleRecord;
 
 /// How fast joints are led, rad/s: 6 degrees in a second.
 pub(super) const RATE: f64 = 6.0 * std::f64::consts::PI / 180.0;

@@ -17,9 +17,9 @@ use super::permit::{Bounds, Permit};
 use super::place::Place;
 use super::proof::{DriveIdentity, NotProven};
 use super::runner::Runner;
-use crate::config;
-use crate::quantity::Force;
 use bench::Bench;
+use yieldwall_config as config;
+use yieldwall_motion::quantity::Force;
 
 /// A step of a commissioning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

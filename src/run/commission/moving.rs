@@ -3,13 +3,13 @@
 use super::bench::{Bench, Found, Halt, RATE, Travel};
 use super::resting::{NOBODY_PULLS, PULL_N};
 use super::{Curve, Figure};
-use crate::guard::{Cause, Fault, State};
-use crate::quantity::{Force, JointAngles};
-use crate::run::drilled::{DRILL_LIMIT, Demands, TORQUE_LIMIT};
-use crate::run::jog::Jogged;
-use crate::run::pace::Pace;
-use crate::run::place::Place;
-use crate::run::scene::Ended;
+use crate::drilled::{DRILL_LIMIT, Demands, TORQUE_LIMIT};
+use crate::jog::Jogged;
+use crate::pace::Pace;
+use crate::place::Place;
+use crate::scene::Ended;
+use yieldwall_motion::guard::{Cause, Fault, State};
+use yieldwall_motion::quantity::{Force, JointAngles};
 
 /// How far each link is turned in a step, rad.
 pub(super) const ROTATION_RAD: f64 = 4.0 * std::f64::consts::PI / 180.0;
@@ -490,7 +490,8 @@ mod tests {
             (0..400).map(|at| f64::from(at) * 3.5e-4).map(|angle| [angle, torque(angle)]).collect()
         };
         assert!(ripple_n_m(&of(|angle| 10.0 + 30.0 * angle)) < 1e-9);
-        let cogging = ripple_n_m(&of(|angle| 10.0 + 30.0 * angle + 4.0 * crate::elementary::sin(100.0 * angle)));
+        let cogging =
+            ripple_n_m(&of(|angle| 10.0 + 30.0 * angle + 4.0 * yieldwall_motion::elementary::sin(100.0 * angle)));
         assert!((cogging - 4.0).abs() < 0.7, "{cogging}");
         assert!(ripple_n_m(&of(|angle| if ((angle * 1e6) as u64).is_multiple_of(2) { 1.0 } else { -1.0 })) < 0.5);
         assert_eq!(ripple_n_m(&[]), 0.0);

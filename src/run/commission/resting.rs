@@ -3,13 +3,13 @@
 use super::bench::{Bench, Found, Halt, with_restored};
 use super::{Curve, Figure};
 use crate::assembly::torque_limits_per_mille;
-use crate::config::{self, Positive};
-use crate::guard::Device;
-use crate::objects::Address;
-use crate::quantity::Force;
-use crate::run::place::Place;
-use crate::run::proof::DriveIdentity;
+use crate::place::Place;
+use crate::proof::DriveIdentity;
+use yieldwall_config::{self as config, Positive};
 use yieldwall_drives::objects::{self, DEVICE_TYPE, Object};
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_motion::guard::Device;
+use yieldwall_motion::quantity::Force;
 
 /// How often each drive is read, and for how long at most, s.
 const READS: usize = 1000;
@@ -355,5 +355,5 @@ pub(super) fn unsigned_zero(force_n: f64) -> f64 {
 
 fn angle_between_deg(one: Force, other: Force) -> f64 {
     let cosine = one.dot(other) / (one.norm() * other.norm()).max(f64::MIN_POSITIVE);
-    crate::elementary::acos(cosine.clamp(-1.0, 1.0)).to_degrees()
+    yieldwall_motion::elementary::acos(cosine.clamp(-1.0, 1.0)).to_degrees()
 }

@@ -4,12 +4,12 @@ use super::bench::{Bench, Found, Halt};
 use super::moving::{LED_BEYOND_RAD, TORQUE_SHARES, TRAVEL_RAD};
 use super::resting::unsigned_zero;
 use super::{Curve, Figure};
-use crate::config::FixtureLaw;
-use crate::guard::{Cause, Fault, State};
-use crate::quantity::{Force, TipPoint};
-use crate::run::permit::{Ask, Bounds};
-use crate::run::place::Place;
-use crate::run::scene::Ended;
+use crate::permit::{Ask, Bounds};
+use crate::place::Place;
+use crate::scene::Ended;
+use yieldwall_config::FixtureLaw;
+use yieldwall_motion::guard::{Cause, Fault, State};
+use yieldwall_motion::quantity::{Force, TipPoint};
 
 /// How long the handle is left alone, s. What a wrong zero moves goes off within a second, or is too slow to be seen in a minute.
 const ALONE_S: f64 = 10.0;
@@ -75,7 +75,7 @@ impl Way {
             high - low
         };
         let (along, whole_mm) = if range(0) >= range(1) { (0, range(0)) } else { (1, range(1)) };
-        let farthest_mm = from.iter().map(|[x, y]| crate::elementary::hypot(*x, *y)).fold(0.0, f64::max);
+        let farthest_mm = from.iter().map(|[x, y]| yieldwall_motion::elementary::hypot(*x, *y)).fold(0.0, f64::max);
         // The last end of the way, and whether it goes up from there.
         let (mut end, mut goes_up, mut turns) = (0.0, None, 0);
         for by in from.iter().map(|by| by[along]) {
@@ -289,7 +289,7 @@ fn curve(seen: &[Seen]) -> Curve {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::elementary::{exp, sin};
+    use yieldwall_motion::elementary::{exp, sin};
 
     fn way(x_mm: impl Fn(f64) -> f64) -> Way {
         let points = (0..2000).map(|at| 1e-3 * f64::from(at));
@@ -306,7 +306,8 @@ mod tests {
         let small = way(|time_s| time_s + 0.2 * sin(80.0 * time_s));
         assert!(small.turns < TURNS && small.goes_to_and_fro(), "{small:?}");
         // It is led to its place and goes beyond.
-        let settles = way(|time_s| 30.0 * (1.0 - exp(-8.0 * time_s) * crate::elementary::cos(25.0 * time_s)));
+        let settles =
+            way(|time_s| 30.0 * (1.0 - exp(-8.0 * time_s) * yieldwall_motion::elementary::cos(25.0 * time_s)));
         assert!(!settles.goes_to_and_fro() && settles.farthest_mm > 30.0, "{settles:?}");
         // What encoders count is nothing.
         let rests = way(|time_s| if ((time_s * 1e3) as u64).is_multiple_of(2) { 0.003 } else { 0.0 });

@@ -2,14 +2,14 @@
 //! still. Position tells neither from a drive that rests.
 
 use super::NotHome;
-use crate::config;
-use crate::guard::Device;
-use crate::run::error::RunError;
-use crate::run::place::Place;
-use crate::run::push::{Push, Stand};
-use crate::run::runner::Runner;
-use crate::run::torque_meter::{Metered, TorqueMeter};
+use crate::error::RunError;
+use crate::place::Place;
+use crate::push::{Push, Stand};
+use crate::runner::Runner;
+use crate::torque_meter::{Metered, TorqueMeter};
+use yieldwall_config as config;
 use yieldwall_drives::objects::TORQUE_ACTUAL;
+use yieldwall_motion::guard::Device;
 
 /// How long a drive may be silent about its torque, s.
 const SILENT_S: f64 = 0.5;

@@ -4,16 +4,16 @@ use std::sync::atomic::AtomicBool;
 
 use super::{HomePlan, Homed};
 use crate::assembly::{HOMING_COMES_UP_S, scaling};
-use crate::config;
-use crate::cycle::LeadLimits;
-use crate::quantity::JointAngles;
-use crate::run::jog::{Jog, Jogged};
-use crate::run::permit::Bounds;
-use crate::run::place::Place;
-use crate::run::proof::NotProven;
-use crate::run::runner::Runner;
-use crate::run::scene::Ended;
-use crate::run::tune_loop::Prove;
+use crate::jog::{Jog, Jogged};
+use crate::permit::Bounds;
+use crate::place::Place;
+use crate::proof::NotProven;
+use crate::runner::Runner;
+use crate::scene::Ended;
+use crate::tune_loop::Prove;
+use yieldwall_config as config;
+use yieldwall_motion::cycle::LeadLimits;
+use yieldwall_motion::quantity::JointAngles;
 
 /// Why it is not known by how much the reference of a joint shifts.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -3,12 +3,12 @@
 use std::time::Duration;
 
 use super::Runner;
-use crate::bus::ethercat::SegmentFailure;
-use crate::bus::{BootError, BootFailure, Master, Phase};
-use crate::link::LinkOutbox;
-use crate::run::error::RunError;
-use crate::run::place::Place;
-use crate::time::Time;
+use crate::error::RunError;
+use crate::place::Place;
+use yieldwall_bus::ethercat::SegmentFailure;
+use yieldwall_bus::{BootError, BootFailure, Master, Phase};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_link::LinkOutbox;
 
 /// How long a master that has sent its first heartbeat listens for that of another one, before it resets its nodes.
 pub const ANNOUNCED: Duration = Duration::from_millis(50);

@@ -3,11 +3,11 @@
 use std::time::Duration;
 
 use super::Runner;
-use crate::bus::{LinkEvent, Master};
-use crate::canopen::Frame;
-use crate::link::{Arrival, EthernetReceived, Packet, Received};
-use crate::run::place::Place;
-use crate::time::Time;
+use crate::place::Place;
+use yieldwall_bus::{LinkEvent, Master};
+use yieldwall_fieldbus::canopen::Frame;
+use yieldwall_fieldbus::time::Time;
+use yieldwall_link::{Arrival, EthernetReceived, Packet, Received};
 
 /// How long lockstep listens before the first cycle, on the wall, to what the boot has made the devices say: there time goes
 /// so fast that the answers of a second device with the same node id could come after the drives were enabled.
@@ -49,7 +49,7 @@ impl<P: Place> Runner<P> {
     }
 
     /// Waits until something comes over the link, or until a moment of its clock.
-    pub(in crate::run) fn wait_until(&mut self, moment: Time) -> bool {
+    pub(crate) fn wait_until(&mut self, moment: Time) -> bool {
         self.standstill.wait_until(moment);
         self.place.wait(moment)
     }
@@ -74,7 +74,7 @@ impl<P: Place> Runner<P> {
     }
 
     /// Takes what has come over the segment; whether that was anything.
-    pub(in crate::run) fn drain_ethernet(&mut self) -> bool {
+    pub(crate) fn drain_ethernet(&mut self) -> bool {
         let Some(bus) = self.master.segment_bus() else { return false };
         let mut has_come = false;
         for _ in 0..ARRIVALS {
@@ -101,7 +101,7 @@ impl<P: Place> Runner<P> {
         has_come
     }
 
-    pub(in crate::run) fn take(&mut self, arrival: &Arrival) {
+    pub(crate) fn take(&mut self, arrival: &Arrival) {
         let time = self.time_of(arrival);
         if let Some(event) = arrival.what.link_event() {
             self.master.on_link(arrival.bus, event);
@@ -126,7 +126,7 @@ impl<P: Place> Runner<P> {
     }
 
     /// When something arrived, since switching on.
-    pub(in crate::run) fn time_of(&self, arrival: &Arrival) -> Time {
+    pub(crate) fn time_of(&self, arrival: &Arrival) -> Time {
         self.on_own_clock(arrival.time)
     }
 

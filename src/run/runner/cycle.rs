@@ -5,13 +5,13 @@ use std::time::Duration;
 
 use super::Runner;
 use super::motion_bound::MotionBound;
-use crate::cycle::{Outputs, Timing};
-use crate::guard::Request;
-use crate::record::{CycleRecord, Moment, Standstill};
-use crate::run::permit::Ask;
-use crate::run::place::{Place, Process};
-use crate::run::standstill::LEAST;
-use crate::time::Time;
+use crate::permit::Ask;
+use crate::place::{Place, Process};
+use crate::standstill::LEAST;
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::cycle::{Outputs, Timing};
+use yieldwall_motion::guard::Request;
+use yieldwall_record::{CycleRecord, Moment, Standstill};
 
 /// How long lockstep waits for the process data of a cycle, on the wall ...
 const PATIENCE: Duration = Duration::from_secs(1);
@@ -101,13 +101,13 @@ impl<P: Place> Runner<P> {
     }
 
     /// The grid point so many periods after another one. The grid follows the clock of a segment.
-    pub(in crate::run) fn after(&self, grid: Time, periods: u32) -> Time {
+    pub(crate) fn after(&self, grid: Time, periods: u32) -> Time {
         let next = grid + self.period * periods;
         Time(next.0.saturating_add_signed(self.master.grid_shift_ns()))
     }
 
     /// Whether a rig was led farther than its permit allows.
-    pub(in crate::run) fn is_led_away(&self) -> bool {
+    pub(crate) fn is_led_away(&self) -> bool {
         self.motion_bound.is_some_and(|bound| bound.is_left())
     }
 

@@ -1,7 +1,7 @@
 //! A rig that was enabled for less than all that its file allows.
 
-use crate::guard::State;
-use crate::quantity::JointAngles;
+use yieldwall_motion::guard::State;
+use yieldwall_motion::quantity::JointAngles;
 
 /// How far the joints of a rig may be led from where it came to run.
 #[derive(Clone, Copy, Debug)]

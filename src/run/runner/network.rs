@@ -3,15 +3,15 @@
 use std::time::Duration;
 
 use super::Runner;
-use crate::bus::Phase;
-use crate::guard::Device;
-use crate::objects::Address;
-use crate::run::error::RunError;
-use crate::run::pace::Pace;
-use crate::run::permit::Boot;
-use crate::run::place::{Place, Process};
-use crate::time::Time;
+use crate::error::RunError;
+use crate::pace::Pace;
+use crate::permit::Boot;
+use crate::place::{Place, Process};
+use yieldwall_bus::Phase;
 use yieldwall_drives::objects;
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::guard::Device;
 
 /// Longest time between two calls of a [`BootWatch`](super::BootWatch).
 const LOOK_UP: Duration = Duration::from_millis(100);

@@ -3,14 +3,14 @@
 use std::time::Duration;
 
 use super::Runner;
-use crate::guard::Device;
-use crate::objects::{Address, ObjectAnswer, ObjectRequest};
-use crate::run::error::{RunError, Which};
-use crate::run::permit::Ask;
-use crate::run::place::Place;
-use crate::run::proof::DriveIdentity;
-use crate::time::Time;
+use crate::error::{RunError, Which};
+use crate::permit::Ask;
+use crate::place::Place;
+use crate::proof::DriveIdentity;
 use yieldwall_drives::objects;
+use yieldwall_fieldbus::objects::{Address, ObjectAnswer, ObjectRequest};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::guard::Device;
 
 /// How long a device is waited for beyond what its own time-outs allow.
 const BEYOND_PATIENCE: Duration = Duration::from_secs(5);
@@ -29,7 +29,7 @@ impl<P: Place> Runner<P> {
     ///
     /// # Errors
     /// As [`Runner::read`].
-    pub(in crate::run) fn write(&mut self, device: Device, at: Address, data: &[u8]) -> Result<(), RunError> {
+    pub(crate) fn write(&mut self, device: Device, at: Address, data: &[u8]) -> Result<(), RunError> {
         self.transfer(device, ObjectRequest::Write(at, data)).map(|_| ())
     }
 
@@ -86,7 +86,7 @@ impl<P: Place> Runner<P> {
     }
 
     /// The device as errors name it.
-    pub(in crate::run) fn which(&self, device: Device) -> Which {
+    pub(crate) fn which(&self, device: Device) -> Which {
         Which { device, node_id: self.master.node_id(device) }
     }
 }

@@ -1,8 +1,8 @@
 //! The permits of a rig.
 
 use super::Runner;
-use crate::run::permit::{Bounds, Permit, Scope};
-use crate::run::place::Place;
+use crate::permit::{Bounds, Permit, Scope};
+use crate::place::{Place, VirtualPlace};
 
 impl Permit {
     /// Without proof, for a reason that [`Permit::unproved`] tells: the drives may go on when their master dies. No command of the
@@ -12,24 +12,27 @@ impl Permit {
     }
 
     /// What is proved.
-    pub(in crate::run) fn proved<P: Place>(rig: &Runner<P>) -> Self {
+    pub(crate) fn proved<P: Place>(rig: &Runner<P>) -> Self {
         Self::of(rig.boot, Scope::Whole(None))
     }
 
     /// What is proved, within bounds that the drives were told.
-    pub(crate) fn for_bring_up<P: Place>(rig: &Runner<P>, bounds: Bounds) -> Self {
+    pub(crate) fn bounded<P: Place>(rig: &Runner<P>, bounds: Bounds) -> Self {
         Self::of(rig.boot, Scope::BringUp(bounds))
     }
 
-    /// In a place of virtual time nothing moves.
-    #[cfg(feature = "sim")]
-    pub(crate) fn in_virtual_time<P: Place>(rig: &Runner<P>) -> Self {
-        const { assert!(P::IS_VIRTUAL, "a computer needs a proof") };
+    /// For the watchdog drill, which enables before there is any proof.
+    pub(crate) fn at_rest<P: Place>(rig: &Runner<P>) -> Self {
+        Self::of(rig.boot, Scope::Rest)
+    }
+
+    /// The permit of a rig in virtual time, in which no real drive moves.
+    pub fn in_virtual_time<P: VirtualPlace>(rig: &Runner<P>) -> Self {
         Self::proved(rig)
     }
 
-    /// For the watchdog drill, which enables before there is any proof.
-    pub(crate) fn for_drill<P: Place>(rig: &Runner<P>) -> Self {
-        Self::of(rig.boot, Scope::Rest)
+    /// The permit of a watchdog drill in virtual time: no motion at all.
+    pub fn for_drill<P: VirtualPlace>(rig: &Runner<P>) -> Self {
+        Self::at_rest(rig)
     }
 }

@@ -2,8 +2,8 @@
 
 use std::f64::consts::PI;
 
-use crate::elementary;
-use crate::identification::{Excitation, MOST_SHIFTS};
+use yieldwall_motion::elementary;
+use yieldwall_motion::identification::{Excitation, MOST_SHIFTS};
 
 const DEG: f64 = PI / 180.0;
 /// How far each travel goes, rad.

@@ -2,8 +2,8 @@
 
 use super::course::Shows;
 use super::parts::{Sample, Trace};
-use crate::cycle::Cycle;
-use crate::identification::{BEHIND, Handle, MOST_SHIFTS, NotIdentified, Shaken, handle, lead_in};
+use yieldwall_motion::cycle::Cycle;
+use yieldwall_motion::identification::{BEHIND, Handle, MOST_SHIFTS, NotIdentified, Shaken, handle, lead_in};
 
 /// Where the tool was in a cycle, and the force that the cycle had.
 #[derive(Clone, Copy, Debug, PartialEq)]

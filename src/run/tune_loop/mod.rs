@@ -33,12 +33,12 @@ use super::runner::Runner;
 use super::scene::Ended;
 use super::torque_meter::{Metered, TorqueMeter};
 use crate::assembly::scaling;
-use crate::config::{self, CommandMode, Positive};
-use crate::cycle::LeadLimits;
-use crate::guard::{Cause, DeviceSet, Fault, JointCommand, State};
-use crate::identification::{Dynamics, Friction, Handle, NotIdentified};
-use crate::quantity::JointAngles;
-use crate::record::CycleRecord;
+use yieldwall_config::{self as config, CommandMode, Positive};
+use yieldwall_motion::cycle::LeadLimits;
+use yieldwall_motion::guard::{Cause, DeviceSet, Fault, JointCommand, State};
+use yieldwall_motion::identification::{Dynamics, Friction, Handle, NotIdentified};
+use yieldwall_motion::quantity::JointAngles;
+use yieldwall_record::CycleRecord;
 
 /// Shares of the rated torque that are tried one after the other, unless a torque is asked for: with little torque nothing runs away far.
 const TORQUE_SHARES: [f64; 3] = [0.25, 0.35, 0.5];

@@ -7,10 +7,12 @@ use nalgebra::Complex;
 use super::course::{Course, Part, RATES, STEP_RAD, Shows};
 use super::felt::Felt;
 use super::{Follows, JointLoop, StepAnswer};
-use crate::elementary;
-use crate::identification::{Dynamics, Friction, MOST_SHIFTS, NotIdentified, Passage, Steady, dynamics, friction};
-use crate::quantity::JointAngles;
-use crate::sensing::RawSample;
+use yieldwall_motion::elementary;
+use yieldwall_motion::identification::{
+    Dynamics, Friction, MOST_SHIFTS, NotIdentified, Passage, Steady, dynamics, friction,
+};
+use yieldwall_motion::quantity::JointAngles;
+use yieldwall_motion::sensing::RawSample;
 
 /// What is known of a joint in one cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

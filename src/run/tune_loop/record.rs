@@ -8,9 +8,9 @@ use serde_json::{Value, json};
 use thiserror::Error;
 
 use super::JointLoop;
-use crate::config;
-use crate::record::trusted;
-use crate::run::proof::fnv1a;
+use crate::proof::fnv1a;
+use yieldwall_config as config;
+use yieldwall_record::trusted;
 
 /// What was identified of a joint, as far as its loop goes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -19,9 +19,9 @@ use super::connection::{Error, Service};
 use super::inventory::sheet_of;
 use super::restore::{Made, carry_out, plan};
 use super::scan::{identify, number};
-use crate::canopen::{NmtCommand, NmtState, NodeId};
-use crate::link::CanLink;
-use crate::objects::{AbortCode, Address};
+use yieldwall_fieldbus::canopen::{NmtCommand, NmtState, NodeId};
+use yieldwall_fieldbus::objects::{AbortCode, Address};
+use yieldwall_link::CanLink;
 
 /// Bit 31 of a COB-ID.
 const NOT_USED: u32 = 0x8000_0000;

@@ -4,8 +4,8 @@ use yieldwall_drives::eds::{Access, Eds, Entry, Value};
 use yieldwall_drives::objects as cia;
 
 use super::{RPDO, Survey};
-use crate::objects::{AbortCode, Address};
-use crate::service::known::known;
+use crate::known::known;
+use yieldwall_fieldbus::objects::{AbortCode, Address};
 
 /// Longest name of an object, or of a product, that is taken from a data sheet.
 const LONGEST_NAME: usize = 60;

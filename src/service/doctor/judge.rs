@@ -1,9 +1,9 @@
 //! What follows from the facts of one node, as a chain of questions that ends at the first trouble.
 
 use super::{Asked, NodeFacts};
-use crate::canopen::{NmtState, NodeSet, cob};
-use crate::link::SendError;
-use crate::link::checkup::Check;
+use yieldwall_fieldbus::canopen::{NmtState, NodeSet, cob};
+use yieldwall_link::SendError;
+use yieldwall_link::checkup::Check;
 
 /// So many requests of the pattern are answered twice where two devices answer; CAN itself doubles a frame now and then.
 const DOUBLED: usize = 3;
@@ -36,7 +36,7 @@ pub fn judge(facts: &NodeFacts, around: &Around) -> Vec<Check> {
     let questions: [fn(&NodeFacts, &Around) -> Check; 6] = [link, heard, alive, identifiers, doubled, answers];
     for question in questions {
         let check = question(facts, around);
-        let is_trouble = check.verdict == crate::link::checkup::Verdict::Wrong;
+        let is_trouble = check.verdict == yieldwall_link::checkup::Verdict::Wrong;
         checks.push(check);
         if is_trouble {
             break;

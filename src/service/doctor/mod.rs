@@ -9,15 +9,15 @@
 //! from the interface and have to have the identifiers under which they were sent.
 
 mod judge;
-#[cfg(all(test, feature = "sim"))]
+#[cfg(test)]
 mod tests;
 
 use std::time::Duration;
 
 use super::connection::{Error, Service};
-use crate::canopen::{BusId, Frame, NmtState, NodeId, NodeSet, cob, nmt};
-use crate::link::{Arrival, CanLink, Received, SendError};
-use crate::objects::Address;
+use yieldwall_fieldbus::canopen::{BusId, Frame, NmtState, NodeId, NodeSet, cob, nmt};
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_link::{Arrival, CanLink, Received, SendError};
 
 pub use judge::{Around, judge};
 

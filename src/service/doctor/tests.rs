@@ -4,9 +4,9 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::*;
-use crate::canopen::BusId;
-use crate::link::checkup::{Check, Verdict};
-use crate::live::{PlantedLink, Trouble, VirtualLink};
+use yieldwall_fieldbus::canopen::BusId;
+use yieldwall_link::checkup::{Check, Verdict};
+use yieldwall_rig::live::{PlantedLink, Trouble, VirtualLink};
 
 fn node(raw: u8) -> NodeId {
     cob::node_id(raw).unwrap()
@@ -28,7 +28,7 @@ fn last(facts: &NodeFacts) -> Check {
 
 /// What is found of a node of the simulation with a trouble.
 fn examined(raw: u8, trouble: Option<(u8, Trouble)>, is_silent: bool) -> NodeFacts {
-    let rig = crate::config::load_rig(crate::config::builtin("paper-admittance.yaml")).unwrap();
+    let rig = yieldwall_config::load_rig(yieldwall_config::builtin("paper-admittance.yaml")).unwrap();
     let scene = rig.scene().unwrap().value;
     let link = VirtualLink::new(&rig.value, &scene, 1).unwrap();
     let link: Box<dyn CanLink> = match trouble {

@@ -1,9 +1,9 @@
 //! Error counters and clocks of a device.
 
 use super::{SegmentError, SegmentService};
-use crate::ethercat::registers::{self as register, feature};
-use crate::ethercat::{array, u16_at, u32_at};
-use crate::link::EthernetLink;
+use yieldwall_fieldbus::ethercat::registers::{self as register, feature};
+use yieldwall_fieldbus::ethercat::{array, u16_at, u32_at};
+use yieldwall_link::EthernetLink;
 
 /// Ports of a device.
 const PORTS: usize = 4;

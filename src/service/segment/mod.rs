@@ -17,13 +17,13 @@ use std::time::Duration;
 use thiserror::Error;
 
 use super::Bytes;
-use crate::bus::ethercat::{SegmentFailure, SegmentSign};
-use crate::ethercat::coe::CoeEmergency;
-use crate::ethercat::frame::{self, Command, FrameWriter, address, answers};
-use crate::ethercat::mailbox::MailboxClient;
-use crate::ethercat::{AlStatus, AlStatusCode, array, registers as register, u16_at};
-use crate::link::{EthernetLink, EthernetReceived, SendError};
-use crate::time::Time;
+use yieldwall_bus::ethercat::{SegmentFailure, SegmentSign};
+use yieldwall_fieldbus::ethercat::coe::CoeEmergency;
+use yieldwall_fieldbus::ethercat::frame::{self, Command, FrameWriter, address, answers};
+use yieldwall_fieldbus::ethercat::mailbox::MailboxClient;
+use yieldwall_fieldbus::ethercat::{AlStatus, AlStatusCode, array, registers as register, u16_at};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_link::{EthernetLink, EthernetReceived, SendError};
 
 pub use counters::{ClockFacts, Counters, PortCounters};
 pub use objects::DeviceObjects;

@@ -3,14 +3,14 @@
 use std::time::Duration;
 
 use super::{SegmentError, SegmentService, TRIES};
-use crate::bus::ethercat::SegmentFailure;
-use crate::ethercat::coe::CoeEmergency;
-use crate::ethercat::mailbox::{Counter, MailboxClient};
-use crate::ethercat::sii::MailboxArea;
-use crate::ethercat::{AlState, BufferMode, Direction, SyncManager, frame, registers as register};
-use crate::link::EthernetLink;
-use crate::objects::{Address, ObjectAnswer, ObjectError, ObjectRequest};
-use crate::service::{Bytes, Error, ObjectAccess};
+use crate::{Bytes, Error, ObjectAccess};
+use yieldwall_bus::ethercat::SegmentFailure;
+use yieldwall_fieldbus::ethercat::coe::CoeEmergency;
+use yieldwall_fieldbus::ethercat::mailbox::{Counter, MailboxClient};
+use yieldwall_fieldbus::ethercat::sii::MailboxArea;
+use yieldwall_fieldbus::ethercat::{AlState, BufferMode, Direction, SyncManager, frame, registers as register};
+use yieldwall_fieldbus::objects::{Address, ObjectAnswer, ObjectError, ObjectRequest};
+use yieldwall_link::EthernetLink;
 
 /// How long a device may take to answer.
 const PATIENCE: Duration = Duration::from_secs(1);
@@ -60,7 +60,7 @@ impl<L: EthernetLink> SegmentService<L> {
     }
 
     /// Moves the mailbox of a device until what was asked has ended; with `until`, up to that moment, for what the device says by itself.
-    fn converse(&mut self, position: u16, until: Option<crate::time::Time>) -> Result<(), SegmentError> {
+    fn converse(&mut self, position: u16, until: Option<yieldwall_fieldbus::time::Time>) -> Result<(), SegmentError> {
         let mut buffer = [0; frame::LONGEST];
         let mut lost = 0;
         loop {

@@ -1,10 +1,10 @@
 //! Who is on a segment.
 
 use super::{SegmentError, SegmentService};
-use crate::bus::ethercat::SegmentFailure;
-use crate::ethercat::sii::{FIRST_CATEGORY, Sii};
-use crate::ethercat::{AlStatus, AlStatusCode, u16_at, u32_at};
-use crate::link::EthernetLink;
+use yieldwall_bus::ethercat::SegmentFailure;
+use yieldwall_fieldbus::ethercat::sii::{FIRST_CATEGORY, Sii};
+use yieldwall_fieldbus::ethercat::{AlStatus, AlStatusCode, u16_at, u32_at};
+use yieldwall_link::EthernetLink;
 
 /// Words of the SII with vendor, product code, revision and serial number.
 const IDENTITY: [usize; 4] = [0x08, 0x0a, 0x0c, 0x0e];

@@ -3,12 +3,12 @@
 use std::time::Duration;
 
 use super::{LOOK_AGAIN, SegmentError, SegmentService, TRIES};
-use crate::bus::ethercat::SegmentFailure;
-use crate::ethercat::registers::{self as register, sii_control};
-use crate::ethercat::sii::words_needed;
-use crate::ethercat::{u16_at, u32_at};
-use crate::link::EthernetLink;
-use crate::service::Bytes;
+use crate::Bytes;
+use yieldwall_bus::ethercat::SegmentFailure;
+use yieldwall_fieldbus::ethercat::registers::{self as register, sii_control};
+use yieldwall_fieldbus::ethercat::sii::words_needed;
+use yieldwall_fieldbus::ethercat::{u16_at, u32_at};
+use yieldwall_link::EthernetLink;
 
 /// Time between two looks at the chip, and how long it may take.
 const CHIP_AGAIN: Duration = Duration::from_micros(50);

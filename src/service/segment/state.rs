@@ -3,10 +3,10 @@
 use std::time::Duration;
 
 use super::{LOOK_AGAIN, SegmentError, SegmentService};
-use crate::bus::ethercat::SegmentFailure;
-use crate::ethercat::sii::Sii;
-use crate::ethercat::{AlControl, AlState, AlStatus, SyncManager, registers as register};
-use crate::link::EthernetLink;
+use yieldwall_bus::ethercat::SegmentFailure;
+use yieldwall_fieldbus::ethercat::sii::Sii;
+use yieldwall_fieldbus::ethercat::{AlControl, AlState, AlStatus, SyncManager, registers as register};
+use yieldwall_link::EthernetLink;
 
 /// How long a device may take to a state: the longest of the times that ETG.1020 gives.
 const CHANGING: Duration = Duration::from_secs(10);

@@ -3,9 +3,9 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::{Arm, ArmError, JointElasticity, Middle, check_not_negative, slip_rates};
-use crate::linkage::MassModel;
-use crate::quantity::{JointAngles, TipPoint};
-use crate::sim::hand::HandLoad;
+use crate::hand::HandLoad;
+use yieldwall_motion::linkage::MassModel;
+use yieldwall_motion::quantity::{JointAngles, TipPoint};
 
 /// The motors' side of elastic joints: parameters and state.
 #[derive(Clone, Debug)]

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::setvalued::gsat;
+use yieldwall_motion::setvalued::gsat;
 
 /// The rates `v'` of two coupled joints for which `inertia v' + limit Sgn(v')` contains `impulse`.
 ///
@@ -63,8 +63,8 @@ pub fn slip_rate(inertia: f64, impulse: f64, limit: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::elementary;
     use proptest::prelude::*;
+    use yieldwall_motion::elementary;
 
     /// Distance of `impulse - inertia v` from the set `limit Sgn(v)`, the larger of the two joints.
     fn residual(inertia: &Matrix2<f64>, impulse: Vector2<f64>, limit: Vector2<f64>, rates: Vector2<f64>) -> f64 {

@@ -6,7 +6,6 @@
 mod flexible;
 mod friction;
 mod rigid;
-
 #[cfg(test)]
 mod tests;
 
@@ -18,8 +17,8 @@ use thiserror::Error;
 use self::flexible::Gear;
 use super::hand::HandLoad;
 use super::substeps::equal_steps;
-use crate::linkage::{Dynamics, FiveBar, GeometryError, LinkageError, MassModel, Posture};
-use crate::quantity::{JointAngles, JointRates, JointTorques, TipPoint, TipVelocity};
+use yieldwall_motion::linkage::{Dynamics, FiveBar, GeometryError, LinkageError, MassModel, Posture};
+use yieldwall_motion::quantity::{JointAngles, JointRates, JointTorques, TipPoint, TipVelocity};
 
 /// The simulation stops where the tool would move this many times faster than the elbows: about 1/30 rad before the
 /// distal links lie on one line (type 2), where the motors lose the tool and steps of any length overshoot.

@@ -3,8 +3,8 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::{Arm, ArmError, Middle, slip_rates};
-use crate::quantity::TipPoint;
-use crate::sim::hand::HandLoad;
+use crate::hand::HandLoad;
+use yieldwall_motion::quantity::TipPoint;
 
 impl Arm {
     /// `(M + h C / 2) v' + h tau_c Sgn(v')` contains `(M - h C / 2) v + h (u - bias + J^T F)`, with everything taken at

@@ -2,8 +2,8 @@
 
 use std::io::{self, Write};
 
-use crate::canopen::Frame;
-use crate::time::Time;
+use yieldwall_fieldbus::canopen::Frame;
+use yieldwall_fieldbus::time::Time;
 
 /// Writes frames as lines `(seconds.micros) interface id#data`, the log format that can-utils and most analysers read.
 ///
@@ -62,7 +62,7 @@ impl<W: Write> CandumpWriter<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::canopen::BusId;
+    use yieldwall_fieldbus::canopen::BusId;
 
     #[test]
     fn lines_are_those_of_candump() {

@@ -9,8 +9,8 @@ pub use wire::{INTERFRAME_BITS, frame_bits};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use crate::canopen::{Frame, Outbox};
-use crate::time::Time;
+use yieldwall_fieldbus::canopen::{Frame, Outbox};
+use yieldwall_fieldbus::time::Time;
 
 /// Frames that one port can have waiting. More are lost and counted, as with the transmit queue of a real interface.
 pub const QUEUE_FRAMES: usize = 64;

@@ -1,6 +1,6 @@
 //! How many bits a frame takes on the wire.
 
-use crate::canopen::Frame;
+use yieldwall_fieldbus::canopen::Frame;
 
 /// Generator polynomial of the CRC of classic CAN, without its highest term.
 ///

@@ -5,9 +5,9 @@ use yieldwall_drives::objects::{self as cia, error_code};
 use yieldwall_drives::profiles::Reaction;
 
 use super::device::Device;
-use crate::canopen::{Application, HeartbeatChange, HeartbeatEvent, NmtState, is_dummy};
-use crate::objects::{AbortCode, Address, ObjectDictionary, Reset, ServedDevice};
-use crate::time::Time;
+use yieldwall_fieldbus::canopen::{Application, HeartbeatChange, HeartbeatEvent, NmtState, is_dummy};
+use yieldwall_fieldbus::objects::{AbortCode, Address, ObjectDictionary, Reset, ServedDevice};
+use yieldwall_fieldbus::time::Time;
 
 /// The rated torque, in per mille of itself.
 const RATED: u16 = 1000;

@@ -1,7 +1,7 @@
 //! State machine, control loop and monitoring of a drive.
 
-use crate::elementary;
 use std::time::Duration;
+use yieldwall_motion::elementary;
 
 use yieldwall_drives::cia402::{
     OperationMode, OptionCodes, Reaction, State, StateMachine, Statusword, Transition, controlword,
@@ -15,9 +15,9 @@ use super::objects::Objects;
 use super::servo::{Motion, Plan, Servo, TorqueRange};
 use super::watches::Watches;
 use super::{AxisSettings, Encoder};
-use crate::objects::{DictionaryError, ObjectDictionary};
-use crate::time::Time;
 use yieldwall_drives::watchdog::Clock;
+use yieldwall_fieldbus::objects::{DictionaryError, ObjectDictionary};
+use yieldwall_fieldbus::time::Time;
 
 /// Bit of the error register 1001h for errors of the device profile.
 pub(super) const PROFILE_ERROR: u8 = 1 << 5;
@@ -449,7 +449,7 @@ impl Device {
             (Reaction::Follow, _) => Plan::Off,
         };
         if plan != self.servo.plan() {
-            self.servo.change_plan(self.now, plan, self.motion);
+            self.servo.change_plan(self.now, plan, self.motion, self.fastest_rad_per_s());
             self.aimed_at = None;
             self.outside_since = None;
             if plan != Plan::Homing {
@@ -496,11 +496,16 @@ impl Device {
         let positive = self.scaling.torque_n_m(limit(self.od.get(self.objects.positive_torque_limit)));
         let negative = self.scaling.torque_n_m(-limit(self.od.get(self.objects.negative_torque_limit)));
         let rate = self.motion.rate_rad_per_s;
-        let fastest = f64::from(self.od.get(self.objects.max_speed)) * (std::f64::consts::TAU / 60.0);
+        let fastest = self.fastest_rad_per_s();
         TorqueRange {
             lowest: if rate < -fastest { 0.0 } else { positive.min(negative) },
             highest: if rate > fastest { 0.0 } else { positive.max(negative) },
         }
+    }
+
+    /// The speed limit 6080h of the joint.
+    fn fastest_rad_per_s(&self) -> f64 {
+        f64::from(self.od.get(self.objects.max_speed)) * (std::f64::consts::TAU / 60.0)
     }
 
     pub(super) fn tick(&mut self) {

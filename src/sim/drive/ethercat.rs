@@ -13,9 +13,9 @@ use super::super::ethercat::{Communication, EthercatApplication};
 use super::device::{Device, PROFILE_ERROR};
 use super::watches::Watch;
 use super::{AxisSettings, objects};
-use crate::ethercat::coe::CoeEmergency;
-use crate::objects::{AbortCode, Address, ObjectDictionary, Reset, ServedDevice};
-use crate::time::Time;
+use yieldwall_fieldbus::ethercat::coe::CoeEmergency;
+use yieldwall_fieldbus::objects::{AbortCode, Address, ObjectDictionary, Reset, ServedDevice};
+use yieldwall_fieldbus::time::Time;
 
 /// Shortest cycle that the drive works with, in ns.
 const SHORTEST_CYCLE_NS: u32 = 62_500;
@@ -26,7 +26,7 @@ const COMMUNICATION_ERROR: u8 = 1 << 4;
 /// The emergency that says that all errors have gone.
 const NO_ERROR: CoeEmergency = CoeEmergency { code: 0, register: 0, vendor: [0; 5] };
 
-/// A simulated servo drive on EtherCAT, to be put behind a [`Controller`](crate::sim::ethercat::Controller).
+/// A simulated servo drive on EtherCAT, to be put behind a [`Controller`](crate::ethercat::Controller).
 ///
 /// State machine, control loops, limits and monitoring are those of [`Drive`](super::Drive). The physical side is
 /// [`EthercatDrive::measure`] in and [`EthercatDrive::torque_n_m`] out. What the drive is given acts at SYNC0 where the master switched

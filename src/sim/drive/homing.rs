@@ -1,6 +1,6 @@
 //! An incremental encoder, and how a drive finds its reference: the homing mode of CiA 402.
 
-use crate::sim::standard_normal;
+use crate::standard_normal;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 

@@ -22,11 +22,11 @@ use yieldwall_drives::scaling::AxisScaling;
 use yieldwall_drives::watchdog::{Clock, Watchdog};
 
 use super::DeviceError;
-use crate::canopen::{EmcyCode, ErrorRegister, Frame, Node, NodeId, Outbox, cob};
-use crate::objects::{Address, ServedDevice};
-use crate::time::Time;
 use device::{Device, PROFILE_ERROR};
 use watches::Watch;
+use yieldwall_fieldbus::canopen::{EmcyCode, ErrorRegister, Frame, Node, NodeId, Outbox, cob};
+use yieldwall_fieldbus::objects::{Address, ServedDevice};
+use yieldwall_fieldbus::time::Time;
 
 /// What the drive knows about the joint angle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

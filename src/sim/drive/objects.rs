@@ -9,8 +9,8 @@ use yieldwall_drives::scaling::AxisScaling;
 
 use super::super::device::{DeviceError, commanded, declare, handle, identity, mark, plain, shown};
 use super::DriveSettings;
-use crate::canopen::{CanopenError, CommunicationProfile, PdoParameters, cob};
-use crate::objects::{Access, Builder, DictionaryError, Handle, Object, ObjectDictionary};
+use yieldwall_fieldbus::canopen::{CanopenError, CommunicationProfile, PdoParameters, cob};
+use yieldwall_fieldbus::objects::{Access, Builder, DictionaryError, Handle, Object, ObjectDictionary};
 
 /// Quick stop ramp in rad/s^2 unless the master sets one: from 6 rad/s to rest in 60 ms.
 const QUICK_STOP_RAD_PER_S2: f64 = 100.0;

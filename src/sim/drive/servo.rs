@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::super::DeviceError;
-use crate::time::Time;
+use yieldwall_fieldbus::time::Time;
 
 /// Below this rate a drive that slows down counts as standing.
 const STANDSTILL_RAD_PER_S: f64 = 0.01;
@@ -177,13 +177,14 @@ impl Servo {
         self.next_tick
     }
 
-    /// Goes over to another plan. A closed loop that starts from an open one starts where the joint is; a ramp starts
-    /// with the set-point's rate if there is one, else with the joint's.
-    pub(super) fn change_plan(&mut self, now: Time, plan: Plan, motion: Motion) {
+    /// Goes over to another plan. A closed loop that starts from an open one starts where the joint is. A ramp starts with the rate of the
+    /// set-point if there is one, else with that of the joint, as it does where the set-point is faster than `fastest_rad_per_s`.
+    pub(super) fn change_plan(&mut self, now: Time, plan: Plan, motion: Motion, fastest_rad_per_s: f64) {
         if plan == self.plan {
             return;
         }
-        if !self.plan.is_closed_loop() {
+        let is_too_fast = matches!(plan, Plan::Ramp(_)) && self.setpoint_rate.abs() > fastest_rad_per_s;
+        if !self.plan.is_closed_loop() || is_too_fast {
             (self.setpoint_rad, self.setpoint_rate) = (motion.angle_rad, 0.0);
             self.integral_n_m = 0.0;
             self.last_tick = now;
@@ -301,11 +302,12 @@ mod tests {
         integral_n_m_per_rad_s: 0.0,
     };
     const RANGE: TorqueRange = TorqueRange { lowest: -50.0, highest: 50.0 };
+    const FASTEST: f64 = 10.0;
     const STANDING: Motion = Motion { angle_rad: 0.0, rate_rad_per_s: 0.0 };
 
     fn in_plan(plan: Plan) -> Servo {
         let mut servo = Servo::new(GAINS);
-        servo.change_plan(Time(0), plan, STANDING);
+        servo.change_plan(Time(0), plan, STANDING, FASTEST);
         servo
     }
 
@@ -346,11 +348,26 @@ mod tests {
         assert_eq!(servo.torque_n_m(), 50.0);
     }
 
+    /// The target of another master may lie anywhere: a joint that hardly moves must not be led at full speed for as long as a ramp from
+    /// there takes.
+    #[test]
+    fn a_ramp_from_a_set_point_that_leaps_starts_where_the_joint_is() {
+        let slow = Motion { angle_rad: 0.02, rate_rad_per_s: 0.5 };
+        for (target_rad, from) in [(1.0, 0.5), (0.02, 5.0)] {
+            let mut servo = in_plan(Plan::Position);
+            servo.aim_at(Time(0), target_rad, 4e-3);
+            servo.tick(Time::from_micros(1000), slow, RANGE);
+            servo.change_plan(Time::from_micros(1000), Plan::Ramp(100.0), slow, FASTEST);
+            servo.tick(Time::from_micros(1000), slow, RANGE);
+            assert_eq!(servo.setpoint_rate, from, "{target_rad} rad");
+        }
+    }
+
     #[test]
     fn a_ramp_that_is_kept_moving_ends_after_its_wait() {
         let mut servo = Servo::new(GAINS);
         let pushed = Motion { angle_rad: 0.0, rate_rad_per_s: 1.0 };
-        servo.change_plan(Time(0), Plan::Ramp(100.0), pushed);
+        servo.change_plan(Time(0), Plan::Ramp(100.0), pushed, FASTEST);
         let end = (0..20_000u64).map(|tick| Time::from_micros(125 * tick)).find(|&now| {
             servo.tick(now, pushed, RANGE);
             servo.is_at_standstill(now, pushed)

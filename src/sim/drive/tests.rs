@@ -1,15 +1,15 @@
 //! The drive as a master sees it: frames in, frames out, and a joint behind it.
 
-use crate::elementary;
 use std::time::Duration;
+use yieldwall_motion::elementary;
 
 use yieldwall_drives::cia402::OperationMode;
 use yieldwall_drives::profiles::Entry;
 use yieldwall_drives::scaling::{AxisScaling, Direction};
 
 use super::*;
-use crate::canopen::node_id;
-use crate::config::shipped_profile;
+use yieldwall_config::shipped_profile;
+use yieldwall_fieldbus::canopen::node_id;
 
 const NODE: u8 = 1;
 const CYCLE: Duration = Duration::from_micros(1000);
@@ -609,7 +609,8 @@ fn a_drive_may_refuse_dummies_and_modes() {
 
 #[test]
 fn a_drive_that_does_not_watch_for_set_points_by_an_event_timer_has_none() {
-    let profile = crate::config::load_profile(crate::config::builtin("vendors/profiles/no-rpdo-timer.yaml")).unwrap();
+    let profile =
+        yieldwall_config::load_profile(yieldwall_config::builtin("vendors/profiles/no-rpdo-timer.yaml")).unwrap();
     let mut bench = Bench::with(DriveSettings { profile: profile.value.into(), ..settings(Direction::Same) });
     assert_eq!(bench.try_write(0x1400, 5, &[5, 0])[..], [0x80, 0x00, 0x14, 5, 0x11, 0x00, 0x09, 0x06]);
     assert_eq!(bench.read(0x1400, 0) & 0xff, 2);

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use yieldwall_drives::profiles::{BuiltInWatch, Reaction, Servo, SetPointWatch, SyncWatch, TimeUnit, TimedObject};
 
-use crate::objects::{DictionaryError, Handle, ObjectDictionary};
+use yieldwall_fieldbus::objects::{DictionaryError, Handle, ObjectDictionary};
 
 /// How one thing is watched for.
 #[derive(Clone, Copy, Debug)]

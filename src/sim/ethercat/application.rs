@@ -1,8 +1,8 @@
 //! What an EtherCAT device does beside its objects.
 
-use crate::ethercat::coe::CoeEmergency;
-use crate::objects::{ObjectDictionary, ServedDevice};
-use crate::time::Time;
+use yieldwall_fieldbus::ethercat::coe::CoeEmergency;
+use yieldwall_fieldbus::objects::{ObjectDictionary, ServedDevice};
+use yieldwall_fieldbus::time::Time;
 
 /// The device that a [`Controller`](super::Controller) speaks for. All methods have defaults that do nothing.
 ///

@@ -3,10 +3,12 @@
 //! Both are made from the dictionary, so that the three agree by making.
 
 use super::process_data::{Flow, entry};
-use crate::ethercat::sii::{FmmuUse, MailboxArea, Pdo, PdoEntry, Sii, SyncManagerUse, coe_details, protocols};
-use crate::ethercat::{SyncManager, registers};
-use crate::objects::{Access, Address, DataType, DeviceIdentity, Object, ObjectDictionary};
 use yieldwall_drives::esi;
+use yieldwall_fieldbus::ethercat::sii::{
+    FmmuUse, MailboxArea, Pdo, PdoEntry, Sii, SyncManagerUse, coe_details, protocols,
+};
+use yieldwall_fieldbus::ethercat::{SyncManager, registers};
+use yieldwall_fieldbus::objects::{Access, Address, DataType, DeviceIdentity, Object, ObjectDictionary};
 
 /// Where the mailboxes lie, and how long they are.
 const RECEIVE_MAILBOX: MailboxArea = MailboxArea { start: 0x1000, len: 128 };
@@ -17,20 +19,20 @@ const INPUTS_START: u16 = 0x1c00;
 
 /// The communication objects of a device.
 #[derive(Clone, Debug)]
-pub(in crate::sim) struct Communication<'a> {
-    pub(in crate::sim) identity: &'a DeviceIdentity,
+pub(crate) struct Communication<'a> {
+    pub(crate) identity: &'a DeviceIdentity,
     /// Index of the outputs' mapping, and what it holds: index, sub-index, bits.
-    pub(in crate::sim) outputs: (u16, &'a [(u16, u8, u8)]),
-    pub(in crate::sim) inputs: (u16, &'a [(u16, u8, u8)]),
+    pub(crate) outputs: (u16, &'a [(u16, u8, u8)]),
+    pub(crate) inputs: (u16, &'a [(u16, u8, u8)]),
     /// Entries that a mapping may have; it can be changed if there are more than it has.
-    pub(in crate::sim) mapping_entries: u8,
+    pub(crate) mapping_entries: u8,
     /// Shortest cycle that the device works with, in ns.
-    pub(in crate::sim) shortest_cycle_ns: u32,
+    pub(crate) shortest_cycle_ns: u32,
 }
 
 impl Communication<'_> {
     /// 1000h to 1FFFh.
-    pub(in crate::sim) fn objects(&self) -> Vec<Object> {
+    pub(crate) fn objects(&self) -> Vec<Object> {
         let mut objects = self.identity.objects().to_vec();
         let fixed = |index, sub, value: u8, name| Object::new(index, sub, value).access(Access::ReadOnly).named(name);
         objects.push(fixed(0x1001, 0, 0, "Error register"));

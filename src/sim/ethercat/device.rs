@@ -3,9 +3,9 @@
 use super::super::drive::EthercatDrive;
 use super::super::force_sensor::ForceTorqueSensor;
 use super::application::EthercatApplication;
-use crate::ethercat::coe::CoeEmergency;
-use crate::objects::{AbortCode, Address, ObjectDictionary, Reset, ServedDevice};
-use crate::time::Time;
+use yieldwall_fieldbus::ethercat::coe::CoeEmergency;
+use yieldwall_fieldbus::objects::{AbortCode, Address, ObjectDictionary, Reset, ServedDevice};
+use yieldwall_fieldbus::time::Time;
 
 /// One of the devices that come with the simulation.
 #[derive(Clone, Debug)]

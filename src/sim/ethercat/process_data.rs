@@ -1,7 +1,7 @@
 //! Which objects the process data carry.
 
-use crate::ethercat::AlStatusCode;
-use crate::objects::{AbortCode, Address, Mappable, ObjectDictionary, load_le, mask};
+use yieldwall_fieldbus::ethercat::AlStatusCode;
+use yieldwall_fieldbus::objects::{AbortCode, Address, Mappable, ObjectDictionary, load_le, mask};
 
 /// Most objects that the process data of one direction carry.
 const MOST_OBJECTS: usize = 256;
@@ -171,7 +171,7 @@ impl Mapping {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::objects::{Access, Object};
+    use yieldwall_fieldbus::objects::{Access, Object};
 
     #[test]
     fn bits_and_words_lie_one_behind_the_other() {

@@ -2,9 +2,9 @@
 
 use super::application::EthercatApplication;
 use super::controller::{Controller, Links};
-use crate::ethercat::frame::{self, BYTE_NS, DEVICE_NS};
-use crate::time::Time;
 use std::time::Duration;
+use yieldwall_fieldbus::ethercat::frame::{self, BYTE_NS, DEVICE_NS};
+use yieldwall_fieldbus::time::Time;
 
 /// A virtual segment: devices in a line, the first one at the master.
 ///
@@ -113,7 +113,7 @@ impl<D: EthercatApplication> Segment<D> {
         let reached = self.reached();
         let end = frame::end(bytes);
         if reached == 0
-            || matches!(end, Err(crate::ethercat::EthercatError::NotEthercat))
+            || matches!(end, Err(yieldwall_fieldbus::ethercat::EthercatError::NotEthercat))
             || bytes.len() < frame::HEADER
         {
             return None;

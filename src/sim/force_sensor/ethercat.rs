@@ -5,11 +5,11 @@ use super::super::device::mark;
 use super::super::ethercat::{Communication, EthercatApplication};
 use super::sampler::{CHANNELS, Conversion, Sampler};
 use super::{MOST_HZ, MOST_PPM};
-use crate::objects::{
+use std::time::Duration;
+use yieldwall_fieldbus::objects::{
     Access, Address, DataType, DeviceIdentity, Handle, Mappable, Object, ObjectDictionary, Reset, ServedDevice,
 };
-use crate::time::Time;
-use std::time::Duration;
+use yieldwall_fieldbus::time::Time;
 
 /// The calibration record.
 const CALIBRATION: u16 = 0x2040;
@@ -69,7 +69,7 @@ impl ForceTorqueSettings {
     }
 }
 
-/// A simulated six-axis sensor, to be put behind a [`Controller`](crate::sim::ethercat::Controller), with the objects of an ATI
+/// A simulated six-axis sensor, to be put behind a [`Controller`](crate::ethercat::Controller), with the objects of an ATI
 /// sensor: 6000h:1 to :6 counts, 6010h status, 6020h sample counter, 7010h control, 2040h calibration of 278 bytes, which 2041h has as one
 /// value.
 ///

@@ -15,12 +15,12 @@ use yieldwall_drives::profiles::DeviceProfile;
 pub use ethercat::{ForceTorqueSensor, ForceTorqueSettings};
 
 use super::DeviceError;
-use crate::canopen::{Frame, NodeId, Outbox};
-use crate::plain_can::Protocol;
-use crate::time::Time;
 use node::CanopenSensor;
 use plain::PlainSensor;
 use sampler::{CHANNELS, Sampler};
+use yieldwall_fieldbus::canopen::{Frame, NodeId, Outbox};
+use yieldwall_fieldbus::plain_can::Protocol;
+use yieldwall_fieldbus::time::Time;
 
 /// The rate at which the CANopen sensor has no clock of its own but takes a sample at each SYNC.
 pub const SYNC_RATE_HZ: u32 = 1000;

@@ -8,13 +8,13 @@ use yieldwall_drives::profiles::{DeviceProfile, Entry, ForceSensor, StatusBits};
 use super::super::DeviceError;
 use super::super::device::{declare, identity, mapping, mark};
 use super::sampler::{CHANNELS, Conversion, Sampler};
-use crate::canopen::{
+use yieldwall_fieldbus::canopen::{
     Application, CanopenError, CommunicationProfile, Frame, Node, NodeId, Outbox, PdoParameters, cob,
 };
-use crate::objects::{
+use yieldwall_fieldbus::objects::{
     AbortCode, Access, Address, DictionaryError, Handle, Mappable, Object, ObjectDictionary, Reset, ServedDevice,
 };
-use crate::time::Time;
+use yieldwall_fieldbus::time::Time;
 
 /// A CANopen node whose samples become six process values (7130h), a status byte and a counter at once; the TPDOs carry
 /// the newest sample.

@@ -1,9 +1,9 @@
 //! The sensors on plain CAN.
 
 use super::sampler::{CHANNELS, Sampler};
-use crate::canopen::{Frame, Outbox};
-use crate::plain_can::{Order, Protocol, Status, Telling};
-use crate::time::Time;
+use yieldwall_fieldbus::canopen::{Frame, Outbox};
+use yieldwall_fieldbus::plain_can::{Order, Protocol, Status, Telling};
+use yieldwall_fieldbus::time::Time;
 
 /// A sensor that streams or is asked.
 #[derive(Clone, Debug)]

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::time::Time;
+use yieldwall_fieldbus::time::Time;
 
 /// Channels: Fx Fy Fz Tx Ty Tz.
 pub(super) const CHANNELS: usize = 6;

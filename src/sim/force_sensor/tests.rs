@@ -1,9 +1,9 @@
 //! The sensor as a master sees it.
 
-use crate::config::shipped_profile;
+use yieldwall_config::shipped_profile;
 
 use super::*;
-use crate::canopen::node_id;
+use yieldwall_fieldbus::canopen::node_id;
 
 const SETTINGS_AT_1_KHZ: fn() -> ForceSensorSettings = || ForceSensorSettings {
     speaks: Speaks::Canopen {
@@ -163,7 +163,7 @@ fn bad_settings_are_refused() {
 
 mod plain_can {
     use super::*;
-    use crate::plain_can::{polled, streaming};
+    use yieldwall_fieldbus::plain_can::{polled, streaming};
 
     const STREAMING: Protocol = Protocol::Streaming(streaming::Ids { command: 0x35f, data: [0x360, 0x361] });
     const POLLED: Protocol = Protocol::Polled(polled::Format {

@@ -13,7 +13,7 @@ use nalgebra::SVector;
 use thiserror::Error;
 
 use self::noise::Noise;
-use crate::setvalued::sat;
+use yieldwall_motion::setvalued::sat;
 
 /// Time over which the error of the aim grows: a hand that takes the tool aims where it is.
 const AIM_ERROR_RISE_S: f64 = 0.5;
@@ -228,8 +228,8 @@ fn check_not_negative(name: &'static str, value: f64) -> Result<(), HandError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::elementary;
     use nalgebra::Vector2;
+    use yieldwall_motion::elementary;
 
     fn parameters() -> HandParameters {
         HandParameters {

@@ -1,10 +1,10 @@
 //! Random courses: the force of a tremor, in a narrow band, and the error of an aim, slow and smooth.
 
-use crate::elementary;
-use crate::sim::standard_normal;
+use crate::standard_normal;
 use nalgebra::{Matrix2, SVector, Vector2};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
+use yieldwall_motion::elementary;
 
 use super::{HandError, check_not_negative};
 

@@ -1,7 +1,7 @@
 //! The path of the point that a hand aims at.
 
-use crate::elementary;
 use nalgebra::SVector;
+use yieldwall_motion::elementary;
 
 use super::HandError;
 

@@ -7,7 +7,7 @@ use super::super::invariant::Invariant;
 use super::super::observation::Observation;
 use super::super::tolerance;
 use super::{Findings, Limits, Peaks};
-use crate::guard::State;
+use yieldwall_motion::guard::State;
 
 /// The balance at the hand, from the true force and the true motion of the tool.
 #[derive(Clone, Copy, Debug, Default)]

@@ -6,9 +6,9 @@ use super::super::observation::{Observation, Sender, Setpoint, Sighting, Status}
 use super::super::segment::OnCable;
 use super::super::tolerance;
 use super::{Findings, Limits, Peaks};
-use crate::config::CommandMode;
-use crate::guard::{Request, State};
-use crate::sim::can::frame_bits;
+use yieldwall_config::CommandMode;
+use yieldwall_motion::guard::{Request, State};
+use yieldwall_sim::can::frame_bits;
 
 /// SYNC.
 const SYNC: u16 = 0x080;

@@ -13,11 +13,11 @@ mod tests;
 use super::excuse::{Excuse, Excused};
 use super::invariant::{Invariant, Violation};
 use super::observation::Observation;
-use crate::config;
-use crate::guard::State;
 use energy::Energy;
 use frames::Frames;
 use motion::Motion;
+use yieldwall_config as config;
+use yieldwall_motion::guard::State;
 
 /// What a checker needs to know of a rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -261,7 +261,7 @@ impl Checker {
 
     /// stays-latched.
     fn check_state(&mut self, seen: &Observation, findings: &mut Findings<'_>) {
-        use crate::guard::Request;
+        use yieldwall_motion::guard::Request;
         let (before, after) = (self.state, seen.state);
         let severity = |state| match state {
             State::Stopped => 1,

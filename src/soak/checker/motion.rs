@@ -1,14 +1,14 @@
 //! What the reference, the fixture and the arm do.
 
-use crate::elementary;
 use nalgebra::Vector2;
+use yieldwall_motion::elementary;
 
 use super::super::excuse::Excuse;
 use super::super::invariant::Invariant;
 use super::super::observation::Observation;
 use super::super::tolerance;
 use super::{Findings, Limits, Peaks};
-use crate::guard::State;
+use yieldwall_motion::guard::State;
 
 /// Radius in m from the task's origin beyond which the edge of the workspace lies, with some room.
 const EDGE_M: f64 = 0.18;

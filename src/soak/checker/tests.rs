@@ -7,10 +7,10 @@ use super::super::observation::{Observation, Sender, Sighting};
 use super::super::segment::OnCable;
 use super::super::session::{Course, play_watched};
 use super::{Checker, Limits};
-use crate::canopen::Frame;
-use crate::config::Rig;
-use crate::elementary;
-use crate::guard::{Request, State};
+use yieldwall_config::Rig;
+use yieldwall_fieldbus::canopen::Frame;
+use yieldwall_motion::elementary;
+use yieldwall_motion::guard::{Request, State};
 
 /// Cycles of the runs: the rig is enabled and moves.
 const CYCLES: u32 = 1500;

@@ -1,11 +1,11 @@
 //! A hand and the path that it aims along.
 
-use crate::elementary;
 use std::f64::consts::TAU;
+use yieldwall_motion::elementary;
 
 use super::{finite, not_negative, positive};
-use crate::config::{self, PathSegment};
-use crate::soak::dice::Dice;
+use crate::dice::Dice;
+use yieldwall_config::{self as config, PathSegment};
 
 /// Radius in m of the disc in which most of the path lies.
 const WITHIN_M: f64 = 0.13;

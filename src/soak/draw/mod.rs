@@ -5,8 +5,8 @@
 mod hand;
 mod rig;
 
-use crate::config::{self, Report, Source};
-use crate::injection::{Injection, Kind, Target};
+use yieldwall_config::injection::{Injection, Kind, Target};
+use yieldwall_config::{self as config, Report, Source};
 
 use super::dice::{Dice, Purpose};
 

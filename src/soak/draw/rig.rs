@@ -1,13 +1,13 @@
 //! What of a shipped rig is varied.
 
-use crate::elementary;
 use std::f64::consts::TAU;
+use yieldwall_motion::elementary;
 
 use super::{finite, not_negative, positive};
-use crate::config;
-use crate::linkage::FiveBar;
-use crate::quantity::TipPoint;
-use crate::soak::dice::Dice;
+use crate::dice::Dice;
+use yieldwall_config as config;
+use yieldwall_motion::linkage::FiveBar;
+use yieldwall_motion::quantity::TipPoint;
 
 /// Counts from the wrap of the 32-bit counter within which an encoder is set, if it is to wrap: a tenth of what the arm
 /// turns through in the working disc.

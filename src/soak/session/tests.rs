@@ -1,7 +1,7 @@
 use super::super::draw::Shipped;
 use super::*;
-use crate::injection::Kind;
-use crate::sim::arm::ArmError;
+use yieldwall_config::injection::Kind;
+use yieldwall_sim::arm::ArmError;
 
 fn machine() -> Machine {
     Machine::draw(&Shipped::load().unwrap(), 0)

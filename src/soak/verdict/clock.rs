@@ -4,9 +4,9 @@ use super::super::draw::Machine;
 use super::super::excuse::Excuse;
 use super::super::session::Event;
 use super::super::tolerance;
-use crate::guard::fault::{Bound, Rate};
-use crate::guard::{Fault, Reaction};
-use crate::injection::Injection;
+use yieldwall_config::injection::Injection;
+use yieldwall_motion::guard::fault::{Bound, Rate};
+use yieldwall_motion::guard::{Fault, Reaction};
 
 /// Faults that a hand alone brings about now and then, whatever else is broken: it is free to hit and to shake the tool.
 pub(super) const HAND_FAULTS: [Fault; 6] =

@@ -7,8 +7,8 @@ use super::super::nature::usual;
 use super::super::script::Script;
 use super::super::session::{End, Event, Play};
 use super::{Verdict, judge};
-use crate::guard::{Fault, State};
-use crate::injection::{Injection, Kind};
+use yieldwall_config::injection::{Injection, Kind};
+use yieldwall_motion::guard::{Fault, State};
 
 /// The rig at 4 ms.
 fn machine() -> Machine {

@@ -5,16 +5,16 @@
 
 mod term;
 
-use crate::elementary;
 use serde_json::Value;
+use yieldwall_motion::elementary;
 
 use self::term::TERMS;
 use super::machine::Machine;
 use super::sweep::{Clock, Report, Study, Sweep, Table};
-use crate::config::{self, SceneTolerance};
-use crate::report::measures::Measures;
-use crate::report::{Overrides, RunReport};
-use crate::rig::RigError;
+use yieldwall_config::{self as config, SceneTolerance};
+use yieldwall_rig::RigError;
+use yieldwall_rig::report::measures::Measures;
+use yieldwall_rig::report::{Overrides, RunReport};
 
 /// A scene and a machine that plays it; of a figure its fixture and its first hold.
 struct Case {

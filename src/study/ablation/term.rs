@@ -1,7 +1,7 @@
 //! The terms of the simulated machine and hand that can be left out.
 
-use crate::config::{self, BusTiming, CommandMode, EncoderModel, ForceSensorModel, NotNegative, Tracking};
-use crate::study::machine::Machine;
+use crate::machine::Machine;
+use yieldwall_config::{self as config, BusTiming, CommandMode, EncoderModel, ForceSensorModel, NotNegative, Tracking};
 
 /// A term of the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

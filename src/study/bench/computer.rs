@@ -3,11 +3,11 @@
 use nalgebra::Vector2;
 
 use super::{BenchError, BenchParameters};
-use crate::cycle::{Reference, TorqueServo};
-use crate::fixture::{Fixture, Shape2, Step};
-use crate::linkage::{FiveBar, Posture};
-use crate::quantity::{JointAngles, JointTorques, TipPoint};
-use crate::setvalued::gsat;
+use yieldwall_motion::cycle::{Reference, TorqueServo};
+use yieldwall_motion::fixture::{Fixture, Shape2, Step};
+use yieldwall_motion::linkage::{FiveBar, Posture};
+use yieldwall_motion::quantity::{JointAngles, JointTorques, TipPoint};
+use yieldwall_motion::setvalued::gsat;
 
 /// Fixture, kinematics and servo of a bench.
 #[derive(Clone, Debug)]

@@ -6,9 +6,9 @@
 //!                                                              angles of the motors ---^              |
 //!                                   arm, with gears if it has any, and hand for one period <--- delay <
 //! ```
-//! The servo is that of the cycle in torque mode ([`TorqueServo`](crate::cycle::TorqueServo)): joint or Cartesian gains, with or without feed-forward.
+//! The servo is that of the cycle in torque mode ([`TorqueServo`](yieldwall_motion::cycle::TorqueServo)): joint or Cartesian gains, with or without feed-forward.
 //! Angles, forces and torques are exact: no counts, no noise, and the proxy is not drawn back from a torque at its limit.
-//! What a whole rig does besides is the business of [`run_rig`](crate::report::run_rig).
+//! What a whole rig does besides is the business of [`run_rig`](yieldwall_rig::report::run_rig).
 
 mod computer;
 
@@ -17,14 +17,14 @@ pub use computer::{Command, Computer};
 use nalgebra::Vector2;
 use thiserror::Error;
 
-use crate::control::ControlError;
-use crate::cycle::TorqueServoParameters;
-use crate::fixture::{Fixture, FixtureError, Shape2, Step};
-use crate::linkage::{FiveBar, LinkageError};
-use crate::quantity::{JointTorques, TipPoint, TipVelocity};
-use crate::sensing::{LowPass, SensingError};
-use crate::sim::arm::{Arm, ArmError, ArmParameters};
-use crate::sim::hand::{HandError, HandLoad};
+use yieldwall_motion::control::ControlError;
+use yieldwall_motion::cycle::TorqueServoParameters;
+use yieldwall_motion::fixture::{Fixture, FixtureError, Shape2, Step};
+use yieldwall_motion::linkage::{FiveBar, LinkageError};
+use yieldwall_motion::quantity::{JointTorques, TipPoint, TipVelocity};
+use yieldwall_motion::sensing::{LowPass, SensingError};
+use yieldwall_sim::arm::{Arm, ArmError, ArmParameters};
+use yieldwall_sim::hand::{HandError, HandLoad};
 
 /// Longest age of a force sample and longest delay of a torque, in cycles.
 pub const LONGEST_DELAY_CYCLES: usize = 31;

@@ -95,7 +95,7 @@ const CELLS: &str = "<!-- cells:";
 const END: &str = "-->";
 
 fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("docs")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs")
 }
 
 /// What a comment in a line says: `None` without such a comment, an error where it does not end.

@@ -1,12 +1,12 @@
 //! The arm of the shipped rig, its servo and its hand.
 
-use crate::analysis::hand_of;
-use crate::assembly::torque_servo;
-use crate::config;
-use crate::control::Grip;
-use crate::cycle::TorqueServoParameters;
-use crate::rig::simulated_arm;
-use crate::sim::arm::{ArmParameters, JointElasticity};
+use yieldwall_config as config;
+use yieldwall_motion::control::Grip;
+use yieldwall_motion::cycle::TorqueServoParameters;
+use yieldwall_rig::analysis::hand_of;
+use yieldwall_rig::simulated_arm;
+use yieldwall_run::assembly::torque_servo;
+use yieldwall_sim::arm::{ArmParameters, JointElasticity};
 
 /// What a trial needs of the rig and scene of the paper.
 #[derive(Clone, Debug)]

@@ -15,9 +15,9 @@ use self::servo::{GAIN_DB, PHASE_DEG, tune};
 use self::trial::{MOST_DELAY, Setting, computing_s, run};
 use super::chart::{Axis, Chart, Color, Mark, Panel, Series};
 use super::sweep::{Clock, Report, Row, Study, Sweep, Table};
-use crate::assembly::bus_plan;
-use crate::config;
-use crate::control::Law;
+use yieldwall_config as config;
+use yieldwall_motion::control::Law;
+use yieldwall_run::assembly::bus_plan;
 
 /// Radius of the circle about the origin: the paper's.
 const RADIUS_M: f64 = 0.12;
@@ -152,7 +152,7 @@ impl Sweep for BusLoad {
         let rig = rig.unwrap_or_else(|report| panic!("{report}")).value;
         let plan = bus_plan(&rig).ok().and_then(|(setup, conditions)| {
             let conditions = conditions.into_iter().next()?;
-            crate::bus::budget::Budget::new(&setup, conditions).ok()
+            yieldwall_bus::budget::Budget::new(&setup, conditions).ok()
         });
         let per_cycle_s = f64::from(rig.cycle.period_us) * 1e-6;
         let load = plan.map(|plan| plan.cyclic_load() * per_cycle_s * f64::from(rate_hz));
@@ -339,7 +339,7 @@ impl Study for Control {
 mod tests {
     use super::*;
 
-    fn outcome(setting: Setting) -> (crate::control::Tuned, trial::Outcome) {
+    fn outcome(setting: Setting) -> (yieldwall_motion::control::Tuned, trial::Outcome) {
         let machine = Machine::shipped();
         let tuned = tune(&machine, setting.is_cartesian, setting.period_s, setting.delay_cycles as f64).unwrap();
         (tuned, run(&machine, setting, tuned.gains).unwrap())

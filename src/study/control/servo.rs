@@ -1,12 +1,12 @@
 //! Gains that keep the same margins at every period and delay.
 
-use crate::elementary;
 use nalgebra::Matrix2;
+use yieldwall_motion::elementary;
 
 use super::machine::Machine;
-use crate::control::{Gains, Tuned, principal_inertias, stiffest};
-use crate::linkage::LinkageError;
-use crate::quantity::{JointRates, TipPoint};
+use yieldwall_motion::control::{Gains, Tuned, principal_inertias, stiffest};
+use yieldwall_motion::linkage::LinkageError;
+use yieldwall_motion::quantity::{JointRates, TipPoint};
 
 /// Margins that the gains keep at every pose: those of the shipped rig.
 pub(super) const GAIN_DB: f64 = 6.0;

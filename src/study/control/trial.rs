@@ -7,15 +7,15 @@ use nalgebra::Vector2;
 use super::super::sweep::Clock;
 use super::RADIUS_M;
 use super::machine::Machine;
-use crate::control::{FeedForwardParameters, Gains, Law};
-use crate::cycle::TorqueServoParameters;
-use crate::fixture::{
+use crate::bench::{Bench, BenchError, BenchParameters, Computer, Seen};
+use yieldwall_motion::control::{FeedForwardParameters, Gains, Law};
+use yieldwall_motion::cycle::TorqueServoParameters;
+use yieldwall_motion::fixture::{
     Admittance, AutomaticHold, Coupling, Curvature, Fixture, FixtureError, Forbidden, Limits, ON_SURFACE_TOLERANCE_M,
     Parameters, Rearm, Shape2, Side, Sphere,
 };
-use crate::sim::arm::ArmParameters;
-use crate::sim::hand::{Hand, HandError, HandParameters, Leg, Path, Speed};
-use crate::study::bench::{Bench, BenchError, BenchParameters, Computer, Seen};
+use yieldwall_sim::arm::ArmParameters;
+use yieldwall_sim::hand::{Hand, HandError, HandParameters, Leg, Path, Speed};
 
 /// Longest hold after an impact, s.
 const HOLD_S: f64 = 0.1;

@@ -8,16 +8,16 @@ mod truth;
 #[cfg(test)]
 mod tests;
 
-use crate::elementary;
 use nalgebra::Vector2;
 use serde_json::Value;
 use std::f64::consts::{PI, TAU};
 use std::sync::OnceLock;
+use yieldwall_motion::elementary;
 
 use self::truth::Annulus;
 use super::chart::{Axis, Chart, Color, Mark, Panel, Series};
 use super::sweep::{Clock, Report, Study, Sweep, Table, median};
-use crate::fixture::{
+use yieldwall_motion::fixture::{
     BallAndTube, Circle, Coupling, Curvature, Fixture, FixtureError, Forbidden, Impedance, Limits,
     ON_SURFACE_TOLERANCE_M, Parameters, Rearm, Side, Surface, YieldSet,
 };

@@ -1,5 +1,5 @@
 use super::*;
-use crate::elementary;
+use yieldwall_motion::elementary;
 
 /// Figures of the step in the literature's form, measured before with other means: error over `F/kappa` by ratio.
 const MEASURED: [(f64, f64); 5] = [(100.0, 0.010), (33.0, 0.032), (10.0, 0.113), (5.0, 0.25), (2.0, 0.97)];

@@ -1,8 +1,8 @@
-//! The nearest point of the admissible set about a circle, sought and not derived: independent of [`crate::fixture`].
+//! The nearest point of the admissible set about a circle, sought and not derived: independent of [`yieldwall_motion::fixture`].
 
-use crate::elementary;
 use nalgebra::Vector2;
 use std::f64::consts::PI;
+use yieldwall_motion::elementary;
 
 /// The admissible set of a guide along a circle about the origin, both sides alike; all lengths in one unit.
 #[derive(Clone, Copy, Debug)]

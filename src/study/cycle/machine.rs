@@ -1,13 +1,13 @@
 //! The shipped rig at another cycle, on CAN or EtherCAT, with drives in each mode and gains by one rule.
 
 use super::super::drawn::{not_negative, positive, shipped};
-use crate::analysis::{
+use yieldwall_bus::{budget, ethercat};
+use yieldwall_config::{self as config, CommandMode, ControlGains, SensorProtocol};
+use yieldwall_motion::control::{Gains, Margins, ServoLoop, stiffest, worst_margins};
+use yieldwall_rig::analysis::{
     PROPOSED_MARGINS, PoseMargins, has_margins, pose_margins, proposed_gains, proposed_rate_gain, rate_margins,
 };
-use crate::assembly::{bus_plan, segment};
-use crate::bus::{budget, ethercat};
-use crate::config::{self, CommandMode, ControlGains, SensorProtocol};
-use crate::control::{Gains, Margins, ServoLoop, stiffest, worst_margins};
+use yieldwall_run::assembly::{bus_plan, segment};
 
 /// Steps in us in which the earliest moment of the computation is looked for.
 const COMPUTE_STEP_US: u32 = 10;

@@ -8,14 +8,14 @@ use super::super::drawn::{finite, positive};
 use super::super::edge::Bench;
 use super::super::sweep::Clock;
 use super::machine::Machine;
-use crate::analysis::{hand_of, held_masses};
-use crate::config::{self, ArcSpeed, AutomaticHold, PathSegment};
-use crate::control::Grip;
-use crate::elementary;
-use crate::guard::Request;
-use crate::record::Row;
-use crate::report::{Overrides, Watch, run_rig};
-use crate::rig::EmbeddedRig;
+use yieldwall_config::{self as config, ArcSpeed, AutomaticHold, PathSegment};
+use yieldwall_motion::control::Grip;
+use yieldwall_motion::elementary;
+use yieldwall_motion::guard::Request;
+use yieldwall_record::Row;
+use yieldwall_rig::EmbeddedRig;
+use yieldwall_rig::analysis::{hand_of, held_masses};
+use yieldwall_rig::report::{Overrides, Watch, run_rig};
 
 /// The circle of the shipped rig, about the origin.
 const RADIUS_M: f64 = 0.12;
@@ -140,7 +140,7 @@ pub(super) fn least_kg(machine: &Machine) -> Result<(Option<f64>, Option<f64>), 
 /// # Errors
 /// What was refused.
 pub(super) fn computing_s(rig: &config::Rig, scene: &config::Scene, clock: Clock<'_>) -> Result<f64, String> {
-    let say = |error: crate::rig::RigError| error.to_string();
+    let say = |error: yieldwall_rig::RigError| error.to_string();
     let mut machine = EmbeddedRig::new(rig, scene, &rig.fixture, scene.seed).map_err(say)?;
     machine.enable().map_err(say)?;
     for _ in 0..SKIPPED {

@@ -6,9 +6,9 @@ use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
 use super::super::drawn::{Dice, finite, not_negative, positive, shipped};
-use crate::config::{self, CommandMode, ControlGains, SensorProtocol, Surface};
-use crate::control::Grip;
-use crate::elementary;
+use yieldwall_config::{self as config, CommandMode, ControlGains, SensorProtocol, Surface};
+use yieldwall_motion::control::Grip;
+use yieldwall_motion::elementary;
 
 /// Seed of all rigs.
 const SEED: u64 = 2027;
@@ -174,7 +174,7 @@ fn draw_surface(dice: &mut Dice, rig: &mut config::Rig) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{Source, load_rig, to_yaml};
+    use yieldwall_config::{Source, load_rig, to_yaml};
 
     #[test]
     fn a_drawn_rig_could_have_been_written() {

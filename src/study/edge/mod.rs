@@ -9,9 +9,9 @@ use self::draw::Drawn;
 pub(super) use self::trial::Bench;
 use super::drawn::shipped;
 use super::sweep::{Clock, Report, Row, Study, Sweep, Table};
-use crate::analysis::{HeldMasses, held_masses, stiffer};
-use crate::config::{self, CommandMode, SensorProtocol, Surface};
-use crate::control::Grip;
+use yieldwall_config::{self as config, CommandMode, SensorProtocol, Surface};
+use yieldwall_motion::control::Grip;
+use yieldwall_rig::analysis::{HeldMasses, held_masses, stiffer};
 
 /// Name of the study, as on the command line.
 const STUDY: &str = "edge";
@@ -264,7 +264,7 @@ impl Sweep for ShippedRigs {
         match shipped(name) {
             Ok((rig, scene)) => {
                 let rig = if self.on_ideal_buses { on_ideal_buses(&rig) } else { rig };
-                let grip = stiffer(&crate::analysis::hand_of(&scene), stiffness_n_per_m);
+                let grip = stiffer(&yieldwall_rig::analysis::hand_of(&scene), stiffness_n_per_m);
                 cells(name, &rig, &grip, &judge(&rig, &scene, &grip, PHASES))
             }
             Err(error) => [vec![Value::Null; COLUMNS.len() - 1], vec![error.into()]].concat(),
@@ -317,9 +317,9 @@ mod tests {
     /// The rig and its hand, with a handle.
     fn with_handle(name: &str, low_pass_hz: Option<f64>, handle_kg: f64) -> (config::Rig, config::Scene, Grip) {
         let (mut rig, scene) = shipped(name).unwrap();
-        rig.sensor.handle_mass_kg = crate::study::drawn::not_negative(handle_kg);
+        rig.sensor.handle_mass_kg = crate::drawn::not_negative(handle_kg);
         rig.sensor.low_pass_hz = low_pass_hz.and_then(config::Positive::new);
-        let grip = crate::analysis::hand_of(&scene);
+        let grip = yieldwall_rig::analysis::hand_of(&scene);
         (rig, scene, grip)
     }
 
@@ -362,11 +362,11 @@ mod tests {
     fn with_gears(name: &str, stiffness_n_m_per_rad: f64) -> (config::Rig, config::Scene, Grip) {
         let (rig, mut scene) = shipped(name).unwrap();
         scene.model.as_mut().unwrap().joint_elasticity = Some(config::JointElasticity {
-            stiffness_n_m_per_rad: crate::study::drawn::positive(stiffness_n_m_per_rad),
-            damping_n_m_s_per_rad: crate::study::drawn::not_negative(10.0),
-            motor_share: crate::study::drawn::positive(0.9),
+            stiffness_n_m_per_rad: crate::drawn::positive(stiffness_n_m_per_rad),
+            damping_n_m_s_per_rad: crate::drawn::not_negative(10.0),
+            motor_share: crate::drawn::positive(0.9),
         });
-        let grip = crate::analysis::hand_of(&scene);
+        let grip = yieldwall_rig::analysis::hand_of(&scene);
         (rig, scene, grip)
     }
 

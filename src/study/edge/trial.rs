@@ -4,13 +4,13 @@ use std::f64::consts::TAU;
 use std::time::Duration;
 
 use super::super::drawn::{PEAK, finite, not_negative, positive};
-use crate::analysis::is_sampled_at_sync;
-use crate::config::{self, PathSegment};
-use crate::control::Grip;
-use crate::elementary;
-use crate::guard::{Fault, Request, State};
-use crate::record::Row;
-use crate::rig::EmbeddedRig;
+use yieldwall_config::{self as config, PathSegment};
+use yieldwall_motion::control::Grip;
+use yieldwall_motion::elementary;
+use yieldwall_motion::guard::{Fault, Request, State};
+use yieldwall_record::Row;
+use yieldwall_rig::EmbeddedRig;
+use yieldwall_rig::analysis::is_sampled_at_sync;
 
 /// Acceleration in m/s^2 of the virtual mass, and force of the hand in N, to which a nudge is limited: far above what counts of torque
 /// do, and far below what the torques can follow.
@@ -66,7 +66,7 @@ const MOST_TORQUE_N_M: f64 = 2.0;
 
 /// A rig without dry friction, in free space, with fine counts and without limits that a nudge reaches; and a hand that
 /// nudges it.
-pub(in crate::study) struct Bench {
+pub(crate) struct Bench {
     rig: config::Rig,
     scene: config::Scene,
     grip: Grip,
@@ -89,13 +89,7 @@ struct Trial {
 
 impl Bench {
     /// `phases` of the sensor's clock are looked at, where it has one of its own.
-    pub(in crate::study) fn new(
-        rig: &config::Rig,
-        scene: &config::Scene,
-        grip: &Grip,
-        tool_m: [f64; 2],
-        phases: u32,
-    ) -> Self {
+    pub(crate) fn new(rig: &config::Rig, scene: &config::Scene, grip: &Grip, tool_m: [f64; 2], phases: u32) -> Self {
         let phases = if is_sampled_at_sync(rig) { 1 } else { phases };
         Self { rig: frictionless(rig), scene: scene.clone(), grip: *grip, tool_m, phases, worst: 0 }
     }
@@ -191,7 +185,7 @@ impl Bench {
     ///
     /// # Errors
     /// Why a run came to nothing.
-    pub(in crate::study) fn is_stable(&mut self, mass_kg: f64) -> Result<bool, String> {
+    pub(crate) fn is_stable(&mut self, mass_kg: f64) -> Result<bool, String> {
         for phase in 0..self.phases {
             let phase = (self.worst + phase) % self.phases;
             if !self.dies_away(mass_kg, phase)? {
@@ -208,12 +202,7 @@ impl Bench {
     ///
     /// # Errors
     /// Why a run came to nothing.
-    pub(in crate::study) fn edge_kg(
-        &mut self,
-        printed_kg: f64,
-        towards: f64,
-        beyond: f64,
-    ) -> Result<Option<f64>, String> {
+    pub(crate) fn edge_kg(&mut self, printed_kg: f64, towards: f64, beyond: f64) -> Result<Option<f64>, String> {
         let within = |mass_kg: f64| (0.1..=10.0).contains(&(mass_kg / printed_kg));
         let (mut stable_kg, mut unstable_kg) = (printed_kg * towards, printed_kg / beyond);
         if self.is_stable(stable_kg)? {

@@ -7,7 +7,7 @@ use serde_json::Value;
 use self::trial::Trial;
 use super::chart::{Axis, Chart, Color, Mark, Panel, Series};
 use super::sweep::{Clock, Report, Row, Study, Sweep, Table};
-use crate::report::RunReport;
+use yieldwall_rig::report::RunReport;
 
 /// Name of the study, as on the command line.
 const STUDY: &str = "energy";

@@ -6,10 +6,10 @@ use std::ops::ControlFlow;
 use serde_json::{Value, json};
 
 use super::super::drawn::{Dice, PEAK, shipped};
-use crate::analysis::{hand_of, held_masses};
-use crate::config;
-use crate::elementary;
-use crate::report::{Overrides, RunReport, Watch, run_rig};
+use yieldwall_config as config;
+use yieldwall_motion::elementary;
+use yieldwall_rig::analysis::{hand_of, held_masses};
+use yieldwall_rig::report::{Overrides, RunReport, Watch, run_rig};
 
 /// Seed of all cases.
 const SEED: u64 = 0xe4e5;

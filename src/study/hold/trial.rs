@@ -4,13 +4,13 @@ use nalgebra::Vector2;
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
-use crate::config;
-use crate::elementary;
-use crate::fixture::{
+use yieldwall_config as config;
+use yieldwall_motion::elementary;
+use yieldwall_motion::fixture::{
     Admittance, AutomaticHold, Coupling, Curvature, Fixture, Limits, Motion, Parameters, Rearm, Shape2, Side,
 };
-use crate::setvalued::sat;
-use crate::sim::share_of_one;
+use yieldwall_motion::setvalued::sat;
+use yieldwall_sim::share_of_one;
 
 const PERIOD_S: f64 = 1e-3;
 const SUBSTEPS: u32 = 10;

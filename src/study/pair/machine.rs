@@ -13,11 +13,11 @@ use std::collections::VecDeque;
 
 use nalgebra::SVector;
 
-use crate::fixture::{Fixture, Step, Surface};
-use crate::rig::RigError;
-use crate::setvalued::sat;
-use crate::sim::hand::{Hand, HandLoad};
-use crate::sim::point_mass::{PointMass, PointMassParameters};
+use yieldwall_motion::fixture::{Fixture, Step, Surface};
+use yieldwall_motion::setvalued::sat;
+use yieldwall_rig::RigError;
+use yieldwall_sim::hand::{Hand, HandLoad};
+use yieldwall_sim::point_mass::{PointMass, PointMassParameters};
 
 /// On which side of the delay the fixture stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -136,7 +136,7 @@ impl<S: Surface<N>, const N: usize> Pair<S, N> {
         mut hand: Hand<N>,
         surroundings: Surroundings<N>,
     ) -> Result<Self, RigError> {
-        if !matches!(fixture.parameters().coupling, crate::fixture::Coupling::Admittance(_)) {
+        if !matches!(fixture.parameters().coupling, yieldwall_motion::fixture::Coupling::Admittance(_)) {
             return Err(RigError::Mismatch("a pair needs a fixture with the coupling `admittance`".into()));
         }
         let start = hand.target(0.0).position_m;
@@ -208,9 +208,9 @@ impl<S: Surface<N>, const N: usize> Pair<S, N> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixture::{Admittance, Coupling, Curvature, Limits, Parameters, Plane, Rearm, Side};
-    use crate::sim::hand::{HandParameters, Leg, Path};
     use nalgebra::Vector1;
+    use yieldwall_motion::fixture::{Admittance, Coupling, Curvature, Limits, Parameters, Plane, Rearm, Side};
+    use yieldwall_sim::hand::{HandParameters, Leg, Path};
 
     /// A hand that goes 15 mm beyond a wall of 20 N at 0, by 6 N, on a pair with this delay; the rows of 2 s.
     fn rows(placement: Placement, delay_steps: u32) -> Vec<PairRow<1>> {

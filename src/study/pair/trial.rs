@@ -1,15 +1,15 @@
 //! One hand, one pair, one wall and what lies before it, in one dimension.
 
-use crate::elementary;
 use nalgebra::Vector1;
+use yieldwall_motion::elementary;
 
 use super::machine::{Pair, PairParameters, PairServo, Placement, Surroundings};
-use crate::fixture::{
+use yieldwall_motion::fixture::{
     Admittance, Coupling, Curvature, Fixture, Limits, Parameters, Passivity, Plane, Rearm, Side, Surface as _,
 };
-use crate::rig::RigError;
-use crate::sim::hand::{Hand, HandLoad, HandParameters, Leg, Path};
-use crate::sim::point_mass::PointMassParameters;
+use yieldwall_rig::RigError;
+use yieldwall_sim::hand::{Hand, HandLoad, HandParameters, Leg, Path};
+use yieldwall_sim::point_mass::PointMassParameters;
 
 const PERIOD_S: f64 = 1e-3;
 const PLANT_STEP_S: f64 = 1e-4;

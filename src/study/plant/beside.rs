@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::contestant::{Contestant, MUJOCO, OURS, creep_m_per_s, distances};
 use super::method::Method;
 use super::scene::{CYCLE_S, HOLD, Scene, Spring, lock, stiff};
-use crate::study::sweep::{Clock, Sweep};
+use crate::sweep::{Clock, Sweep};
 
 /// All contestants, as far as the program is there.
 fn contestants(program: Option<&PathBuf>) -> Vec<Contestant> {

@@ -6,7 +6,7 @@ use std::path::Path;
 use super::method::{Method, Run};
 use super::mujoco::{self, Effort, Settings, Softness};
 use super::scene::{CYCLE_S, Scene};
-use crate::study::sweep::Clock;
+use crate::sweep::Clock;
 
 /// Cycles that are run before a timed stretch.
 const WARM: usize = 100;

@@ -1,14 +1,14 @@
 //! Methods that the simulation does not use, with its own equations of motion: for contrast.
 
-use crate::elementary;
 use nalgebra::{Matrix2, Vector2};
+use yieldwall_motion::elementary;
 
 use super::machine::inverse;
 use super::scene::Plant;
-use crate::linkage::{Dynamics, FiveBar, MassModel};
-use crate::quantity::{JointAngles, JointRates};
-use crate::sim::arm::{ArmError, ArmParameters, slip_rates};
-use crate::sim::hand::HandLoad;
+use yieldwall_motion::linkage::{Dynamics, FiveBar, MassModel};
+use yieldwall_motion::quantity::{JointAngles, JointRates};
+use yieldwall_sim::arm::{ArmError, ArmParameters, slip_rates};
+use yieldwall_sim::hand::HandLoad;
 
 /// What both contrasts have: an arm, what pulls at its tool, and the state.
 #[derive(Clone, Debug)]

@@ -9,8 +9,8 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::machine::{StudyArm, inverse};
 use super::scene::Plant;
-use crate::sim::arm::ArmError;
-use crate::sim::hand::HandLoad;
+use yieldwall_sim::arm::ArmError;
+use yieldwall_sim::hand::HandLoad;
 
 /// What a joint does.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,12 +1,12 @@
 //! The arm of the study, with equations of motion of its own: the closed form for equal distal links.
 //!
-//! It shares no code with [`crate::linkage`], so that the reference is independent of what it judges.
+//! It shares no code with [`yieldwall_motion::linkage`], so that the reference is independent of what it judges.
 
-use crate::elementary;
 use nalgebra::{Matrix2, Vector2};
+use yieldwall_motion::elementary;
 
-use crate::linkage::{Chain, FiveBar, Geometry, GeometryError, MassModel, Side, Tool, WristSide};
-use crate::sim::arm::ArmParameters;
+use yieldwall_motion::linkage::{Chain, FiveBar, Geometry, GeometryError, MassModel, Side, Tool, WristSide};
+use yieldwall_sim::arm::ArmParameters;
 
 /// Symmetric five-bar of uniform rods, elbows outward, tool at the wrist, in a horizontal plane.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -6,9 +6,9 @@ use std::fmt;
 use super::contrast::{SemiImplicit, Smooth};
 use super::events::Events;
 use super::scene::{Aim, CYCLE_S, Plant, Scene};
-use crate::quantity::{JointAngles, JointTorques, TipPoint};
-use crate::sim::arm::{Arm, ArmError};
-use crate::sim::hand::HandLoad;
+use yieldwall_motion::quantity::{JointAngles, JointTorques, TipPoint};
+use yieldwall_sim::arm::{Arm, ArmError};
+use yieldwall_sim::hand::HandLoad;
 
 /// How the equations of motion are integrated.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -15,6 +15,8 @@ mod scene;
 mod speed;
 
 #[cfg(test)]
+mod arm_tests;
+#[cfg(test)]
 mod tests;
 
 pub use events::Events;

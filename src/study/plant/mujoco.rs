@@ -1,11 +1,11 @@
 //! The same scene in MuJoCo: its model as MJCF, and a program beside this one that runs it.
 
-use crate::elementary;
 use nalgebra::Vector2;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
 use std::process::{Command, Stdio};
+use yieldwall_motion::elementary;
 
 use super::scene::Scene;
 

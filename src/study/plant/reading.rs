@@ -2,8 +2,8 @@
 
 use super::contestant::{Contestant, MUJOCO, OURS};
 use super::speed::REFERENCE_STEP_S;
-use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series};
-use crate::study::sweep::{Report, Row, Table};
+use crate::chart::{Axis, Chart, Color, Mark, Panel, Series};
+use crate::sweep::{Report, Row, Table};
 
 /// Step at which MuJoCo is usually run, in s.
 const USUAL_STEP_S: f64 = 1e-3;

@@ -1,12 +1,12 @@
 //! What the arm of the study does: motors, hand and pushes, and the motion that they make.
 
-use crate::elementary;
 use nalgebra::Vector2;
 use std::f64::consts::TAU;
+use yieldwall_motion::elementary;
 
 use super::machine::{STUDY_ARM, StudyArm, inverse};
-use crate::sim::arm::ArmError;
-use crate::sim::hand::HandLoad;
+use yieldwall_sim::arm::ArmError;
+use yieldwall_sim::hand::HandLoad;
 
 /// The controller of each joint runs, and the tool is looked at, at this period.
 pub const CYCLE_S: f64 = 1e-3;

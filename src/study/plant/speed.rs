@@ -8,7 +8,7 @@ use serde_json::Value;
 use super::contestant::{Contestant, MUJOCO, OURS, distances};
 use super::method::Method;
 use super::scene::{CYCLE_S, STUDY};
-use crate::study::sweep::{Clock, Sweep};
+use crate::sweep::{Clock, Sweep};
 
 /// Steps in s.
 pub(super) const STEPS_S: [f64; 7] = [1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5];

@@ -5,8 +5,8 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use nalgebra::Vector2;
 
 use super::super::drawn::{finite, positive};
-use crate::config::{Forbidden, Surface};
-use crate::elementary;
+use yieldwall_config::{Forbidden, Surface};
+use yieldwall_motion::elementary;
 
 /// A way at whose start the tool rests. Both go on beyond their end: a user who runs on is still guided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,7 +98,7 @@ impl Track {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixture::Surface as _;
+    use yieldwall_motion::fixture::Surface as _;
 
     #[test]
     fn a_point_is_where_the_way_says_and_the_reference_lies_beside_it() {

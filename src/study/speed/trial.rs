@@ -7,7 +7,7 @@ use super::super::drawn::{bench, positive, shipped};
 use super::super::task::Aid;
 use super::track::Track;
 use super::user::{Errand, Policy, User};
-use crate::fixture::{Fixture, Shape2};
+use yieldwall_motion::fixture::{Fixture, Shape2};
 
 const PERIOD_S: f64 = 1e-3;
 /// Longest step of the arm, in s.

@@ -4,8 +4,8 @@ use nalgebra::Vector2;
 
 use super::super::task::{Grip, HAND_LIMIT_N, TREMOR};
 use super::track::{Station, Track};
-use crate::setvalued::sat;
-use crate::sim::hand::{AimError, Hand, HandError, HandLoad, HandParameters, Path};
+use yieldwall_motion::setvalued::sat;
+use yieldwall_sim::hand::{AimError, Hand, HandError, HandLoad, HandParameters, Path};
 
 /// Corner of the error of the aim in Hz: people move by intent below some 2 Hz.
 const AIM_CORNER_HZ: f64 = 0.8;

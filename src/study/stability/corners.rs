@@ -1,20 +1,20 @@
 //! Corners, centres and bisectors, where the nearest point of the surface jumps: how far the proxy jumps.
 
-use crate::elementary;
 use nalgebra::Vector2;
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::SeedableRng;
 use serde_json::Value;
+use yieldwall_motion::elementary;
 
 use super::STUDY;
 use super::held::PERIOD_S;
-use crate::fixture::{
+use crate::chart::{Axis, Chart, Color, Mark, Panel, Series};
+use crate::sweep::{Clock, Report, Sweep, Table};
+use yieldwall_motion::fixture::{
     Chain, Circle, Coupling, Curvature, Fixture, Forbidden, Impedance, Limits, Line, Parameters, Rearm, Several,
     Shape2, Side,
 };
-use crate::sim::share_of_one;
-use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series};
-use crate::study::sweep::{Clock, Report, Sweep, Table};
+use yieldwall_sim::share_of_one;
 
 const LIMITS: Limits = Limits { friction_n: 0.5, yield_n: 3.0 };
 const STIFFNESS_N_PER_M: f64 = 1000.0;

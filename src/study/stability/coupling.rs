@@ -4,12 +4,12 @@ use nalgebra::Vector1;
 use serde_json::Value;
 
 use super::{Agreement, STUDY, cell, cells_below, on_grid};
-use crate::control::{Gains, ServoLoop, damping_needed_n_s_per_m, greatest_stiffness_n_per_m};
-use crate::fixture::{Coupling, Curvature, Fixture, Impedance, Limits, Parameters, Plane, Rearm, Side};
-use crate::sim::hand::HandLoad;
-use crate::sim::point_mass::{PointMass, PointMassParameters};
-use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series};
-use crate::study::sweep::{Clock, Report, Row, Sweep, Table};
+use crate::chart::{Axis, Chart, Color, Mark, Panel, Series};
+use crate::sweep::{Clock, Report, Row, Sweep, Table};
+use yieldwall_motion::control::{Gains, ServoLoop, damping_needed_n_s_per_m, greatest_stiffness_n_per_m};
+use yieldwall_motion::fixture::{Coupling, Curvature, Fixture, Impedance, Limits, Parameters, Plane, Rearm, Side};
+use yieldwall_sim::hand::HandLoad;
+use yieldwall_sim::point_mass::{PointMass, PointMassParameters};
 
 const STIFFNESSES: u64 = 30;
 const DAMPINGS: u64 = 40;

@@ -1,9 +1,9 @@
 //! The least virtual mass by the crossovers of the phase: a formula for a servo that is known by its continuous answer.
 
-use crate::elementary;
 use nalgebra::Complex;
+use yieldwall_motion::elementary;
 
-use crate::control::Gains;
+use yieldwall_motion::control::Gains;
 
 /// Frequencies per scan, and the lowest in rad/s.
 const FREQUENCIES: u32 = 4000;

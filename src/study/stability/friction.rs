@@ -1,13 +1,13 @@
 //! Friction of the fixture by its proxy against friction that is computed from the last velocity.
 
-use crate::elementary;
 use nalgebra::Vector2;
 use serde_json::Value;
+use yieldwall_motion::elementary;
 
 use super::held::{PERIOD_S, free_space};
 use super::on_grid;
-use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series};
-use crate::study::sweep::{Clock, Report, Sweep, Table};
+use crate::chart::{Axis, Chart, Color, Mark, Panel, Series};
+use crate::sweep::{Clock, Report, Sweep, Table};
 
 const FRICTION_N: f64 = 3.0;
 const MASSES_KG: [f64; 3] = [0.1, 0.5, 2.0];

@@ -3,19 +3,19 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::crossover::Crossover;
-use crate::control::{
+use crate::bench::{Bench, BenchError, BenchParameters};
+use crate::plant::{STUDY_ARM, StudyArm};
+use yieldwall_motion::control::{
     FeedForwardParameters, Follower, Gains, Grip, HeldLoop, Law, Outer, Pose, Sampling, StableMasses, stable_masses,
 };
-use crate::cycle::TorqueServoParameters;
-use crate::fixture::{
+use yieldwall_motion::cycle::TorqueServoParameters;
+use yieldwall_motion::fixture::{
     self, Admittance, Contrast, Coupling, Curvature, Fixture, Guidance, Limits, Line, Parameters, Rearm, Shape2, Side,
 };
-use crate::linkage::{self, Chain, FiveBar, Geometry, GeometryError, Tool, WristSide};
-use crate::quantity::{JointRates, TipPoint};
-use crate::sim::arm::{ArmError, ArmParameters};
-use crate::sim::hand::HandLoad;
-use crate::study::bench::{Bench, BenchError, BenchParameters};
-use crate::study::plant::{STUDY_ARM, StudyArm};
+use yieldwall_motion::linkage::{self, Chain, FiveBar, Geometry, GeometryError, Tool, WristSide};
+use yieldwall_motion::quantity::{JointRates, TipPoint};
+use yieldwall_sim::arm::{ArmError, ArmParameters};
+use yieldwall_sim::hand::HandLoad;
 
 pub(super) const PERIOD_S: f64 = 1e-3;
 const PLANT_STEP_S: f64 = 1e-4;

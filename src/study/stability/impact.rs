@@ -5,12 +5,14 @@ use serde_json::Value;
 
 use super::held::{PERIOD_S, PLAIN, START_M, Setting};
 use super::{STUDY, on_grid};
-use crate::fixture::prediction::{Impact, capture_probability, capture_speed_m_per_s};
-use crate::fixture::{Admittance, Coupling, Curvature, Fixture, Limits, Line, Parameters, Plane, Rearm, Shape2, Side};
-use crate::sim::hand::HandLoad;
-use crate::study::bench::Bench;
-use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series};
-use crate::study::sweep::{Clock, Report, Row, Sweep, Table};
+use crate::bench::Bench;
+use crate::chart::{Axis, Chart, Color, Mark, Panel, Series};
+use crate::sweep::{Clock, Report, Row, Sweep, Table};
+use yieldwall_motion::fixture::prediction::{Impact, capture_probability, capture_speed_m_per_s};
+use yieldwall_motion::fixture::{
+    Admittance, Coupling, Curvature, Fixture, Limits, Line, Parameters, Plane, Rearm, Shape2, Side,
+};
+use yieldwall_sim::hand::HandLoad;
 
 const MASS_KG: f64 = 2.0;
 const YIELDS_N: [f64; 4] = [5.0, 10.0, 20.0, 40.0];

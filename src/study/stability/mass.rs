@@ -4,8 +4,8 @@ use serde_json::Value;
 
 use super::held::{Outcome, PLAIN, Setting};
 use super::{Agreement, STUDY, cell, cells_below, on_grid};
-use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series};
-use crate::study::sweep::{Clock, Report, Row, Sweep, Table};
+use crate::chart::{Axis, Chart, Color, Mark, Panel, Series};
+use crate::sweep::{Clock, Report, Row, Sweep, Table};
 
 const MAP_HANDS: u64 = 40;
 const MAP_MASSES: u64 = 30;

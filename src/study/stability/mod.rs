@@ -16,7 +16,7 @@ mod singular;
 mod sliding;
 
 use super::sweep::{Report, Study, Sweep, Table};
-use crate::elementary;
+use yieldwall_motion::elementary;
 
 /// The study `stability`.
 pub(super) struct Stability(Vec<Box<dyn Sweep>>);

@@ -1,20 +1,20 @@
 //! Samples of the force that are lost or come late, against the energy that the rig gives back.
 
-use crate::elementary;
 use nalgebra::Vector2;
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::SeedableRng;
 use serde_json::Value;
+use yieldwall_motion::elementary;
 
 use super::held::{PERIOD_S, PLAIN, START_M, Setting};
-use crate::fixture::{
+use crate::bench::Bench;
+use crate::chart::{Axis, Chart, Color, Mark, Panel, Series};
+use crate::sweep::{Clock, Report, Sweep, Table};
+use yieldwall_motion::fixture::{
     Admittance, Coupling, Curvature, EnergyObserver, Fixture, Limits, Line, Parameters, Rearm, Shape2, Side,
 };
-use crate::sim::hand::HandLoad;
-use crate::sim::share_of_one;
-use crate::study::bench::Bench;
-use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series};
-use crate::study::sweep::{Clock, Report, Sweep, Table};
+use yieldwall_sim::hand::HandLoad;
+use yieldwall_sim::share_of_one;
 
 /// What happens to a share of the samples.
 #[derive(Clone, Copy)]
@@ -120,7 +120,7 @@ fn run(trouble: Trouble, share: f64, mass_kg: f64, hand_n_per_m: f64, seed: u64)
         let oldest = cycle.saturating_sub(OLDEST);
         let has_come = |sample: &u64| arrivals[(sample % (OLDEST + 1)) as usize].is_some_and(|at| at <= cycle);
         newest = (oldest..=cycle).rev().find(has_come).map_or(newest, |sample| sample.max(newest));
-        let hand = |time_s: f64, tip: crate::quantity::TipPoint| {
+        let hand = |time_s: f64, tip: yieldwall_motion::quantity::TipPoint| {
             let (place, rate) = swing(time_s);
             HandLoad {
                 force_n: (START_M + way_m * place - tip.0) * hand_n_per_m + way_m * (rate * HAND_N_S_PER_M),

@@ -5,9 +5,9 @@ use serde_json::Value;
 
 use super::held::{Links, Outcome, PLAIN, Setting};
 use super::{Agreement, STUDY, cell, cells_below};
-use crate::linkage::Side;
-use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series};
-use crate::study::sweep::{Clock, Report, Row, Sweep, Table};
+use crate::chart::{Axis, Chart, Color, Mark, Panel, Series};
+use crate::sweep::{Clock, Report, Row, Sweep, Table};
+use yieldwall_motion::linkage::Side;
 
 const GAPS: u64 = 36;
 const MASSES: u64 = 27;
@@ -213,7 +213,7 @@ fn panel(case: &Case, points: &[Row<'_>], bound: Vec<(f64, f64)>) -> Panel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::quantity::TipPoint;
+    use yieldwall_motion::quantity::TipPoint;
 
     /// The tool would move thirty times as fast as the elbows: the arm says so before anything is not finite.
     #[test]

@@ -4,10 +4,10 @@ use serde_json::Value;
 
 use super::held::PERIOD_S;
 use super::{STUDY, cell};
-use crate::control::{AxisController, EffortRange, Gains, Psmc};
-use crate::sim::arm::slip_rate;
-use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series};
-use crate::study::sweep::{Clock, Report, Sweep, Table};
+use crate::chart::{Axis, Chart, Color, Mark, Panel, Series};
+use crate::sweep::{Clock, Report, Sweep, Table};
+use yieldwall_motion::control::{AxisController, EffortRange, Gains, Psmc};
+use yieldwall_sim::arm::slip_rate;
 
 /// One joint of the rig of the paper with its gains.
 const INERTIA_KG_M2: f64 = 0.35;

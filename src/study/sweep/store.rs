@@ -7,7 +7,7 @@ use serde_json::Value;
 use thiserror::Error;
 
 use super::{Sweep, Table};
-use crate::batch::{Lines, LinesError};
+use yieldwall_rig::batch::{Lines, LinesError};
 
 /// Why points could not be kept or read.
 #[derive(Debug, Error)]

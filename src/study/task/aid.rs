@@ -1,7 +1,7 @@
 //! What the fixture may be: the plastic law, springs with and without a limit, viscous fields, none.
 
 use super::super::drawn::{not_negative, positive};
-use crate::config::FixtureLaw;
+use yieldwall_config::FixtureLaw;
 
 /// Yield forces of the admittance rig, in N.
 pub(super) const YIELDS_N: [f64; 4] = [5.0, 10.0, 20.0, 40.0];
@@ -17,7 +17,7 @@ const MASS_KG: f64 = 2.0;
 
 /// A law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::study) enum Law {
+pub(crate) enum Law {
     None,
     Plastic,
     /// A spring whose force is cut to R.
@@ -28,7 +28,7 @@ pub(in crate::study) enum Law {
 }
 
 impl Law {
-    pub(in crate::study) fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::None => "none",
             Self::Plastic => "plastic",
@@ -41,26 +41,26 @@ impl Law {
 
 /// A law and its numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::study) struct Aid {
-    pub(in crate::study) law: Law,
+pub(crate) struct Aid {
+    pub(crate) law: Law,
     /// Stiffness of a spring in N/m, damping across a viscous field in N s/m.
-    pub(in crate::study) hardness: Option<f64>,
+    pub(crate) hardness: Option<f64>,
     /// R in N, of a plastic fixture or a saturated spring; of a viscous field the push by which it is sized.
-    pub(in crate::study) yield_n: Option<f64>,
+    pub(crate) yield_n: Option<f64>,
 }
 
 impl Aid {
-    pub(in crate::study) const NONE: Self = Self { law: Law::None, hardness: None, yield_n: None };
+    pub(crate) const NONE: Self = Self { law: Law::None, hardness: None, yield_n: None };
 
-    pub(in crate::study) const fn plastic(yield_n: f64) -> Self {
+    pub(crate) const fn plastic(yield_n: f64) -> Self {
         Self { law: Law::Plastic, hardness: None, yield_n: Some(yield_n) }
     }
 
-    pub(in crate::study) fn saturated(stiffness_n_per_m: f64, yield_n: f64) -> Self {
+    pub(crate) fn saturated(stiffness_n_per_m: f64, yield_n: f64) -> Self {
         Self { law: Law::Saturated, hardness: Some(stiffness_n_per_m), yield_n: Some(yield_n) }
     }
 
-    pub(in crate::study) fn viscous(drift_m_per_s: f64, yield_n: f64) -> Self {
+    pub(crate) fn viscous(drift_m_per_s: f64, yield_n: f64) -> Self {
         Self { law: Law::Viscous, hardness: Some(yield_n / drift_m_per_s), yield_n: Some(yield_n) }
     }
 
@@ -79,7 +79,7 @@ impl Aid {
     }
 
     /// In words, without R.
-    pub(in crate::study) fn name(&self) -> String {
+    pub(crate) fn name(&self) -> String {
         let hardness = self.hardness.unwrap_or(f64::NAN);
         match self.law {
             Law::None | Law::Plastic => self.law.name().to_owned(),
@@ -90,7 +90,7 @@ impl Aid {
     }
 
     /// As a rig's file has it.
-    pub(in crate::study) fn config(&self) -> Option<FixtureLaw> {
+    pub(crate) fn config(&self) -> Option<FixtureLaw> {
         let hardness = self.hardness.unwrap_or_default();
         let elastic = |is_saturated| FixtureLaw::Elastic {
             stiffness_n_per_m: positive(hardness),

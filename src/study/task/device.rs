@@ -9,10 +9,10 @@ use nalgebra::Vector2;
 use super::aid::{Aid, Law};
 use super::trial::{LET_GO_S, Moment, Trial};
 use super::way::vector;
-use crate::fixture::{Coupling, Curvature, Fixture, Impedance, Limits, Parameters, Rearm, Shape2, Side};
-use crate::setvalued::sat;
-use crate::sim::hand::HandLoad;
-use crate::sim::point_mass::{PointMass, PointMassParameters};
+use yieldwall_motion::fixture::{Coupling, Curvature, Fixture, Impedance, Limits, Parameters, Rearm, Shape2, Side};
+use yieldwall_motion::setvalued::sat;
+use yieldwall_sim::hand::HandLoad;
+use yieldwall_sim::point_mass::{PointMass, PointMassParameters};
 
 /// Stiffnesses in N/m, of springs and of the coupling.
 pub(super) const STIFFNESSES_N_PER_M: [f64; 7] = [300.0, 1e3, 3e3, 1e4, 3e4, 1e5, 1e6];

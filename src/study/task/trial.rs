@@ -8,11 +8,11 @@ use super::super::bench::Bench;
 use super::super::drawn::{bench, finite, not_negative, positive, shipped};
 use super::aid::Aid;
 use super::way::{Way, vector};
-use crate::config::{self, PathSegment};
-use crate::elementary;
-use crate::injection::{Injection, Kind};
-use crate::report::{Overrides, Watch, run_rig};
-use crate::sim::hand::{AimError, Hand, HandParameters, Leg, NoiseBand, Path};
+use yieldwall_config::injection::{Injection, Kind};
+use yieldwall_config::{self as config, PathSegment};
+use yieldwall_motion::elementary;
+use yieldwall_rig::report::{Overrides, Watch, run_rig};
+use yieldwall_sim::hand::{AimError, Hand, HandParameters, Leg, NoiseBand, Path};
 
 /// How the error of the aim grows with its speed, in s.
 ///
@@ -38,19 +38,19 @@ const PLANT_STEP_S: f64 = 5e-4;
 
 /// Mass, greatest force and tremor of the hand of the rig's scene.
 const HAND_KG: f64 = 0.5;
-pub(in crate::study) const HAND_LIMIT_N: f64 = 40.0;
-pub(in crate::study) const TREMOR: NoiseBand = NoiseBand { rms: 0.1, low_hz: 8.0, high_hz: 12.0 };
+pub(crate) const HAND_LIMIT_N: f64 = 40.0;
+pub(crate) const TREMOR: NoiseBand = NoiseBand { rms: 0.1, low_hz: 8.0, high_hz: 12.0 };
 
 /// A hand: its spring and damper. Its mass is that of the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::study) struct Grip {
-    pub(in crate::study) name: &'static str,
-    pub(in crate::study) stiffness_n_per_m: f64,
-    pub(in crate::study) damping_n_s_per_m: f64,
+pub(crate) struct Grip {
+    pub(crate) name: &'static str,
+    pub(crate) stiffness_n_per_m: f64,
+    pub(crate) damping_n_s_per_m: f64,
 }
 
 /// The hand of the rig's scene, and a braced one.
-pub(in crate::study) const GRIPS: [Grip; 2] = [
+pub(crate) const GRIPS: [Grip; 2] = [
     Grip { name: "soft", stiffness_n_per_m: 400.0, damping_n_s_per_m: 8.0 },
     Grip { name: "stiff", stiffness_n_per_m: 3000.0, damping_n_s_per_m: 40.0 },
 ];
@@ -217,7 +217,7 @@ impl Trial {
             .map_err(|error| error.to_string())?;
         let cause = report.cause.filter(|_| report.state.is_some_and(|state| state.is_latched()));
         let outcome = cause.map_or_else(|| "ran".to_owned(), |cause| format!("stopped by {}", cause.fault.row().name));
-        let moment = |row: &crate::record::Row| Moment {
+        let moment = |row: &yieldwall_record::Row| Moment {
             time_s: row.time_s,
             tool_m: [row.tool_m[0], row.tool_m[1]],
             velocity_m_per_s: [row.tool_velocity_m_per_s[0], row.tool_velocity_m_per_s[1]],

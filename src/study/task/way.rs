@@ -1,12 +1,12 @@
 //! What the simulated user traces: part of a circle about the origin, on the rig and, a smaller one, on the impedance device.
 
-use crate::elementary;
+use yieldwall_motion::elementary;
 
 use nalgebra::Vector2;
 
 use super::super::drawn::{finite, positive};
-use crate::config::{ArcSpeed, Forbidden, PathSegment, Surface};
-use crate::sim::hand::{Leg, Speed};
+use yieldwall_config::{ArcSpeed, Forbidden, PathSegment, Surface};
+use yieldwall_sim::hand::{Leg, Speed};
 
 /// A way along which the user traces, from the same angle on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -105,7 +105,7 @@ pub(super) fn vector([x, y]: [f64; 2]) -> Vector2<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixture::Surface as _;
+    use yieldwall_motion::fixture::Surface as _;
 
     #[test]
     fn ways_lie_on_their_surfaces() {

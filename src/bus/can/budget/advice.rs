@@ -3,14 +3,13 @@
 use std::time::Duration;
 
 use super::{Budget, Conditions, Moment, Use};
-use crate::bus::error::BootError;
-use crate::bus::setup::MasterSetup;
+use crate::error::BootError;
+use crate::setup::MasterSetup;
 
 /// Bit rates of CiA 301 that can be an answer, bit/s.
 const BIT_RATES: [u32; 6] = [50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000];
 /// Periods that can be an answer, us.
-pub(in crate::bus) const PERIODS_US: [u64; 10] =
-    [1000, 2000, 4000, 5000, 10_000, 20_000, 25_000, 40_000, 50_000, 100_000];
+pub(crate) const PERIODS_US: [u64; 10] = [1000, 2000, 4000, 5000, 10_000, 20_000, 25_000, 40_000, 50_000, 100_000];
 /// Steps to the earliest control step; each is one more frame that is waited for.
 const STEPS: usize = 64;
 

@@ -109,12 +109,11 @@ mod tests {
         }
     }
 
-    #[cfg(feature = "sim")]
     mod against_the_exact_length {
         use super::*;
-        use crate::canopen::Frame;
-        use crate::sim::can::frame_bits;
         use proptest::prelude::*;
+        use yieldwall_fieldbus::canopen::Frame;
+        use yieldwall_sim::can::frame_bits;
 
         proptest! {
             #[test]

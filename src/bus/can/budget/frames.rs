@@ -4,13 +4,13 @@ use std::time::Duration;
 
 use super::bits::{longest_bits, shortest_bits, worst_bits};
 use super::response::Stream;
-use crate::bus::error::{BootError, BootFailure};
-use crate::bus::script::mapping;
-use crate::bus::setup::{MasterSetup, SensorLink, SensorSetup};
-use crate::canopen::{BusId, NodeId, cob};
-use crate::plain_can::{Link, Order, Protocol};
+use crate::error::{BootError, BootFailure};
+use crate::script::mapping;
+use crate::setup::{MasterSetup, SensorLink, SensorSetup};
 use yieldwall_drives::cia402::OperationMode;
 use yieldwall_drives::profiles::{DeviceProfile, Pdo};
+use yieldwall_fieldbus::canopen::{BusId, NodeId, cob};
+use yieldwall_fieldbus::plain_can::{Link, Order, Protocol};
 
 /// Least time from one SDO exchange to the next.
 const SDO_PERIOD: Duration = Duration::from_millis(5);

@@ -10,7 +10,7 @@ mod frames;
 mod phases;
 mod response;
 
-pub(in crate::bus) use advice::PERIODS_US;
+pub(crate) use advice::PERIODS_US;
 pub use advice::{Advice, advise};
 pub use bits::{longest_bits, shortest_bits, worst_bits};
 pub use frames::{PlannedFrame, Use};
@@ -18,10 +18,10 @@ pub use response::{Stream, blocking_ns, response_among_ns, response_ns};
 
 use std::time::Duration;
 
-use crate::bus::error::BootError;
-use crate::bus::setup::MasterSetup;
-use crate::canopen::BusId;
+use crate::error::BootError;
+use crate::setup::MasterSetup;
 use phases::{Timing, responses_ns};
+use yieldwall_fieldbus::canopen::BusId;
 
 /// What the response times depend on besides the frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,8 +1,8 @@
 use super::*;
-use crate::bus::tests::WAITS;
-use crate::bus::{CommandMode, DriveSetup, SensorLink, SensorNode, SensorSetup};
-use crate::config::shipped_profile;
-use crate::plain_can::{Link, Protocol, polled, streaming};
+use crate::tests::WAITS;
+use crate::{CommandMode, DriveSetup, SensorLink, SensorNode, SensorSetup};
+use yieldwall_config::shipped_profile;
+use yieldwall_fieldbus::plain_can::{Link, Protocol, polled, streaming};
 
 const US: u64 = 1000;
 

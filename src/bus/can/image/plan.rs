@@ -1,14 +1,14 @@
 //! The plan of the process image, made once from setup and profiles.
 
 use super::{IDENTIFIERS, Incoming, NO_SLOT, Outgoing, Source, slot_index};
-use crate::bus::can::boot::layout_entries;
-use crate::bus::error::BootFailure;
-use crate::bus::script::{lacking, mapped, mapping, servo};
-use crate::bus::setup::{BrakeWords, DriveSetup, SensorNode};
-use crate::canopen::pdo::Layout;
-use crate::canopen::{BusId, NodeId, cob};
+use crate::can::boot::layout_entries;
+use crate::error::BootFailure;
+use crate::script::{lacking, mapped, mapping, servo};
+use crate::setup::{BrakeWords, DriveSetup, SensorNode};
 use yieldwall_drives::cia402::CommandMode;
 use yieldwall_drives::profiles::{DeviceProfile, Pdo, Quantity, StatusBits};
+use yieldwall_fieldbus::canopen::pdo::Layout;
+use yieldwall_fieldbus::canopen::{BusId, NodeId, cob};
 
 /// The incoming frames while they are collected.
 pub(super) struct Incomings {

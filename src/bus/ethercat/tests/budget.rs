@@ -1,7 +1,7 @@
 //! The budget of a segment: against published lengths, and against the frames that a network sends.
 
 use super::*;
-use crate::bus::ethercat::{Budget, advise};
+use crate::ethercat::{Budget, advise};
 use proptest::prelude::*;
 
 /// A device with so many bytes of inputs and of outputs.

@@ -1,8 +1,8 @@
 //! Up to OP, and cycles.
 
 use super::*;
-use crate::objects::{ObjectAnswer, ObjectRequest};
 use yieldwall_drives::cia402::State;
+use yieldwall_fieldbus::objects::{ObjectAnswer, ObjectRequest};
 
 #[test]
 fn all_devices_reach_op() {

@@ -1,8 +1,8 @@
 //! Somebody else writes to the devices: by frames that come to the network too, and from behind it.
 
 use super::*;
-use crate::ethercat::frame::address;
 use yieldwall_drives::cia402::State as Drive;
+use yieldwall_fieldbus::ethercat::frame::address;
 
 const ENABLED: [DriveOrders; 2] = [DriveOrders { controlword: 0x0f, target: 0, releases: false }; 2];
 const QUICK_STOP: [DriveOrders; 2] = [DriveOrders { controlword: 0x02, target: 0, releases: false }; 2];

@@ -1,13 +1,13 @@
 //! A whole master on a segment: the cycle, the guard and the walk of the drives do not know the bus.
 
 use super::*;
-use crate::bus::AxisSetup;
-use crate::bus::Master;
-use crate::bus::tests::position_cycle;
-use crate::canopen::Frame;
-use crate::cycle::Timing;
-use crate::guard::{Cause, Fault, Request, State};
+use crate::AxisSetup;
+use crate::Master;
+use crate::tests::position_cycle;
 use yieldwall_drives::cia402;
+use yieldwall_fieldbus::canopen::Frame;
+use yieldwall_motion::cycle::Timing;
+use yieldwall_motion::guard::{Cause, Fault, Request, State};
 
 /// Places of the bytes of a frame that devices may have changed: data that they read into, and counters.
 fn filled(bytes: &[u8]) -> Vec<usize> {
@@ -100,7 +100,7 @@ impl Rig {
             self.master.drain_ethernet(|bytes| sent.push(bytes.to_vec()));
             for mut bytes in sent {
                 if bytes[16] == Command::Lwr as u8 {
-                    self.words = [26, 44].map(|at| crate::ethercat::u16_at(&bytes, at));
+                    self.words = [26, 44].map(|at| yieldwall_fieldbus::ethercat::u16_at(&bytes, at));
                 }
                 let fate = self.fate.as_mut().map_or(Fate::Passes, |fate| fate());
                 let is_output = bytes[16] == Command::Lwr as u8;

@@ -11,18 +11,18 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use super::*;
-use crate::bus::axis::{Arrived, DriveOrders};
-use crate::bus::setup::Waits;
-use crate::canopen::BusId;
-use crate::config::shipped_profile;
-use crate::ethercat::frame::SOURCE;
-use crate::ethercat::{registers as register, u16_at};
-use crate::objects::{Address, ServedDevice};
-use crate::sim::ethercat::{Controller, ControllerSettings, Segment, SimulatedDevice, sii};
-use crate::sim::{AxisSettings, Encoder, EthercatDrive, ForceTorqueSensor, ForceTorqueSettings, PositionLoop};
+use crate::axis::{Arrived, DriveOrders};
+use crate::setup::Waits;
+use yieldwall_config::shipped_profile;
 use yieldwall_drives::cia402::CommandMode;
 use yieldwall_drives::profiles::{Identity, Quantity, Revisions};
 use yieldwall_drives::scaling::{AxisScaling, Direction};
+use yieldwall_fieldbus::canopen::BusId;
+use yieldwall_fieldbus::ethercat::frame::SOURCE;
+use yieldwall_fieldbus::ethercat::{registers as register, u16_at};
+use yieldwall_fieldbus::objects::{Address, ServedDevice};
+use yieldwall_sim::ethercat::{Controller, ControllerSettings, Segment, SimulatedDevice, sii};
+use yieldwall_sim::{AxisSettings, Encoder, EthercatDrive, ForceTorqueSensor, ForceTorqueSettings, PositionLoop};
 
 const PERIOD: Duration = Duration::from_millis(1);
 const COMPUTE_AT: Duration = Duration::from_micros(500);

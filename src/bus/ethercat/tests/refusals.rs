@@ -1,7 +1,7 @@
 //! Segments that do not come up: each with one message that says where, what and what to try.
 
 use super::*;
-use crate::ethercat::registers as register;
+use yieldwall_fieldbus::ethercat::registers as register;
 
 /// Why a segment of these devices does not come up.
 fn refused(setup: &SegmentSetup, devices: Vec<Controller<SimulatedDevice>>) -> String {
@@ -166,7 +166,7 @@ fn any_damage_of_sii_ends_with_a_message_or_in_op() {
 #[test]
 fn each_transition_that_is_refused_names_device_code_and_what_to_try() {
     // PRE-OP: the mailbox is not where the device wants it.
-    let image = |change: fn(&mut crate::ethercat::sii::Sii)| {
+    let image = |change: fn(&mut yieldwall_fieldbus::ethercat::sii::Sii)| {
         let device = drive(2);
         let mut written = sii(device.od());
         change(&mut written);

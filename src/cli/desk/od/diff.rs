@@ -10,13 +10,13 @@ use super::super::reached::Reached;
 use super::super::words::{self, COLUMNS, titled};
 use super::dump::objects;
 use super::{is_file, sheet, sheet_of};
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::output::Output;
-use crate::objects::Address;
-use crate::service::{is_shown, known, of_node};
+use crate::failure::{Exit, Failure};
+use crate::output::Output;
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_service::{is_shown, known, of_node};
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Arguments {
+pub(crate) struct Arguments {
     /// A device (node id, on EtherCAT its position, or name), or a data sheet with values (DCF)
     first: String,
     /// What it is compared with

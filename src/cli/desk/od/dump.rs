@@ -11,16 +11,16 @@ use super::super::segment::scan::name;
 use super::super::segment::{Device, SegmentDesk};
 use super::super::words;
 use super::sheet_of;
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::output::Output;
-use crate::cli::progress::Progress;
-use crate::cli::replace::Replace;
-use crate::objects::Address;
-use crate::report::Stage;
-use crate::service::{Missed, downloads, inventory, inventory_of, values_of};
+use crate::failure::{Exit, Failure};
+use crate::output::Output;
+use crate::progress::Progress;
+use crate::replace::Replace;
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_rig::report::Stage;
+use yieldwall_service::{Missed, downloads, inventory, inventory_of, values_of};
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Arguments {
+pub(crate) struct Arguments {
     /// A node id, on EtherCAT a position, or the name of a device in the rig
     node: String,
     /// The file; standard output unless one is named

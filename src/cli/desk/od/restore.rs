@@ -7,16 +7,16 @@ use super::super::reached::Reached;
 use super::super::state::refuse_powered;
 use super::super::words::{spaced, titled, wrapped};
 use super::{Done, Saving, is_file, sheet, sheet_of, told, write_all};
-use crate::canopen::NmtState;
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::output::Output;
-use crate::ethercat::{AlState, AlStatus};
-use crate::objects::Address;
-use crate::service::{Error, number, plan};
+use crate::failure::{Exit, Failure};
+use crate::output::Output;
 use yieldwall_drives::eds::Eds;
+use yieldwall_fieldbus::canopen::NmtState;
+use yieldwall_fieldbus::ethercat::{AlState, AlStatus};
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_service::{Error, number, plan};
 
 #[derive(Debug, clap::Args)]
-pub(in crate::cli) struct Arguments {
+pub(crate) struct Arguments {
     /// The file, as `od dump` writes it, or a backup of another command
     file: PathBuf,
     /// A node id, on EtherCAT a position, or the name of a device in the rig

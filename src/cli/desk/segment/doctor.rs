@@ -4,19 +4,19 @@ use super::super::errors;
 use super::super::scan::fit_of;
 use super::super::sii::wrong;
 use super::{Device, SegmentDesk};
-use crate::cli::checkup::Section;
-use crate::cli::failure::{Exit, Failure};
-use crate::ethercat::{AlState, AlStatusCode};
-use crate::link::checkup::{Check, Verdict};
-use crate::objects::Address;
-use crate::service::{Present, number};
+use crate::checkup::Section;
+use crate::failure::{Exit, Failure};
+use yieldwall_fieldbus::ethercat::{AlState, AlStatusCode};
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_link::checkup::{Check, Verdict};
+use yieldwall_service::{Present, number};
 
 /// What every device has: its type; and the last error of a drive.
 const DEVICE_TYPE: Address = Address::new(0x1000, 0);
 const ERROR_CODE: Address = Address::new(0x603f, 0);
 
 /// A section for each device, and for each of the rig that is not there; of one alone if a word means it.
-pub(in crate::cli::desk) fn sections(desk: &mut SegmentDesk, word: Option<&str>) -> Result<Vec<Section>, Failure> {
+pub(in crate::desk) fn sections(desk: &mut SegmentDesk, word: Option<&str>) -> Result<Vec<Section>, Failure> {
     let mut sections = Vec::new();
     let devices = desk.devices_of(word)?;
     let found = devices.len() as u16;
@@ -97,7 +97,7 @@ fn objects(desk: &mut SegmentDesk, device: &Device, present: &Present) -> Result
         ]);
     }
     let mut read = |at| match desk.objects(device) {
-        Ok(mut objects) => crate::service::ObjectAccess::read(&mut objects, at).map_err(|error| error.to_string()),
+        Ok(mut objects) => yieldwall_service::ObjectAccess::read(&mut objects, at).map_err(|error| error.to_string()),
         Err(failure) => Err(failure.report.diagnostics.into_iter().next().map_or_else(String::new, |one| one.message)),
     };
     let (kind, error) = (read(DEVICE_TYPE), read(ERROR_CODE));

@@ -6,12 +6,12 @@ use serde_json::{Map, Value, json};
 
 use super::super::emcy::{history, stored, text};
 use super::{Device, SegmentDesk};
-use crate::canopen::PastError;
-use crate::cli::explain;
-use crate::cli::failure::Failure;
-use crate::cli::output::Output;
-use crate::ethercat::coe::CoeEmergency;
-use crate::service::ObjectAccess;
+use crate::explain;
+use crate::failure::Failure;
+use crate::output::Output;
+use yieldwall_fieldbus::canopen::PastError;
+use yieldwall_fieldbus::ethercat::coe::CoeEmergency;
+use yieldwall_service::ObjectAccess;
 
 /// How long a device is listened to.
 const LISTENING: Duration = Duration::from_millis(100);
@@ -23,7 +23,7 @@ pub(super) struct Told {
     sent: Vec<CoeEmergency>,
 }
 
-pub(in crate::cli::desk) fn run(word: Option<&str>, mut desk: SegmentDesk, output: &mut Output) -> Result<(), Failure> {
+pub(in crate::desk) fn run(word: Option<&str>, mut desk: SegmentDesk, output: &mut Output) -> Result<(), Failure> {
     let (mut told, mut end) = (Vec::new(), Ok(()));
     for device in desk.devices_of(word)? {
         match ask(&mut desk, device, output) {

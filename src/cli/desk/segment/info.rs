@@ -6,19 +6,19 @@ use super::super::info::{asked, objects};
 use super::super::words::table;
 use super::SegmentDesk;
 use super::scan::{fit, name};
-use crate::cli::failure::Failure;
-use crate::cli::output::Output;
-use crate::ethercat::registers::{self as register, feature};
-use crate::ethercat::sii::{MailboxArea, protocols};
-use crate::ethercat::{AlStatusCode, array, u16_at};
-use crate::service::ObjectAccess;
+use crate::failure::Failure;
+use crate::output::Output;
+use yieldwall_fieldbus::ethercat::registers::{self as register, feature};
+use yieldwall_fieldbus::ethercat::sii::{MailboxArea, protocols};
+use yieldwall_fieldbus::ethercat::{AlStatusCode, array, u16_at};
+use yieldwall_service::ObjectAccess;
 
 /// Protocols of a mailbox by their bits in the SII.
 const PROTOCOLS: [(u16, &str); 3] = [(protocols::COE, "CoE"), (protocols::EOE, "EoE"), (protocols::FOE, "FoE")];
 /// Registers from the type of the controller to its features.
 const CONTROLLER_LEN: usize = 10;
 
-pub(in crate::cli::desk) fn run(word: &str, mut desk: SegmentDesk, output: &mut Output) -> Result<(), Failure> {
+pub(in crate::desk) fn run(word: &str, mut desk: SegmentDesk, output: &mut Output) -> Result<(), Failure> {
     let device = desk.device(word)?;
     let position = device.position;
     // A device that is broken is shown without them.

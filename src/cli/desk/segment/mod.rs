@@ -19,18 +19,18 @@ use yieldwall_drives::scaling::AxisScaling;
 
 use super::place::{Place, object_failure, placed};
 use super::scan::DeviceKind;
-use crate::assembly::{scaling, segment_sensor};
-use crate::bus::ethercat::{SegmentFailure, SegmentSign};
-use crate::cli::ending::rig_failure;
-use crate::cli::failure::{Exit, Failure};
-use crate::cli::interrupt::on_interrupt;
-use crate::cli::output::Output;
-use crate::config::{self, Bus, Loaded, Rig, Source};
-use crate::ethercat::{AlState, AlStatus};
-use crate::explanation::{self, Explanation};
-use crate::link::EthernetLink;
-use crate::live::VirtualSegment;
-use crate::service::{DeviceObjects, Error, SegmentError, SegmentService};
+use crate::ending::rig_failure;
+use crate::failure::{Exit, Failure};
+use crate::interrupt::on_interrupt;
+use crate::output::Output;
+use yieldwall_bus::ethercat::{SegmentFailure, SegmentSign};
+use yieldwall_config::{self as config, Bus, Loaded, Rig, Source};
+use yieldwall_fieldbus::ethercat::{AlState, AlStatus};
+use yieldwall_link::EthernetLink;
+use yieldwall_rig::live::VirtualSegment;
+use yieldwall_run::assembly::{scaling, segment_sensor};
+use yieldwall_run::explanation::{self, Explanation};
+use yieldwall_service::{DeviceObjects, Error, SegmentError, SegmentService};
 
 /// A wire of any kind.
 pub(super) type AnyWire = Box<dyn EthernetLink>;
@@ -175,8 +175,8 @@ impl SegmentDesk {
         opening: Opening,
         is_over: Arc<AtomicBool>,
     ) -> Result<Option<Self>, Failure> {
-        use crate::bus::SEGMENT_LISTENING;
-        use crate::link::{PacketSocket, Role, is_ethernet};
+        use yieldwall_bus::SEGMENT_LISTENING;
+        use yieldwall_link::{PacketSocket, Role, is_ethernet};
 
         let (named, interface) = argument.split_once('=').map_or((None, argument), |(name, rest)| (Some(name), rest));
         match (rig, named) {

@@ -5,9 +5,9 @@ use serde_json::{Value, json};
 use super::super::reached::Reached;
 use super::super::words::mapped;
 use super::SegmentDesk;
-use crate::cli::failure::Failure;
-use crate::cli::output::Output;
-use crate::objects::Address;
+use crate::failure::Failure;
+use crate::output::Output;
+use yieldwall_fieldbus::objects::Address;
 
 /// Process data of one direction.
 struct Exchange {
@@ -23,7 +23,7 @@ struct Exchange {
 const DIRECTIONS: [(&str, u16, u8, u16); 2] = [("outputs", 0x1c12, 2, 0x1c32), ("inputs", 0x1c13, 3, 0x1c33)];
 const DOING: &str = "reading its process data";
 
-pub(in crate::cli::desk) fn run(word: &str, desk: SegmentDesk, output: &mut Output) -> Result<(), Failure> {
+pub(in crate::desk) fn run(word: &str, desk: SegmentDesk, output: &mut Output) -> Result<(), Failure> {
     let mut reached = Reached::on_segment(desk, word, output)?;
     let exchanged = read(&mut reached)?;
     if output.is_json() {

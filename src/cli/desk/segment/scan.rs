@@ -5,12 +5,12 @@ use serde_json::{Value, json};
 use super::super::scan::{fit_of, identity_words};
 use super::super::words::{table, wrapped, wrapped_behind};
 use super::SegmentDesk;
-use crate::cli::failure::Failure;
-use crate::cli::output::Output;
-use crate::ethercat::AlStatusCode;
-use crate::service::Present;
+use crate::failure::Failure;
+use crate::output::Output;
+use yieldwall_fieldbus::ethercat::AlStatusCode;
+use yieldwall_service::Present;
 
-pub(in crate::cli::desk) fn run(is_listening: bool, mut desk: SegmentDesk, output: &mut Output) -> Result<(), Failure> {
+pub(in crate::desk) fn run(is_listening: bool, mut desk: SegmentDesk, output: &mut Output) -> Result<(), Failure> {
     let mut found = Vec::new();
     if !is_listening {
         for position in 0..desk.devices()? {
@@ -63,7 +63,7 @@ pub(super) fn text(desk: &SegmentDesk, found: &[Present]) -> String {
 }
 
 /// The name in its SII.
-pub(in crate::cli::desk) fn name(present: &Present) -> Option<String> {
+pub(in crate::desk) fn name(present: &Present) -> Option<String> {
     let sii = present.sii.as_ref().ok()?;
     [&sii.name, &sii.order].into_iter().find(|name| !name.is_empty()).cloned()
 }

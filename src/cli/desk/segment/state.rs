@@ -3,15 +3,15 @@
 use serde_json::{Value, json};
 
 use super::{Device, SegmentDesk};
-use crate::cli::explain;
-use crate::cli::failure::Failure;
-use crate::cli::output::Output;
-use crate::ethercat::{AlState, AlStatus, AlStatusCode};
-use crate::explanation;
+use crate::explain;
+use crate::failure::Failure;
+use crate::output::Output;
+use yieldwall_fieldbus::ethercat::{AlState, AlStatus, AlStatusCode};
+use yieldwall_run::explanation;
 
 /// What a device is asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub(in crate::cli::desk) enum Target {
+pub(in crate::desk) enum Target {
     /// To INIT: registers alone. Its error is acknowledged
     Init,
     /// To PRE-OP: objects can be read and written, process data rest
@@ -45,7 +45,7 @@ pub(super) struct Seen {
     pub(super) code: AlStatusCode,
 }
 
-pub(in crate::cli::desk) fn run(
+pub(in crate::desk) fn run(
     word: &str,
     target: Option<Target>,
     (is_forced, is_dry): (bool, bool),

@@ -1,11 +1,11 @@
 //! What the commands print of the simulated segment, and of devices that are broken.
 
 use super::*;
-use crate::ethercat::AlStatusCode;
-use crate::injection::{Injection, Kind, Target};
-use crate::link::{EthernetArrival, EthernetLink, EthernetReceived, SendError};
-use crate::sim::ethercat::{Segment, SimulatedDevice};
-use crate::time::Time;
+use yieldwall_config::injection::{Injection, Kind, Target};
+use yieldwall_fieldbus::ethercat::AlStatusCode;
+use yieldwall_fieldbus::time::Time;
+use yieldwall_link::{EthernetArrival, EthernetLink, EthernetReceived, SendError};
+use yieldwall_sim::ethercat::{Segment, SimulatedDevice};
 
 /// The devices of the shipped rig.
 fn link() -> VirtualSegment {
@@ -93,7 +93,7 @@ impl EthernetLink for Many {
     }
 
     fn source(&self) -> [u8; 6] {
-        crate::ethercat::frame::SOURCE
+        yieldwall_fieldbus::ethercat::frame::SOURCE
     }
 
     fn receive(&mut self, buffer: &mut [u8]) -> Option<EthernetArrival> {
@@ -189,7 +189,7 @@ fn a_device_goes_from_state_to_state_and_a_refused_one_names_step_code_and_what_
 fn devices_that_a_master_has_are_left_alone() {
     let mut desk = desk(|_| ());
     assert!(desk.refuse_led().is_ok());
-    let sign = SegmentSign::State { position: 1, status: crate::ethercat::AlStatus(8) };
+    let sign = SegmentSign::State { position: 1, status: yieldwall_fieldbus::ethercat::AlStatus(8) };
     desk.arguments = " --bus eth0".to_owned();
     let failure = desk.other_master(sign);
     assert_eq!(failure.exit, Exit::BusUnavailable);
@@ -226,7 +226,7 @@ fn an_sii_is_read_and_checked() {
         segment.controller_mut(1).unwrap().sii_mut()[2 * 0x0a] ^= 1;
     });
     let image = desk.service.sii_image(2).unwrap();
-    let text = sii::text(&crate::ethercat::sii::Sii::read(&image).unwrap(), image.len());
+    let text = sii::text(&yieldwall_fieldbus::ethercat::sii::Sii::read(&image).unwrap(), image.len());
     let checked = sii::check_text(&sii::checked(&mut desk, None).unwrap());
     insta::assert_snapshot!("segment-sii", text + &checked);
 }
@@ -237,9 +237,9 @@ fn reached(word: &str, break_it: impl FnOnce(&mut Segment<SimulatedDevice>)) -> 
 
 #[test]
 fn objects_are_read_written_and_listed_over_the_mailbox() {
-    use crate::objects::{AbortCode, Address};
-    use crate::service::inventory_of;
     use yieldwall_drives::eds::Eds;
+    use yieldwall_fieldbus::objects::{AbortCode, Address};
+    use yieldwall_service::inventory_of;
 
     let mut reached = reached("left", |_| ());
     let at = Address::new(0x6072, 0);
@@ -256,7 +256,7 @@ fn objects_are_read_written_and_listed_over_the_mailbox() {
 
 #[test]
 fn a_device_with_a_damaged_sii_whose_mailbox_is_set_up_is_still_asked() {
-    use crate::objects::Address;
+    use yieldwall_fieldbus::objects::Address;
 
     let mut desk = desk(|_| ());
     let device = desk.device("right").unwrap();
@@ -295,7 +295,7 @@ fn process_data_and_emergencies_are_shown() {
 #[test]
 fn an_alias_is_written_with_its_checksum_and_no_other_device_may_have_it() {
     use super::super::alias::with_alias;
-    use crate::ethercat::sii::{Sii, changes};
+    use yieldwall_fieldbus::ethercat::sii::{Sii, changes};
 
     let mut desk = desk(|segment| segment.controller_mut(2).unwrap().sii_mut()[14] ^= 0x55);
     let [left, right, sensor] = ["left", "right", "sensor"].map(|word| desk.device(word).unwrap());
@@ -311,7 +311,7 @@ fn an_alias_is_written_with_its_checksum_and_no_other_device_may_have_it() {
     // The image of a whole one of its kind mends it.
     let mut image = desk.service.sii_image(2).unwrap();
     let held = image.clone();
-    crate::ethercat::sii::seal(&mut image);
+    yieldwall_fieldbus::ethercat::sii::seal(&mut image);
     desk.service.write_sii(2, &changes(&held, &image)).unwrap();
     assert!(desk.service.present(2).unwrap().sii.is_ok());
 }
@@ -328,16 +328,16 @@ fn doctor_tells_of_each_device_what_is_wrong_with_it() {
     desk.arguments = " --bus eth0".to_owned();
     desk.service.change_state(1, AlState::PreOperational).unwrap();
     let sections = doctor::sections(&mut desk, None).unwrap();
-    let text: Vec<String> = sections.iter().map(crate::cli::checkup::Section::text).collect();
+    let text: Vec<String> = sections.iter().map(crate::checkup::Section::text).collect();
     insta::assert_snapshot!("segment-doctor", text.join("\n"));
 }
 
 /// Parameters, a mapping and the assignment of a sync manager are put back, in an order that the device takes.
 #[test]
 fn a_device_is_put_back_to_the_values_of_a_file() {
-    use crate::objects::Address;
-    use crate::service::{Made, Plan, carry_out, inventory_of, plan};
     use yieldwall_drives::eds::Eds;
+    use yieldwall_fieldbus::objects::Address;
+    use yieldwall_service::{Made, Plan, carry_out, inventory_of, plan};
 
     let mut reached = reached("left", |_| ());
     let mut objects = reached.objects().unwrap();
@@ -350,7 +350,7 @@ fn a_device_is_put_back_to_the_values_of_a_file() {
     {
         objects.write(Address::new(index, sub), value).unwrap();
     }
-    let plan_of = |objects: &mut dyn crate::service::ObjectAccess| plan(objects, 0, &before, None).unwrap();
+    let plan_of = |objects: &mut dyn yieldwall_service::ObjectAccess| plan(objects, 0, &before, None).unwrap();
     let back = plan_of(&mut *objects);
     assert_eq!(back.left_out, []);
     let order: Vec<_> = back.steps.iter().map(|step| (step.at.index, step.at.sub, step.new[0])).collect();

@@ -5,8 +5,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::Change;
-use crate::cli::failure::{Exit, Failure};
-use crate::config::{Loaded, Rig, Severity, Source, load_rig};
+use crate::failure::{Exit, Failure};
+use yieldwall_config::{Loaded, Rig, Severity, Source, load_rig};
 
 /// Where the gains of a rig stand.
 #[derive(Clone, Debug, PartialEq)]
@@ -143,7 +143,7 @@ fn beside(path: &Path) -> PathBuf {
 }
 
 /// Refuses a rig whose file cannot get other gains, for those that are known once much was done.
-pub(in crate::cli::tune) fn check_can_write(rig: &Loaded<Rig>) -> Result<(), Failure> {
+pub(in crate::tune) fn check_can_write(rig: &Loaded<Rig>) -> Result<(), Failure> {
     let path = disk_path(rig)?;
     let beside = beside(&path);
     let tried = fs::File::create_new(&beside).and_then(|_| fs::remove_file(&beside));

@@ -4,10 +4,10 @@ use std::ffi::OsString;
 use std::fs;
 use std::path::PathBuf;
 
-use crate::analysis::{PROPOSED_MARGINS, has_margins, pose_margins};
-use crate::cli::failure::Exit;
-use crate::cli::run;
-use crate::config::{Source, builtin, load_rig};
+use crate::failure::Exit;
+use crate::run;
+use yieldwall_config::{Source, builtin, load_rig};
+use yieldwall_rig::analysis::{PROPOSED_MARGINS, has_margins, pose_margins};
 
 struct Folder(PathBuf);
 

@@ -3,10 +3,10 @@
 use serde_json::{Value, json};
 
 use super::plus_minus;
-use crate::analysis::{believed_age_s, later_s};
-use crate::config::Rig;
-use crate::identification::{Handle, NotIdentified};
-use crate::run::{ForceFound, JointLoop};
+use yieldwall_config::Rig;
+use yieldwall_motion::identification::{Handle, NotIdentified};
+use yieldwall_rig::analysis::{believed_age_s, later_s};
+use yieldwall_run::{ForceFound, JointLoop};
 
 /// What shows the age of a force whose sensor carries too little, in words.
 const WEIGHT: &str = "fix a weight of some 0.3 kg to the handle, beyond the sensor, and begin again";

@@ -3,14 +3,14 @@
 use nalgebra::Complex;
 
 use super::joint_text;
-use crate::assembly::{gains, period_s};
-use crate::cli::escaped::escaped;
-use crate::config::{ControlGains, Rig};
-use crate::control::{Gains, ServoLoop, controller, open_loop};
-use crate::elementary;
-use crate::identification::Dynamics;
-use crate::run::JointLoop;
-use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series, svg};
+use crate::escaped::escaped;
+use yieldwall_config::{ControlGains, Rig};
+use yieldwall_figures::chart::{Axis, Chart, Color, Mark, Panel, Series, svg};
+use yieldwall_motion::control::{Gains, ServoLoop, controller, open_loop};
+use yieldwall_motion::elementary;
+use yieldwall_motion::identification::Dynamics;
+use yieldwall_run::JointLoop;
+use yieldwall_run::assembly::{gains, period_s};
 
 /// Points of a curve.
 const POINTS: u32 = 200;

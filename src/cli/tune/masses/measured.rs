@@ -5,13 +5,13 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use super::{Masses, range_words};
-use crate::analysis::{later_s, stiffer, usual_hands};
-use crate::assembly::period_s;
-use crate::cli::ending::rig_failure;
-use crate::cli::failure::{Exit, Failure};
-use crate::config::{Diagnostic, Loaded, Rig, Severity};
-use crate::control::Grip;
-use crate::run::MeasuredLoop;
+use crate::ending::rig_failure;
+use crate::failure::{Exit, Failure};
+use yieldwall_config::{Diagnostic, Loaded, Rig, Severity};
+use yieldwall_motion::control::Grip;
+use yieldwall_rig::analysis::{later_s, stiffer, usual_hands};
+use yieldwall_run::MeasuredLoop;
+use yieldwall_run::assembly::period_s;
 
 /// Stiffness of a usual hand, N/m: softer ones ask for less.
 const USUAL_N_PER_M: f64 = 500.0;
@@ -43,11 +43,7 @@ impl Measured {
 
 impl Masses {
     /// As [`Masses::of`], by what is on record in a folder of what was measured of the rig; `None` if nothing is.
-    pub(in crate::cli) fn of_recorded(
-        rig: &Loaded<Rig>,
-        stiffnesses: &[f64],
-        folder: &Path,
-    ) -> Result<Option<Self>, Failure> {
+    pub(crate) fn of_recorded(rig: &Loaded<Rig>, stiffnesses: &[f64], folder: &Path) -> Result<Option<Self>, Failure> {
         let loaded = MeasuredLoop::load(&rig.value, folder).map_err(|error| {
             let help = "delete the record, or measure anew with `yieldwall tune loop` and --bus";
             Failure::new(Exit::OutOfTolerance, error.to_string(), help)
@@ -70,7 +66,7 @@ impl Masses {
     }
 
     /// What to say before a run on a bus, where nobody knows whose hand it will be: that the mass is unstable with the softest usual one.
-    pub(in crate::cli) fn measured_finding(&self, rig: &Loaded<Rig>) -> Option<Diagnostic> {
+    pub(crate) fn measured_finding(&self, rig: &Loaded<Rig>) -> Option<Diagnostic> {
         let measured = self.measured?;
         let usual = self.holdings.as_ref()?.iter().filter(|holding| holding.grip.stiffness_n_per_m >= USUAL_N_PER_M);
         let holding = usual.min_by(|one, other| one.grip.stiffness_n_per_m.total_cmp(&other.grip.stiffness_n_per_m))?;
@@ -93,8 +89,8 @@ impl Masses {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{Coupling, Positive, builtin, load_rig};
-    use crate::run::{ForceFound, JointFound};
+    use yieldwall_config::{Coupling, Positive, builtin, load_rig};
+    use yieldwall_run::{ForceFound, JointFound};
 
     #[test]
     fn a_force_that_was_measured_to_be_old_asks_for_more_mass_and_a_light_rig_is_told_so() {

@@ -1,11 +1,11 @@
 //! What happens to arm and hand.
 
-use crate::injection::{Injection, Kind};
-use crate::rig::world::{Body, Push, PushShape, World};
+use crate::world::{Body, Push, PushShape, World};
+use yieldwall_config::injection::{Injection, Kind};
 
 impl World {
     /// Begins an injection, or ends it.
-    pub(in crate::rig) fn switch(&mut self, injection: Injection, is_on: bool) {
+    pub(crate) fn switch(&mut self, injection: Injection, is_on: bool) {
         let shape = match injection.kind {
             Kind::HandPush | Kind::HandOverload => PushShape::Along,
             Kind::HandBlow => PushShape::Blow,

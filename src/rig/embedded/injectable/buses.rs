@@ -8,20 +8,20 @@ use super::interfaces::Interfaces;
 use super::participant::{Participants, needed, participants};
 use super::passage::Disturbance;
 use super::stranger::{Stranger, send_once};
-use crate::bus::LinkEvent;
-use crate::canopen::{BusId, Frame};
-use crate::config;
-use crate::injection::{Injection, Kind, Lasts};
-use crate::link::SendError;
-use crate::rig::error::RigError;
-use crate::rig::far_end::Wire;
-use crate::sim::can::Passage;
-use crate::time::Time;
+use crate::error::RigError;
+use crate::far_end::Wire;
+use yieldwall_bus::LinkEvent;
+use yieldwall_config as config;
+use yieldwall_config::injection::{Injection, Kind, Lasts};
+use yieldwall_fieldbus::canopen::{BusId, Frame};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_link::SendError;
+use yieldwall_sim::can::Passage;
 
 /// Buses whose frames may be lost or changed, on which strangers may send, and to which the master's interfaces may fail.
 #[derive(Debug)]
-pub(in crate::rig::embedded) struct InjectableBuses {
-    pub(in crate::rig::embedded) buses: Buses,
+pub(in crate::embedded) struct InjectableBuses {
+    pub(in crate::embedded) buses: Buses,
     participants: Participants,
     disturbance: Disturbance,
     stranger: Stranger,
@@ -34,7 +34,7 @@ impl InjectableBuses {
     ///
     /// # Errors
     /// A bus or a node that cannot be.
-    pub(in crate::rig::embedded) fn new(rig: &config::Rig, seed: u64) -> Result<Self, RigError> {
+    pub(in crate::embedded) fn new(rig: &config::Rig, seed: u64) -> Result<Self, RigError> {
         Ok(Self {
             participants: participants(rig)?,
             buses: Buses::new(rig)?,
@@ -46,11 +46,11 @@ impl InjectableBuses {
     }
 
     /// What an injection needs that the devices of this rig are not.
-    pub(in crate::rig::embedded) fn needed(&self, injection: Injection) -> Option<&'static str> {
+    pub(in crate::embedded) fn needed(&self, injection: Injection) -> Option<&'static str> {
         needed(&self.participants, injection)
     }
 
-    pub(in crate::rig::embedded) fn clear(&mut self) {
+    pub(in crate::embedded) fn clear(&mut self) {
         self.disturbance.clear();
         self.stranger.clear();
         self.interfaces.clear();
@@ -58,7 +58,7 @@ impl InjectableBuses {
     }
 
     /// Begins an injection, or ends it.
-    pub(in crate::rig::embedded) fn switch(&mut self, now: Time, injection: Injection, is_on: bool) {
+    pub(in crate::embedded) fn switch(&mut self, now: Time, injection: Injection, is_on: bool) {
         let Self { buses, participants, disturbance, stranger, interfaces, held } = self;
         match injection.kind {
             kind if kind.row().lasts == Lasts::Once => send_once(now, injection, participants, held),
@@ -74,17 +74,17 @@ impl InjectableBuses {
     }
 
     /// Has strangers send what belongs to the cycle that begins at `sync_at`.
-    pub(in crate::rig::embedded) fn begin_cycle(&mut self, sync_at: Time, period: Duration) {
+    pub(in crate::embedded) fn begin_cycle(&mut self, sync_at: Time, period: Duration) {
         self.stranger.begin_cycle(sync_at, period, &self.participants, &mut self.held);
     }
 
     /// When the next frame arrives.
-    pub(in crate::rig::embedded) fn next_event(&self) -> Time {
+    pub(in crate::embedded) fn next_event(&self) -> Time {
         self.buses.next_event().min(self.held.next())
     }
 
     /// The next frame that arrives, or is lost on its way, not later than `until`, the moment of [`InjectableBuses::next_event`].
-    pub(in crate::rig::embedded) fn advance(&mut self, until: Time) -> Option<Passage> {
+    pub(in crate::embedded) fn advance(&mut self, until: Time) -> Option<Passage> {
         loop {
             if let Some(delivery) = self.buses.advance(until) {
                 let (from, sent) = (delivery.from, delivery.frame);
@@ -103,7 +103,7 @@ impl InjectableBuses {
     ///
     /// # Errors
     /// If its interface takes none.
-    pub(in crate::rig::embedded) fn submit_own(&mut self, now: Time, frame: Frame) -> Result<(), SendError> {
+    pub(in crate::embedded) fn submit_own(&mut self, now: Time, frame: Frame) -> Result<(), SendError> {
         if !self.interfaces.sends(&self.participants, frame.bus()) {
             return Err(SendError::Down);
         }
@@ -112,12 +112,12 @@ impl InjectableBuses {
     }
 
     /// Whether the master hears a frame of others.
-    pub(in crate::rig::embedded) fn hears(&self, frame: &Frame) -> bool {
+    pub(in crate::embedded) fn hears(&self, frame: &Frame) -> bool {
         self.interfaces.hears(&self.participants, frame.bus())
     }
 
     /// What the master's interfaces tell of themselves in every cycle, with the number of the bus.
-    pub(in crate::rig::embedded) fn link_events(&self) -> impl Iterator<Item = (BusId, LinkEvent)> {
+    pub(in crate::embedded) fn link_events(&self) -> impl Iterator<Item = (BusId, LinkEvent)> {
         let Self { participants, interfaces, .. } = self;
         let on_can = participants.iter().filter(|device| device.is_on_can());
         on_can.filter_map(|device| Some((device.bus, interfaces.event(participants, device.bus)?)))

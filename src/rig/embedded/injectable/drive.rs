@@ -1,12 +1,12 @@
 //! A drive with what is broken in it.
 
-use crate::canopen::{Frame, Outbox};
-use crate::injection::{Injection, Kind};
-use crate::rig::far_end::{Actuator, Device};
-use crate::rig::misread::JointMisread;
-use crate::sim::Drive;
-use crate::time::Time;
+use crate::far_end::{Actuator, Device};
+use crate::misread::JointMisread;
+use yieldwall_config::injection::{Injection, Kind};
 use yieldwall_drives::cia402;
+use yieldwall_fieldbus::canopen::{Frame, Outbox};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_sim::Drive;
 
 /// Injections that act in drives.
 const KINDS: [Kind; 12] = [
@@ -26,33 +26,27 @@ const KINDS: [Kind; 12] = [
 
 /// A drive whose encoder may lie, whose torque may run away, and which may be switched off or act against its master.
 #[derive(Debug)]
-pub(in crate::rig::embedded) struct InjectableDrive {
-    pub(in crate::rig::embedded) drive: Drive,
+pub(in crate::embedded) struct InjectableDrive {
+    pub(in crate::embedded) drive: Drive,
     misread: JointMisread,
 }
 
 impl InjectableDrive {
-    pub(in crate::rig::embedded) fn new(drive: Drive) -> Self {
+    pub(in crate::embedded) fn new(drive: Drive) -> Self {
         Self { drive, misread: JointMisread::default() }
     }
 
     /// Whether an injection acts in drives.
-    pub(in crate::rig::embedded) fn has(kind: Kind) -> bool {
+    pub(in crate::embedded) fn has(kind: Kind) -> bool {
         KINDS.contains(&kind)
     }
 
-    pub(in crate::rig::embedded) fn clear(&mut self) {
+    pub(in crate::embedded) fn clear(&mut self) {
         self.misread.clear();
     }
 
     /// Begins an injection, or ends it.
-    pub(in crate::rig::embedded) fn switch(
-        &mut self,
-        now: Time,
-        injection: Injection,
-        is_on: bool,
-        out: &mut impl Outbox,
-    ) {
+    pub(in crate::embedded) fn switch(&mut self, now: Time, injection: Injection, is_on: bool, out: &mut impl Outbox) {
         let drive = &mut self.drive;
         match injection.kind {
             Kind::NodeSilent if is_on => drive.switch_off(),

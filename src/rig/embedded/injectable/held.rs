@@ -1,7 +1,7 @@
 //! Frames that wait beside the buses.
 
-use crate::canopen::Frame;
-use crate::time::Time;
+use yieldwall_fieldbus::canopen::Frame;
+use yieldwall_fieldbus::time::Time;
 
 /// Frames that may wait; more are lost.
 const FRAMES: usize = 64;

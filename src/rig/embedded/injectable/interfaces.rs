@@ -1,9 +1,9 @@
 //! The master's interfaces to the buses, with what is broken in them.
 
 use super::participant::Participants;
-use crate::bus::LinkEvent;
-use crate::canopen::BusId;
-use crate::injection::{Injection, Kind, Target};
+use yieldwall_bus::LinkEvent;
+use yieldwall_config::injection::{Injection, Kind, Target};
+use yieldwall_fieldbus::canopen::BusId;
 
 /// What is broken in the master's interfaces. An injection acts on those to the buses of the devices that it names, or on all.
 #[derive(Debug, Default)]

@@ -2,13 +2,13 @@
 
 use std::time::Duration;
 
-use crate::assembly::device_buses;
-use crate::canopen::{BusId, Frame, NodeId, cob};
-use crate::config;
-use crate::injection::{Injection, Kind};
-use crate::rig::devices::node;
-use crate::rig::error::RigError;
-use crate::rig::far_end::DEVICES;
+use crate::devices::node;
+use crate::error::RigError;
+use crate::far_end::DEVICES;
+use yieldwall_config as config;
+use yieldwall_config::injection::{Injection, Kind};
+use yieldwall_fieldbus::canopen::{BusId, Frame, NodeId, cob};
+use yieldwall_run::assembly::device_buses;
 
 /// A device on its bus.
 #[derive(Clone, Copy, Debug)]

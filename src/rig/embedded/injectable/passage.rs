@@ -8,9 +8,9 @@ use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use super::super::buses::{DEVICES, MASTER};
 use super::held::Held;
 use super::participant::{Participants, is_set_point};
-use crate::canopen::{Frame, cob};
-use crate::injection::{Injection, Kind};
-use crate::time::Time;
+use yieldwall_config::injection::{Injection, Kind};
+use yieldwall_fieldbus::canopen::{Frame, cob};
+use yieldwall_fieldbus::time::Time;
 
 /// Vendor id (1018h, sub-index 1) and greatest torque (6072h), as an SDO answer names them.
 const VENDOR_ID: [u8; 3] = [0x18, 0x10, 1];

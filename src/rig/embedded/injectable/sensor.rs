@@ -1,12 +1,12 @@
 //! A force sensor with what is broken in it.
 
-use crate::canopen::{Frame, Outbox};
-use crate::injection::{Injection, Kind};
-use crate::rig::far_end::{Device, Transducer};
-use crate::rig::misread::ForceMisread;
-use crate::sensing::Calibration;
-use crate::sim::ForceSensor;
-use crate::time::Time;
+use crate::far_end::{Device, Transducer};
+use crate::misread::ForceMisread;
+use yieldwall_config::injection::{Injection, Kind};
+use yieldwall_fieldbus::canopen::{Frame, Outbox};
+use yieldwall_fieldbus::time::Time;
+use yieldwall_motion::sensing::Calibration;
+use yieldwall_sim::ForceSensor;
 
 /// Injections that act in the sensor.
 const KINDS: [Kind; 9] = [
@@ -23,27 +23,27 @@ const KINDS: [Kind; 9] = [
 
 /// A force sensor whose channels may lie, whose clock may drift, and which may be switched off.
 #[derive(Debug)]
-pub(in crate::rig::embedded) struct InjectableSensor {
-    pub(in crate::rig::embedded) sensor: ForceSensor,
+pub(in crate::embedded) struct InjectableSensor {
+    pub(in crate::embedded) sensor: ForceSensor,
     misread: ForceMisread,
 }
 
 impl InjectableSensor {
-    pub(in crate::rig::embedded) fn new(sensor: ForceSensor, calibration: Calibration) -> Self {
+    pub(in crate::embedded) fn new(sensor: ForceSensor, calibration: Calibration) -> Self {
         Self { sensor, misread: ForceMisread::none(calibration) }
     }
 
     /// Whether an injection acts in the sensor.
-    pub(in crate::rig::embedded) fn has(kind: Kind) -> bool {
+    pub(in crate::embedded) fn has(kind: Kind) -> bool {
         KINDS.contains(&kind)
     }
 
-    pub(in crate::rig::embedded) fn clear(&mut self) {
+    pub(in crate::embedded) fn clear(&mut self) {
         self.misread.clear();
     }
 
     /// Begins an injection, or ends it.
-    pub(in crate::rig::embedded) fn switch(
+    pub(in crate::embedded) fn switch(
         &mut self,
         now: Time,
         scene_from_s: f64,

@@ -5,9 +5,9 @@ use std::time::Duration;
 use super::super::buses::{DEVICES, MASTER, STRANGER};
 use super::held::Held;
 use super::participant::{Participants, Speaks, is_set_point};
-use crate::canopen::{Frame, NodeId, cob};
-use crate::injection::{Injection, Kind};
-use crate::time::Time;
+use yieldwall_config::injection::{Injection, Kind};
+use yieldwall_fieldbus::canopen::{Frame, NodeId, cob};
+use yieldwall_fieldbus::time::Time;
 
 /// Heartbeat of another master, node 126.
 const SECOND_HEARTBEAT: u16 = 0x77e;

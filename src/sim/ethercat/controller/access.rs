@@ -2,9 +2,9 @@
 
 use super::super::application::EthercatApplication;
 use super::{Clock, Controller, Ended, FMMUS, INPUTS, MAILBOX_IN, MAILBOX_OUT, MANAGERS, OUTPUTS, RAM_END};
-use crate::ethercat::registers as register;
-use crate::ethercat::{Direction, Fmmu, SyncManager, array, u16_at, u32_at};
 use std::ops::Range;
+use yieldwall_fieldbus::ethercat::registers as register;
+use yieldwall_fieldbus::ethercat::{Direction, Fmmu, SyncManager, array, u16_at, u32_at};
 
 const REGISTERS_END: usize = register::PROCESS_DATA as usize;
 const FMMU_REGISTERS: Range<usize> = register::FMMU as usize..register::FMMU as usize + FMMUS * Fmmu::SIZE;

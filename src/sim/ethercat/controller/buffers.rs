@@ -1,7 +1,7 @@
 //! The state of one sync manager: which buffer is whose, and whether a mailbox is full.
 
-use crate::ethercat::{BufferMode, Direction, SyncManager};
 use std::ops::Range;
+use yieldwall_fieldbus::ethercat::{BufferMode, Direction, SyncManager};
 
 /// One sync manager.
 #[derive(Clone, Copy, Debug)]

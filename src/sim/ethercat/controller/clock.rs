@@ -1,6 +1,6 @@
 //! The clock of a device, and how it follows the reference clock.
 
-use crate::time::Time;
+use yieldwall_fieldbus::time::Time;
 
 /// Parts per billion.
 const BILLION: i128 = 1_000_000_000;

@@ -1,8 +1,8 @@
 //! The device as the mailbox sees it: with the rules of CoE for the objects of the process data.
 
 use super::super::process_data::{Flow, entry};
-use crate::ethercat::AlState;
-use crate::objects::{AbortCode, Address, ObjectDictionary, ServedDevice};
+use yieldwall_fieldbus::ethercat::AlState;
+use yieldwall_fieldbus::objects::{AbortCode, Address, ObjectDictionary, ServedDevice};
 
 /// A device, and the state that it is in.
 pub(super) struct Guarded<'a, D> {
@@ -45,7 +45,7 @@ impl<D: ServedDevice> Guarded<'_, D> {
                 check(od.raw(at.index, sub) as u32)
             }),
             _ if od.raw(at.index, 0) != 0 => Err(AbortCode::SUB_ZERO_NOT_ZERO),
-            _ => check(crate::objects::load_le(data) as u32),
+            _ => check(yieldwall_fieldbus::objects::load_le(data) as u32),
         }
     }
 }

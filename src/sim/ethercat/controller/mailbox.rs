@@ -3,10 +3,10 @@
 use super::super::application::EthercatApplication;
 use super::guarded::Guarded;
 use super::{Controller, MAILBOX_IN, MAILBOX_OUT};
-use crate::ethercat::mailbox::{self, Counter, MailboxError, Protocol};
-use crate::ethercat::{AlState, SyncManager, coe::CoeEmergency, coe::CoeServer};
-use crate::time::Time;
 use std::time::Duration;
+use yieldwall_fieldbus::ethercat::mailbox::{self, Counter, MailboxError, Protocol};
+use yieldwall_fieldbus::ethercat::{AlState, SyncManager, coe::CoeEmergency, coe::CoeServer};
+use yieldwall_fieldbus::time::Time;
 
 /// Emergencies that wait for the mailbox; more are lost.
 const EMERGENCIES: usize = 8;

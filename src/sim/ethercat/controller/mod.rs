@@ -10,18 +10,18 @@ mod state;
 
 use super::application::EthercatApplication;
 use super::process_data::Mapping;
-use crate::ethercat::coe::{CoeEmergency, CoeServer};
-use crate::ethercat::frame::{Command, DATAGRAM_HEADER, DatagramHeader, WORKING_COUNTER};
-use crate::ethercat::registers::{self as register, feature};
-use crate::ethercat::sii::{MailboxArea, protocols};
-use crate::ethercat::{AlControl, Fmmu, SyncManager, array, u16_at, u32_at};
-use crate::objects::Reset;
-use crate::time::Time;
 use buffers::{Ended, Manager};
 use clock::{Clock, SyncSignals};
 use sii::Chip;
 use state::State;
 use std::time::Duration;
+use yieldwall_fieldbus::ethercat::coe::{CoeEmergency, CoeServer};
+use yieldwall_fieldbus::ethercat::frame::{Command, DATAGRAM_HEADER, DatagramHeader, WORKING_COUNTER};
+use yieldwall_fieldbus::ethercat::registers::{self as register, feature};
+use yieldwall_fieldbus::ethercat::sii::{MailboxArea, protocols};
+use yieldwall_fieldbus::ethercat::{AlControl, Fmmu, SyncManager, array, u16_at, u32_at};
+use yieldwall_fieldbus::objects::Reset;
+use yieldwall_fieldbus::time::Time;
 
 /// FMMUs and sync managers of a controller.
 const FMMUS: usize = 8;
@@ -40,7 +40,7 @@ const MOST_EVENTS: u32 = 4096;
 /// Settings of a controller.
 #[derive(Clone, Debug)]
 pub struct ControllerSettings {
-    /// SII image, as [`Sii::write`](crate::ethercat::sii::Sii::write) makes it or as it was read from a device.
+    /// SII image, as [`Sii::write`](yieldwall_fieldbus::ethercat::sii::Sii::write) makes it or as it was read from a device.
     pub sii: Vec<u8>,
     /// By how much its clock is too fast, in parts per billion, -1 000 000 to 1 000 000.
     pub drift_ppb: i32,

@@ -1,10 +1,10 @@
 //! The memory chip with the SII image, behind registers.
 
-use crate::ethercat::registers::sii_control as control;
-use crate::ethercat::sii::{FIRST_CATEGORY, checksum};
-use crate::ethercat::{array, u16_at};
-use crate::time::Time;
 use std::time::Duration;
+use yieldwall_fieldbus::ethercat::registers::sii_control as control;
+use yieldwall_fieldbus::ethercat::sii::{FIRST_CATEGORY, checksum};
+use yieldwall_fieldbus::ethercat::{array, u16_at};
+use yieldwall_fieldbus::time::Time;
 
 /// How long a read takes, and a write.
 const READ_TIME: Duration = Duration::from_micros(60);

@@ -4,11 +4,11 @@ use super::super::application::EthercatApplication;
 use super::super::process_data::Flow;
 use super::clock::SyncSignals;
 use super::{Controller, INPUTS, MAILBOX_IN, OUTPUTS, RAM_END};
-use crate::ethercat::registers as register;
-use crate::ethercat::{AlControl, AlState, AlStatus, AlStatusCode, BufferMode, Direction};
-use crate::objects::Address;
-use crate::time::Time;
 use std::time::Duration;
+use yieldwall_fieldbus::ethercat::registers as register;
+use yieldwall_fieldbus::ethercat::{AlControl, AlState, AlStatus, AlStatusCode, BufferMode, Direction};
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_fieldbus::time::Time;
 
 /// How long a device waits on the way to OP for what it needs there: outputs, SYNC0.
 const OP_PATIENCE: Duration = Duration::from_millis(200);

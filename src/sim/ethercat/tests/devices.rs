@@ -2,15 +2,15 @@
 
 use super::super::{SimulatedDevice, esi, sii};
 use super::*;
-use crate::config::shipped_profile;
-use crate::ethercat::coe::{CoeAnswer, CoeClient, CoeRequest, Heard};
-use crate::ethercat::frame::Command;
-use crate::ethercat::mailbox::{self, Counter, Protocol};
-use crate::ethercat::sii::Sii;
-use crate::objects::{AbortCode, Address, ObjectError, ServedDevice};
-use crate::sim::{AxisSettings, Encoder, EthercatDrive, ForceTorqueSensor, ForceTorqueSettings, PositionLoop};
+use crate::{AxisSettings, Encoder, EthercatDrive, ForceTorqueSensor, ForceTorqueSettings, PositionLoop};
+use yieldwall_config::shipped_profile;
 use yieldwall_drives::cia402::State;
 use yieldwall_drives::scaling::{AxisScaling, Direction};
+use yieldwall_fieldbus::ethercat::coe::{CoeAnswer, CoeClient, CoeRequest, Heard};
+use yieldwall_fieldbus::ethercat::frame::Command;
+use yieldwall_fieldbus::ethercat::mailbox::{self, Counter, Protocol};
+use yieldwall_fieldbus::ethercat::sii::Sii;
+use yieldwall_fieldbus::objects::{AbortCode, Address, ObjectError, ServedDevice};
 
 const CYCLE: Duration = Duration::from_millis(1);
 const OUTPUTS: usize = 13;
@@ -311,13 +311,13 @@ fn the_sensor_samples_by_its_own_clock_with_32_bits() {
     sensor(&mut bench, [100_000_000, -2, 3, 4, 5, 600_000_000]);
     bench.now = bench.now + Duration::from_millis(10);
     let (first, counter) = bench.ask(Command::Aprd, 0, 0x1c00, &[0; 32]);
-    assert_eq!((crate::ethercat::u32_at(&first, 0), counter), (100_000_000, 1));
-    assert_eq!(crate::ethercat::u32_at(&first, 20), 500_000_000, "cut off at the range");
-    assert_eq!(crate::ethercat::u32_at(&first, 24), 1 << 27 | 1 << 31);
+    assert_eq!((yieldwall_fieldbus::ethercat::u32_at(&first, 0), counter), (100_000_000, 1));
+    assert_eq!(yieldwall_fieldbus::ethercat::u32_at(&first, 20), 500_000_000, "cut off at the range");
+    assert_eq!(yieldwall_fieldbus::ethercat::u32_at(&first, 24), 1 << 27 | 1 << 31);
     // A frame takes 20 us: 10 ms from one to the other.
     bench.now = bench.now + Duration::from_micros(9980);
     let (second, _) = bench.ask(Command::Aprd, 0, 0x1c00, &[0; 32]);
-    let number = |inputs: &[u8]| crate::ethercat::u32_at(inputs, 28);
+    let number = |inputs: &[u8]| yieldwall_fieldbus::ethercat::u32_at(inputs, 28);
     assert_eq!(number(&second) - number(&first), 80, "8000 samples a second");
     // The zero.
     sensor(&mut bench, [7; 6]);
@@ -326,7 +326,7 @@ fn the_sensor_samples_by_its_own_clock_with_32_bits() {
     sensor(&mut bench, [9; 6]);
     bench.now = bench.now + Duration::from_millis(1);
     let (zeroed, _) = bench.ask(Command::Aprd, 0, 0x1c00, &[0; 32]);
-    assert_eq!(crate::ethercat::u32_at(&zeroed, 0), 2);
+    assert_eq!(yieldwall_fieldbus::ethercat::u32_at(&zeroed, 0), 2);
 }
 
 #[test]

@@ -5,11 +5,11 @@ mod rules;
 mod scenarios;
 
 use super::{Controller, ControllerSettings, Segment};
-use crate::ethercat::sii::{MailboxArea, Sii, protocols};
-use crate::ethercat::{frame, u16_at};
-use crate::objects::{Access, Mappable, Object, ObjectDictionary};
-use crate::time::Time;
 use std::time::Duration;
+use yieldwall_fieldbus::ethercat::sii::{MailboxArea, Sii, protocols};
+use yieldwall_fieldbus::ethercat::{frame, u16_at};
+use yieldwall_fieldbus::objects::{Access, Mappable, Object, ObjectDictionary};
+use yieldwall_fieldbus::time::Time;
 
 /// A device with two bytes of outputs and two of inputs, or with four bytes of inputs alone.
 fn dictionary(has_outputs: bool) -> ObjectDictionary {

@@ -1,9 +1,9 @@
 //! What takes more than one datagram to see.
 
 use super::*;
-use crate::ethercat::frame::Command;
-use crate::ethercat::{AlState, AlStatusCode};
 use proptest::prelude::*;
+use yieldwall_fieldbus::ethercat::frame::Command;
+use yieldwall_fieldbus::ethercat::{AlState, AlStatusCode};
 
 const US: u64 = 1000;
 
@@ -149,7 +149,7 @@ fn sync0_applies_outputs_and_latches_inputs() {
     segment.poll(Time(1_500_000));
     assert_eq!(segment.controller(0).unwrap().device().raw(0x1c32, 11), 1);
     let od = segment.controller_mut(0).unwrap().device_mut();
-    od.set_bytes(crate::objects::Address::new(0x10f1, 2), &[2, 0]).unwrap();
+    od.set_bytes(yieldwall_fieldbus::objects::Address::new(0x10f1, 2), &[2, 0]).unwrap();
     segment.poll(Time(2_000_000));
     let (status, _) = ask(&mut segment, Time(2_000_001), Command::Aprd, 0, 0x0130, &[0; 6]);
     assert_eq!(status, [0x14, 0, 0, 0, 0x1a, 0]);
@@ -163,7 +163,7 @@ fn outputs_act_on_arrival_where_the_master_has_written_that() {
             assert_eq!(ask(segment, now, Command::Apwr, 0, ado, data).1, 1)
         };
         let od = segment.controller_mut(0).unwrap().device_mut();
-        od.set_bytes(crate::objects::Address::new(0x1c32, 1), &written.to_le_bytes()).unwrap();
+        od.set_bytes(yieldwall_fieldbus::objects::Address::new(0x1c32, 1), &written.to_le_bytes()).unwrap();
         let start = Time(10_000);
         set(&mut segment, start, 0x09a0, &250_000u32.to_le_bytes());
         set(&mut segment, start, 0x0990, &1_000_000u64.to_le_bytes());
@@ -211,7 +211,10 @@ fn receive_times_give_the_delays_and_drifting_clocks_are_brought_together() {
     let mut loops = Vec::new();
     for place in 0..3 {
         let (times, _) = ask(&mut segment, Time(0), Command::Aprd, adp(place), 0x0900, &[0; 8]);
-        loops.push(crate::ethercat::u32_at(&times, 4).wrapping_sub(crate::ethercat::u32_at(&times, 0)));
+        loops.push(
+            yieldwall_fieldbus::ethercat::u32_at(&times, 4)
+                .wrapping_sub(yieldwall_fieldbus::ethercat::u32_at(&times, 0)),
+        );
     }
     assert_eq!(loops[..2], [2000, 1000]);
     // Offsets against the reference, delays of 500 and 1000 ns.
@@ -228,7 +231,7 @@ fn receive_times_give_the_delays_and_drifting_clocks_are_brought_together() {
     let times: Vec<i64> = (0..3).map(|place| segment.controller(place).unwrap().system_time_ns(now)).collect();
     assert!(times.iter().all(|time| (time - times[0]).abs() <= 20), "{times:?}");
     let (difference, _) = ask(&mut segment, now, Command::Aprd, adp(1), 0x092c, &[0; 4]);
-    assert!(crate::ethercat::u32_at(&difference, 0) & 0x7fff_ffff <= 20);
+    assert!(yieldwall_fieldbus::ethercat::u32_at(&difference, 0) & 0x7fff_ffff <= 20);
 }
 
 #[test]
@@ -268,7 +271,7 @@ fn the_objects_of_process_data_are_written_in_pre_op_with_their_number_at_zero()
         request.resize(64, 0);
         ask(segment, Time(0), Command::Apwr, 0, 0x1000, &request);
         let (answer, _) = ask(segment, Time(0), Command::Aprd, 0, 0x1400, &[0; 64]);
-        (answer[8], crate::ethercat::u32_at(&answer, 12))
+        (answer[8], yieldwall_fieldbus::ethercat::u32_at(&answer, 12))
     };
     assert_eq!(write(&mut segment, "2b 12 1c 01 00160000"), (0x80, 0x0601_0003));
     assert_eq!(write(&mut segment, "2f 12 1c 00 00000000"), (0x60, 0));

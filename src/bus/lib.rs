@@ -1,0 +1,44 @@
+//! The bus master: boots the network, walks the drives to Operation Enabled and exchanges process data.
+//!
+//! ```text
+//! Resetting -> Configuring (SDO, node by node in parallel) -> Starting -> Operational
+//!                       |                                        |
+//!                       +----------------> Failed <--------------+      nothing is enabled
+//! ```
+//! [`Master`] is sans-I/O: the caller brings frames and moments and carries away what it puts into the outbox. Two
+//! moments a cycle are its own: [`Master::on_sync`] at 0 and [`Master::on_compute`] when all process data are in.
+//! [`budget`] proves beforehand that they are.
+//!
+//! `can` knows frames and nodes and brings raw words, [`ethercat`] does so of a segment. `script` is what a device is asked and told over
+//! either. `axis` stands once for all buses: words to SI and back, the walk to
+//! Operation Enabled, and what a command that the guard has allowed becomes.
+
+mod axis;
+mod can;
+mod error;
+pub mod ethercat;
+mod master;
+mod phase;
+mod script;
+mod setup;
+mod signs;
+mod told;
+
+pub use axis::{AxisSetup, HomingState, words_to_enable};
+pub use can::{BootPlan, NodePlan, PlannedWrite, Waiting, budget};
+pub use error::{BootError, BootFailure, Others, Said};
+pub use master::{Master, SEGMENT_LISTENING};
+pub use phase::Phase;
+pub use script::Written;
+pub use setup::{BrakeWords, DriveSetup, HomingOrder, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
+pub use signs::{Heard, LISTENING, Sign, Signs};
+pub use told::Told;
+pub use yieldwall_drives::cia402::CommandMode;
+pub use yieldwall_fieldbus::LinkEvent;
+
+// The cycle that tests of the master share with those of the cycle names these as its own package does.
+#[cfg(test)]
+use yieldwall_motion::{control, cycle, fixture, guard, linkage, sensing};
+
+#[cfg(test)]
+mod tests;

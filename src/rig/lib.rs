@@ -1,0 +1,44 @@
+//! A configuration assembled into a rig that runs in virtual time.
+//!
+//! ```text
+//! config -> assembly -> run::Runner [ Master [ Cycle ] ] <-> place in virtual time [ VirtualBus <-> Drive x2, ForceSensor <-> World (arm, hand) ]
+//! ```
+//! The place of [`EmbeddedRig`] processes events in order of virtual time: frames that arrive, and moments that devices or the loop
+//! wait for. [`DeviceServer`] has the same devices on any other CAN bus, [`SegmentServer`] those of a rig on EtherCAT, and [`ImpedanceRig`] is the device without a bus.
+
+pub mod analysis;
+pub mod batch;
+mod defects;
+mod devices;
+mod drill;
+mod embedded;
+mod error;
+mod far_end;
+mod frame_faults;
+mod hand;
+mod impedance;
+mod line;
+pub mod live;
+mod misread;
+pub mod report;
+#[cfg(test)]
+#[path = "../sample.rs"]
+mod sample;
+mod script;
+mod seat;
+mod segment;
+mod server;
+mod silence;
+mod world;
+
+pub use devices::{
+    arm as simulated_arm, drive as simulated_drive, force_sensor as simulated_force_sensor,
+    segment as simulated_segment,
+};
+pub use drill::drill;
+pub use embedded::{BodyTruth, EmbeddedRig, PORTS};
+pub use error::RigError;
+pub use impedance::{ImpedanceLoop, ImpedanceRig};
+pub use seat::{Answer, Call, Peer};
+pub use segment::{SegmentServed, SegmentServer};
+pub use server::{DeviceServer, Served};

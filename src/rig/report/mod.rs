@@ -1,0 +1,8 @@
+//! What a run shows: its trace, the measures taken from it, and a recording run again.
+
+pub mod measures;
+#[cfg(feature = "recording")]
+pub mod replay;
+mod run;
+
+pub use run::{Overrides, RunReport, Seen, Stage, Watch, measured, measured_device, run_device, run_rig};

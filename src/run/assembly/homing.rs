@@ -1,0 +1,41 @@
+//! Drives that find their reference by themselves: what they are told, and what their positions mean before.
+
+use super::error::AssemblyError;
+use super::{profile, scaling};
+use yieldwall_bus::{AxisSetup, HomingOrder};
+use yieldwall_config as config;
+use yieldwall_drives::scaling::wrap;
+
+/// A joint that homes comes up to its rate in so long, s.
+pub const HOMING_COMES_UP_S: f64 = 0.2;
+
+/// How the positions of a drive are taken, near this angle in rad.
+pub(super) fn axis(drive: &config::Drive, expected_rad: f64) -> Result<AxisSetup, AssemblyError> {
+    let model = profile(&drive.profile)?;
+    let homing = model.servo().and_then(|servo| servo.homing.clone());
+    let home = homing.zip(drive.homing.map(|homing| homing.angle_rad.get()));
+    Ok(AxisSetup { scaling: scaling(drive)?, expected_rad, home })
+}
+
+/// What both drives are told that are to home.
+///
+/// # Errors
+/// If one has no `homing` in the rig.
+pub(super) fn orders(rig: &config::Rig) -> Result<[HomingOrder; 2], AssemblyError> {
+    let [left, right] = &rig.drives;
+    Ok([order(left)?, order(right)?])
+}
+
+fn order(drive: &config::Drive) -> Result<HomingOrder, AssemblyError> {
+    let none = || AssemblyError::Mismatch(format!("`{}` has no `homing`", drive.name));
+    let homing = drive.homing.ok_or_else(none)?;
+    let scaling = scaling(drive)?;
+    let counts = |rate: f64| (rate * scaling.counts_per_rad()).round().clamp(1.0, f64::from(i32::MAX)) as u32;
+    let rate = homing.rate_rad_per_s.get();
+    Ok(HomingOrder {
+        method: homing.method,
+        speed_counts_per_s: counts(rate),
+        acceleration_counts_per_s2: counts(rate / HOMING_COMES_UP_S),
+        position_at_home: wrap(scaling.counts(homing.angle_rad.get())?),
+    })
+}

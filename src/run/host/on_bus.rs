@@ -1,0 +1,556 @@
+//! A rig on the interfaces of this computer, from locked memory to the network that is left: what `run --bus` and `drill` do, in
+//! one call each.
+
+mod bench;
+mod news;
+mod open;
+
+use std::io;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread;
+
+use thiserror::Error;
+
+use super::system::{Refusal, SystemMetronome, computer, lock_memory, run_first};
+use super::timing::{Kept, Untimely};
+use crate::assembly::{bus_plan, segment};
+use crate::commission::{Begin, Commissioned, StepReport};
+use crate::{
+    Bounds, Drilled, DriveError, DriveIdentity, ErrorWatch, Finding, HomePlan, Homed, Jog, Jogged, LinkCounts,
+    LoopPlan, LoopTraced, NotProven, Observer, OnLink, Orders, Pace, Play, Played, Proof, Pulled, Repeated, RunError,
+    Runner, Tap, Task, Unproven, Wrenches, settling_on_bus,
+};
+use bench::OnTheBench;
+pub use bench::Person;
+pub use news::News;
+use news::boot_watch;
+pub use open::{OpenError, open_buses};
+use yieldwall_bus::budget::Budget;
+use yieldwall_bus::{Told, ethercat};
+use yieldwall_config as config;
+use yieldwall_link::{InterfaceFacts, Interfaces, Role, SocketCan};
+use yieldwall_motion::guard::Fault;
+use yieldwall_motion::quantity::{JointAngles, TipPoint};
+use yieldwall_motion::sensing::Wrench;
+use yieldwall_record::{CycleRecord, Standstill};
+
+/// A rig on the interfaces of this computer that has sent nothing yet.
+///
+/// Whoever runs it gets what the program gives: memory that is locked; on each interface the hold of the only master, and process data
+/// apart from the rest; a thread with real-time priority for the loop; nobody else's master listened for before anything is sent; this
+/// computer's timing asked before, and drives that have shown that they stop by themselves; as many cycles before the drives are
+/// enabled as it takes two devices with one node id to show; a stop along the ramp, and the network left in the end, whatever happened.
+/// A rig whose buses cannot keep its cycle is refused.
+///
+/// ```no_run
+/// use std::sync::{Arc, atomic::AtomicBool};
+/// use yieldwall::{config, host::{Terms, Evidence, RigOnBus}, run::Pace};
+///
+/// # fn run(now_unix_s: u64) -> Result<(), Box<dyn std::error::Error>> {
+/// let rig = config::load_rig(config::Source::named("rig.yaml"))?.value;
+/// let on_bus = RigOnBus::open(&rig, &["can0".to_owned()], Pace::Free)?;
+/// let evidence = Evidence::OnRecord { drills: "drills".into(), latency: "latency".into(), now_unix_s };
+/// let terms = Terms { evidence, needs_realtime: true, ignores_latency: false, ignores_bus_budget: false };
+/// let is_interrupted = Arc::new(AtomicBool::new(false));
+/// let outcome = on_bus.run(&terms, 10.0, &is_interrupted, |_| (), |news| println!("{news:?}"))?;
+/// println!("{:?}", outcome.played?);
+/// # Ok(())
+/// # }
+/// ```
+pub struct RigOnBus {
+    rig: config::Rig,
+    runner: OnInterfaces,
+    memory: Result<(), Refusal>,
+    orders: Option<Arc<Orders>>,
+    /// The buses that cannot keep the cycle.
+    overfull: Vec<String>,
+}
+
+/// What shows that a rig may be enabled.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Evidence {
+    /// For lockstep, in which nothing has to be in time and no drill is possible: what a drill of the same simulated drives has found in
+    /// virtual time.
+    InVirtualTime(Drilled),
+    /// By the wall clock: what is on record.
+    OnRecord {
+        /// The folder with the records of drills on a bus.
+        drills: PathBuf,
+        /// The folder with the measurements of this computer.
+        latency: PathBuf,
+        /// The present moment in s since 1970, by which messages tell how old a measurement is.
+        now_unix_s: u64,
+    },
+}
+
+/// What has to be so before a rig is enabled.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Terms {
+    /// Of drives and computer.
+    pub evidence: Evidence,
+    /// Whether nothing is sent unless this computer grants real-time priority and locked memory.
+    pub needs_realtime: bool,
+    /// Whether the rig runs also if this computer has not proved the timing that it asks for. A recording has to say so.
+    pub ignores_latency: bool,
+    /// Whether the rig runs also if a bus with arbitration cannot keep its cycle.
+    pub ignores_bus_budget: bool,
+}
+
+/// Why a rig did not come to run.
+#[derive(Debug, Error)]
+pub enum NotRun {
+    /// The loop could not go on.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// It is not shown that the drives stop by themselves. Nothing was enabled.
+    #[error(transparent)]
+    Unproven(#[from] Unproven),
+    /// This computer has not proved its timing. Nothing was sent.
+    #[error(transparent)]
+    Untimely(#[from] Untimely),
+    /// A bus cannot keep the cycle in the worst case. Nothing was sent.
+    #[error("the bus `{bus}` cannot keep the cycle")]
+    Overfull {
+        /// Its name.
+        bus: String,
+    },
+    /// Priority or locked memory was demanded and not granted ([`Outcome::priority`], [`Outcome::memory`]). Nothing was sent.
+    #[error("this computer does not grant what the loop needs to be in time")]
+    NotGranted,
+}
+
+impl From<NotProven> for NotRun {
+    fn from(error: NotProven) -> Self {
+        match error {
+            NotProven::Run(error) => Self::Run(error),
+            NotProven::Unproven(error) => Self::Unproven(error),
+        }
+    }
+}
+
+/// What became of the thread of the cycle.
+#[derive(Debug, Error)]
+pub enum ThreadError {
+    /// It could not be started. Nothing was sent.
+    #[error("thread of the cycle: {0}")]
+    NotStarted(io::Error),
+    /// It has panicked, outside of the cycle, whose panics stop the rig.
+    #[error("the thread of the cycle has panicked")]
+    Panicked,
+}
+
+/// What a run leaves, or a jog.
+#[derive(Debug)]
+pub struct Outcome<T = Played> {
+    /// How it ended.
+    pub played: Result<T, NotRun>,
+    /// What this computer has proved; nothing where nothing has to be in time.
+    pub timing: Option<Result<Kept, Untimely>>,
+    /// Whether the loop had real-time priority.
+    pub priority: Result<(), Refusal>,
+    /// Whether memory was locked.
+    pub memory: Result<(), Refusal>,
+    /// What the links have told.
+    pub counts: LinkCounts,
+    /// What the devices told of themselves, the latest last.
+    pub emergencies: Vec<Told>,
+    /// What the drives said of the fault that stopped the rig or kept it from running.
+    pub errors: Vec<DriveError>,
+    /// Faults that held nothing, each with the number of cycles in which it was seen.
+    pub counted: Vec<(Fault, u32)>,
+    /// SDO downloads of somebody else to the rig's nodes.
+    pub foreign_downloads: u32,
+    /// What was wrong with the devices of an EtherCAT segment, a line each.
+    pub segment: Vec<String>,
+    /// Standstill of this computer in the seconds before the fault, or before a boot or a read failed.
+    pub standstill: Option<Standstill>,
+}
+
+/// What a drill leaves. [`Subject::store`](crate::Subject::store) keeps it for the runs with these drives.
+#[derive(Debug)]
+pub struct DrillOutcome {
+    /// What the drives say that they are, and what their watchdogs do.
+    pub drilled: Result<([DriveIdentity; 2], Drilled), RunError>,
+    /// What the devices told of themselves, the latest last.
+    pub emergencies: Vec<Told>,
+    /// What the drives said of the fault that kept them from being drilled.
+    pub errors: Vec<DriveError>,
+}
+
+impl RigOnBus {
+    /// Locks the memory of this process, as far as it is granted, and opens the interfaces, one for each of the rig's buses in the order
+    /// of their names, as their only master. Nothing is sent.
+    ///
+    /// # Errors
+    /// If an interface cannot be used or has a master in another process, or parts of the configuration do not fit together.
+    pub fn open(rig: &config::Rig, interfaces: &[String], pace: Pace) -> Result<Self, OpenError> {
+        let memory = lock_memory();
+        let plan = if rig.is_on_can() { Some(bus_plan(rig).map_err(RunError::from)?) } else { None };
+        let mut overfull = Vec::new();
+        if rig.is_on_ethercat() && rig.frames_take_time() {
+            let setup = segment(rig).map_err(RunError::from)?;
+            if !ethercat::Budget::new(&setup).is_schedulable() {
+                overfull.extend(rig.buses.keys().nth(setup.bus.index()).cloned());
+            }
+        }
+        for (setup, conditions) in plan.iter().flat_map(|(setup, all)| all.iter().map(move |one| (setup, *one))) {
+            let budget = Budget::new(setup, conditions).map_err(RunError::from)?;
+            if rig.frames_take_time() && !budget.is_schedulable() {
+                overfull.extend(rig.buses.keys().nth(conditions.bus.index()).cloned());
+            }
+        }
+        let wanted = |bus| plan.as_ref().map(|(setup, _)| open::filters(setup, bus)).unwrap_or_default();
+        let link = open_buses(rig, interfaces, |_| vec![Role::Master], wanted)?;
+        let runner = Runner::on_link(rig, link, SystemMetronome, pace)?;
+        Ok(Self { rig: rig.clone(), runner, memory, orders: None, overfull })
+    }
+
+    /// Whether memory is locked.
+    pub fn memory(&self) -> &Result<(), Refusal> {
+        &self.memory
+    }
+
+    /// What the system tells of each CAN interface.
+    pub fn facts(&self) -> impl Iterator<Item = &InterfaceFacts> {
+        self.runner.place().link.can().map(SocketCan::facts)
+    }
+
+    /// The interface of the segment, if nothing is plugged in there or the other end is down.
+    pub fn unplugged(&self) -> Option<&str> {
+        let segment = self.runner.place().link.segment()?;
+        (!segment.has_carrier()).then(|| segment.interface())
+    }
+
+    /// Has `tap` get every frame, own ones when they were seen on the bus.
+    pub fn set_tap(&mut self, tap: Tap) {
+        self.runner.set_tap(tap);
+    }
+
+    /// Has `observer` get the record of every cycle.
+    pub fn set_observer(&mut self, observer: Observer) {
+        self.runner.set_observer(observer);
+    }
+
+    /// Has a run be attended by a person who gives these orders, as [`Runner::play_attended`].
+    pub fn set_orders(&mut self, orders: Arc<Orders>) {
+        self.orders = Some(orders);
+    }
+
+    /// Has `watch` be told what each drive says of a fault that has stopped the rig.
+    pub fn set_error_watch(&mut self, watch: ErrorWatch) {
+        self.runner.set_error_watch(watch);
+    }
+
+    /// Boots, proves, enables, runs a scene of `duration_s`, stops and leaves, on a thread of its own. `each` gets every record of the
+    /// scene on that thread, `tell` what it has to tell on the calling one.
+    ///
+    /// # Errors
+    /// If there is no such thread; what kept the rig from running is in the outcome.
+    pub fn run(
+        self,
+        terms: &Terms,
+        duration_s: f64,
+        is_interrupted: &Arc<AtomicBool>,
+        each: impl FnMut(&CycleRecord) + Send,
+        tell: impl FnMut(News),
+    ) -> Result<Outcome, ThreadError> {
+        let orders = self.orders.clone();
+        self.under(terms, is_interrupted, tell, |runner, rig, news| {
+            let play = Play::on_bus(rig, duration_s);
+            runner.boot()?;
+            let permit = runner.prove(rig, &terms.proof())?;
+            // Nobody listens if the thread that waits has died.
+            let _ = news.send(News::Proved);
+            Ok(runner.play_attended(&play, &permit, is_interrupted, orders.as_deref(), each)?)
+        })
+    }
+
+    /// Boots, proves, tells the drives how little torque they may make, enables, leads the joints and stops, on a thread of its own. Nobody
+    /// may hold the handle.
+    ///
+    /// # Errors
+    /// If there is no such thread; what kept the joints from being led is in the outcome.
+    pub fn jog(
+        self,
+        terms: &Terms,
+        jog: &Jog<'_>,
+        bounds: Bounds,
+        is_interrupted: &Arc<AtomicBool>,
+        tell: impl FnMut(News),
+    ) -> Result<Outcome<Jogged>, ThreadError> {
+        self.under(terms, is_interrupted, tell, |runner, rig, news| {
+            runner.boot()?;
+            let permit = runner.prove_for_bring_up(rig, &terms.proof(), bounds)?;
+            let _ = news.send(News::Proved);
+            Ok(runner.jog(rig, jog, &permit, is_interrupted, |_, _| ())?)
+        })
+    }
+
+    /// Boots for homing, proves, tells the drives how little torque they may make, enables them and has each find its reference, so many times
+    /// as [`Runner::home_repeatedly`], on a thread of its own; each is told ([`News::Homed`]). Nobody may hold the handle.
+    ///
+    /// # Errors
+    /// If there is no such thread; what kept the drives from being homed is in the outcome.
+    pub fn home(
+        self,
+        terms: &Terms,
+        (plan, times): (&HomePlan, u32),
+        bounds: Bounds,
+        is_interrupted: &Arc<AtomicBool>,
+        tell: impl FnMut(News),
+    ) -> Result<Outcome<Repeated>, ThreadError> {
+        self.under(terms, is_interrupted, tell, |runner, rig, news| {
+            let mut prove = |runner: &mut OnInterfaces, rig: &config::Rig, bounds: Bounds| {
+                runner.prove_for_bring_up(rig, &terms.proof(), bounds)
+            };
+            let told = |homed: &Homed| drop(news.send(News::Homed(*homed)));
+            Ok(runner.home_repeatedly(rig, plan, times, bounds, &mut prove, is_interrupted, told)?)
+        })
+    }
+
+    /// Boots, proves, tells the drives how little torque they may make, and leads one joint after the other along its course, as
+    /// [`Runner::tune_loop`], on a thread of its own, up to the first that does not go its whole course. Nobody may hold the handle.
+    ///
+    /// # Errors
+    /// If there is no such thread; what kept the joints from being led is in the outcome.
+    pub fn tune_loop(
+        self,
+        terms: &Terms,
+        plans: &[LoopPlan],
+        is_interrupted: &Arc<AtomicBool>,
+        tell: impl FnMut(News),
+    ) -> Result<Outcome<Vec<LoopTraced>>, ThreadError> {
+        self.under(terms, is_interrupted, tell, |runner, rig, _| {
+            let proof = terms.proof();
+            let mut prove = |runner: &mut OnInterfaces, rig: &config::Rig, bounds: Bounds| {
+                runner.prove_for_bring_up(rig, &proof, bounds)
+            };
+            let mut traced: Vec<LoopTraced> = Vec::with_capacity(plans.len());
+            for plan in plans {
+                traced.push(runner.tune_loop(rig, plan, &mut prove, is_interrupted)?);
+                if traced.last().is_none_or(|last| last.found.is_none()) {
+                    break;
+                }
+            }
+            Ok(traced)
+        })
+    }
+
+    /// Takes the steps of a commissioning, as [`Runner::commission`], on a thread of its own. Reports are told as they come
+    /// ([`News::Stepped`]).
+    ///
+    /// # Errors
+    /// If there is no such thread; what kept the rig from being commissioned is in the outcome.
+    pub fn commission(
+        self,
+        terms: &Terms,
+        begin: Begin,
+        person: &mut (dyn Person + Send),
+        is_interrupted: &Arc<AtomicBool>,
+        tell: impl FnMut(News),
+    ) -> Result<Outcome<Commissioned>, ThreadError> {
+        self.under(terms, is_interrupted, tell, |runner, rig, news| {
+            let mut attendant = OnTheBench { person, proof: terms.proof() };
+            // Somebody listens for as long as this thread lives.
+            let told = |report: &StepReport| drop(news.send(News::Stepped(Box::new(report.clone()))));
+            Ok(runner.commission(rig, begin, &mut attendant, is_interrupted, told))
+        })
+    }
+
+    /// Boots and listens to the force sensor, as [`Runner::sense`], on a thread of its own; nothing is enabled. What it has shown is told
+    /// every `row_s` ([`News::Sensed`]).
+    ///
+    /// # Errors
+    /// If there is no such thread; what kept the rig from being booted is in the outcome.
+    pub fn sense(
+        self,
+        terms: &Terms,
+        [time_s, row_s]: [f64; 2],
+        is_interrupted: &Arc<AtomicBool>,
+        tell: impl FnMut(News),
+    ) -> Result<Outcome<Wrenches>, ThreadError> {
+        self.under(terms, is_interrupted, tell, |runner, rig, news| {
+            runner.boot()?;
+            let told = |from_s, wrenches| drop(news.send(News::Sensed(from_s, Box::new(wrenches))));
+            Ok(runner.sense_in_rows(rig, [time_s, row_s], is_interrupted, told)?)
+        })
+    }
+
+    /// Boots and tares the force sensor, as [`Runner::tare`], on a thread of its own; nothing is enabled.
+    ///
+    /// # Errors
+    /// If there is no such thread; why there is no zero is in the outcome.
+    pub fn tare(
+        self,
+        terms: &Terms,
+        most_n: config::Positive,
+        is_interrupted: &Arc<AtomicBool>,
+        tell: impl FnMut(News),
+    ) -> Result<Outcome<Wrench>, ThreadError> {
+        self.under(terms, is_interrupted, tell, |runner, rig, _| {
+            runner.boot()?;
+            Ok(runner.tare(rig, most_n, is_interrupted)?)
+        })
+    }
+
+    /// Measures forces that somebody has pull at the tool, as [`Runner::pulls`], on a thread of its own; nothing is enabled.
+    ///
+    /// # Errors
+    /// If there is no such thread; what kept the sensor from being measured is in the outcome.
+    pub fn pulls(
+        self,
+        terms: &Terms,
+        force_n: f64,
+        help: &mut (dyn FnMut(Task) -> bool + Send),
+        is_interrupted: &Arc<AtomicBool>,
+        tell: impl FnMut(News),
+    ) -> Result<Outcome<Vec<Pulled>>, ThreadError> {
+        self.under(terms, is_interrupted, tell, |runner, rig, _| {
+            Ok(runner.pulls(rig, force_n, &mut |_, task| help(task), is_interrupted)?)
+        })
+    }
+
+    /// Has somebody lead the tool to points, as [`Runner::visit`], on a thread of its own; nothing is enabled. The angles of the joints at
+    /// each.
+    ///
+    /// # Errors
+    /// If there is no such thread; what kept the points from being visited is in the outcome.
+    pub fn visit(
+        self,
+        terms: &Terms,
+        points: &[TipPoint],
+        help: &mut (dyn FnMut(Task) -> bool + Send),
+        is_interrupted: &Arc<AtomicBool>,
+        tell: impl FnMut(News),
+    ) -> Result<Outcome<Vec<JointAngles>>, ThreadError> {
+        self.under(terms, is_interrupted, tell, |runner, _, _| {
+            Ok(runner.visit(points, &mut |_, task| help(task), is_interrupted)?)
+        })
+    }
+
+    /// Has something done with the rig where the terms are kept, on a thread of its own, and leaves the network.
+    fn under<T: Send>(
+        self,
+        terms: &Terms,
+        is_interrupted: &Arc<AtomicBool>,
+        tell: impl FnMut(News),
+        act: impl FnOnce(&mut OnInterfaces, &config::Rig, &Sender<News>) -> Result<T, NotRun> + Send,
+    ) -> Result<Outcome<T>, ThreadError> {
+        let (news, told) = channel();
+        let Self { rig, mut runner, memory, overfull, .. } = self;
+        let steps = news.clone();
+        runner.set_boot_watch(boot_watch(news.clone(), Arc::clone(is_interrupted)));
+        on_thread_of_the_cycle(news, &told, tell, move |priority| {
+            let timing = terms.timing(&rig, runner.pace(), [&priority, &memory].map(Result::is_ok));
+            let overfull = overfull.join("`, `");
+            let is_granted = priority.is_ok() && memory.is_ok();
+            let played = match &timing {
+                _ if terms.needs_realtime && !is_granted => Err(NotRun::NotGranted),
+                _ if !terms.ignores_bus_budget && !overfull.is_empty() => Err(NotRun::Overfull { bus: overfull }),
+                Some(Err(error)) if !terms.ignores_latency => Err(error.clone().into()),
+                _ => {
+                    let played = act(&mut runner, &rig, &steps);
+                    runner.leave();
+                    played
+                }
+            };
+            let master = runner.master();
+            let standstill = if played.is_ok() { runner.standstill_before_fault() } else { runner.standstill() };
+            Outcome {
+                played,
+                timing,
+                priority,
+                memory,
+                counts: runner.counts(),
+                emergencies: runner.master().told().collect(),
+                errors: runner.errors().collect(),
+                counted: master.cycle().faults().counted().collect(),
+                foreign_downloads: master.foreign_downloads(),
+                segment: master.segment_findings(),
+                standstill,
+            }
+        })
+    }
+
+    /// Boots, drills all watchdogs of the drives at rest, and leaves, on a thread of its own. Nobody may hold the handle.
+    ///
+    /// # Errors
+    /// If there is no such thread; what kept the drives from being drilled is in the outcome.
+    pub fn drill(self, is_interrupted: &Arc<AtomicBool>, tell: impl FnMut(News)) -> Result<DrillOutcome, ThreadError> {
+        let (news, told) = channel();
+        let Self { rig, mut runner, .. } = self;
+        runner.set_boot_watch(boot_watch(news.clone(), Arc::clone(is_interrupted)));
+        // A drill on a computer that grants nothing is coarser, and says so by its resolution.
+        let findings = news.clone();
+        on_thread_of_the_cycle(news, &told, tell, move |_| {
+            let drilled = drill(&mut runner, &rig, is_interrupted, &findings);
+            runner.leave();
+            let master = runner.master();
+            DrillOutcome { drilled, emergencies: master.told().collect(), errors: runner.errors().collect() }
+        })
+    }
+}
+
+impl Terms {
+    /// What this computer has proved of its timing; nothing where nothing has to be in time.
+    fn timing(
+        &self,
+        rig: &config::Rig,
+        pace: Pace,
+        [has_priority, has_locked_memory]: [bool; 2],
+    ) -> Option<Result<Kept, Untimely>> {
+        match &self.evidence {
+            Evidence::OnRecord { latency, now_unix_s, .. } if pace == Pace::Free => {
+                Some(computer(has_priority, has_locked_memory).check(rig, latency, *now_unix_s))
+            }
+            // By the wall clock this is no proof, which the drives are asked for.
+            _ => None,
+        }
+    }
+
+    fn proof(&self) -> Proof {
+        match &self.evidence {
+            Evidence::InVirtualTime(drilled) => Proof::InVirtualTime(drilled.clone()),
+            Evidence::OnRecord { drills, .. } => Proof::OnRecord(drills.clone()),
+        }
+    }
+}
+
+type OnInterfaces = Runner<OnLink<Interfaces, SystemMetronome>>;
+
+fn drill(
+    runner: &mut OnInterfaces,
+    rig: &config::Rig,
+    is_interrupted: &AtomicBool,
+    news: &Sender<News>,
+) -> Result<([DriveIdentity; 2], Drilled), RunError> {
+    runner.boot()?;
+    runner.check_simulation()?;
+    let identities = runner.identities()?;
+    // Somebody listens for as long as this thread lives.
+    let found = |finding: &Finding| drop(news.send(News::Found(*finding)));
+    Ok((identities, runner.drill(settling_on_bus(rig), is_interrupted, found)?))
+}
+
+/// Has a thread of its own with real-time priority, if that is granted, do the work; what the work leaves.
+fn on_thread_of_the_cycle<R: Send>(
+    news: Sender<News>,
+    told: &Receiver<News>,
+    tell: impl FnMut(News),
+    work: impl FnOnce(Result<(), Refusal>) -> R + Send,
+) -> Result<R, ThreadError> {
+    thread::scope(|scope| {
+        let thread = thread::Builder::new().name("cycle".to_owned()).spawn_scoped(scope, move || {
+            let priority = run_first();
+            // Somebody listens for as long as this thread lives.
+            let _ = priority.as_ref().map_err(|refusal| news.send(News::Refused(refusal.to_string())));
+            work(priority)
+        });
+        let thread = thread.map_err(ThreadError::NotStarted)?;
+        told.iter().for_each(tell);
+        thread.join().map_err(|_| ThreadError::Panicked)
+    })
+}

@@ -1,0 +1,70 @@
+//! A rig on the interfaces of this computer that is commissioned.
+
+use super::OnInterfaces;
+use crate::commission::Attendant;
+use crate::{Bounds, Drilled, DriveIdentity, NotProven, OnLink, Permit, Proof, Restarts, Subject};
+use yieldwall_config as config;
+use yieldwall_link::Interfaces;
+use yieldwall_motion::quantity::Force;
+
+use super::super::system::SystemMetronome;
+
+/// Somebody at the arm of a rig that is commissioned. They are asked while the network is left: nothing is enabled, and nothing has to be
+/// in time.
+pub trait Person {
+    /// Looks where the link of a joint (0 the left one) is.
+    fn look(&mut self, joint: usize);
+
+    /// By how much that link has turned since, counter-clockwise, in rad; `None` if nobody looked.
+    fn turned(&mut self, joint: usize) -> Option<f64>;
+
+    /// Switches the drives off and on again; whether both were. `restarted` tells which of them have, and hears them only while it is asked,
+    /// a few times a second.
+    fn power_cycle(&mut self, restarted: &mut dyn FnMut() -> [bool; 2]) -> bool;
+
+    /// Has this force in N, in the base frame, pull at the tool, or with a force of zero no more; whether it does.
+    fn pull(&mut self, force: Force) -> bool;
+}
+
+/// A person, and what shows that the drives stop by themselves.
+pub(super) struct OnTheBench<'a> {
+    pub(super) person: &'a mut (dyn Person + Send),
+    pub(super) proof: Proof,
+}
+
+type Computer = OnLink<Interfaces, SystemMetronome>;
+
+impl Attendant<Computer> for OnTheBench<'_> {
+    fn prove(&mut self, runner: &mut OnInterfaces, rig: &config::Rig, bounds: Bounds) -> Result<Permit, NotProven> {
+        runner.prove_for_bring_up(rig, &self.proof, bounds)
+    }
+
+    fn keep(
+        &mut self,
+        rig: &config::Rig,
+        drives: [DriveIdentity; 2],
+        drilled: &Drilled,
+    ) -> Result<Option<String>, String> {
+        let Proof::OnRecord(folder) = &self.proof else { return Ok(None) };
+        let kept = Subject::new(rig, drives).store(drilled, folder);
+        kept.map(|path| Some(path.display().to_string())).map_err(|error| format!("{}: {error}", folder.display()))
+    }
+
+    fn look(&mut self, _: &Computer, joint: usize) {
+        self.person.look(joint);
+    }
+
+    fn turned(&mut self, _: &Computer, joint: usize) -> Option<f64> {
+        self.person.turned(joint)
+    }
+
+    fn power_cycle(&mut self, rig: &config::Rig, place: &mut Computer) -> bool {
+        // A rig that was booted has its buses.
+        let Ok(mut restarts) = Restarts::of(rig, place) else { return false };
+        self.person.power_cycle(&mut || restarts.look(place))
+    }
+
+    fn pull(&mut self, _: &mut Computer, force: Force) -> bool {
+        self.person.pull(force)
+    }
+}

@@ -1,0 +1,36 @@
+//! Devices on a bus asked one by one, when no rig runs: who is there, what their objects hold, and what they are told.
+//!
+//! ```text
+//! CanLink <-> Service: one SDO channel for each node, what was heard of each
+//!                |-- scan       who is there
+//!                |-- doctor     why a node does not answer
+//!                |-- adopt      what a drive can do, tried out and put back -> a device profile
+//!                |-- inventory  all objects, found without a data sheet or by one
+//!                `-- restore    values of a file against those of the device -> steps in order -> written and read back
+//! EthernetLink <-> SegmentService: registers, SII and objects of each device of an EtherCAT segment, by position
+//! ObjectAccess   the objects of one device, on either
+//! ```
+//! Nothing here is real-time, and nothing sends a set-point or brings a drive nearer to Operation Enabled
+//! ([`Caution::of_write`]).
+
+pub mod adopt;
+mod caution;
+mod connection;
+pub mod doctor;
+mod inventory;
+mod known;
+mod object_access;
+mod restore;
+mod scan;
+mod segment;
+#[cfg(test)]
+mod tests;
+
+pub use caution::Caution;
+pub use connection::{Bytes, Error, Heard, Service};
+pub use inventory::{Missed, inventory, inventory_of, sheet_of, type_by_length, values_of};
+pub use known::{Known, known, named, names};
+pub use object_access::{NodeObjects, ObjectAccess};
+pub use restore::{LeftOut, Made, Plan, Step, Why, carry_out, downloads, is_shown, plan};
+pub use scan::{Found, Identity, identify, number, of_node, scan};
+pub use segment::{ClockFacts, Counters, DeviceObjects, PortCounters, Present, SegmentError, SegmentService};
