@@ -137,7 +137,7 @@ fn count(name: &str, cycles: usize) -> Result<f64, String> {
 fn compiler() -> Result<String, String> {
     let output = Command::new("rustc").arg("--version").output().map_err(|error| format!("rustc: {error}"))?;
     let version = String::from_utf8_lossy(&output.stdout).trim().to_owned();
-    let profile = if cfg!(debug_assertions) { "dev" } else { "release" };
+    let profile = if yieldwall::run::built::PROFILE == "debug" { "dev" } else { "release" };
     Ok(format!("{version}, {profile} profile, {}", std::env::consts::ARCH))
 }
 
