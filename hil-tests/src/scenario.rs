@@ -7,10 +7,10 @@ use yieldwall::config::{self, NotNegative, Positive, Rig, Scene, Source};
 use yieldwall::ethercat::frame::{self, Command, Datagrams};
 use yieldwall::guard::{Fault, Request};
 use yieldwall::injection::Injection;
+use yieldwall::link::CandumpWriter;
 use yieldwall::link::Packet;
 use yieldwall::record::Row;
 use yieldwall::rig::{EmbeddedRig, RigError};
-use yieldwall::sim::can::CandumpWriter;
 use yieldwall::time::Time;
 
 use crate::observe::Recording;

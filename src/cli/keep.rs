@@ -14,13 +14,12 @@ use yieldwall_config::{self as config, Diagnostic, Report, Severity};
 use yieldwall_fieldbus::canopen::{BusId, Frame};
 use yieldwall_fieldbus::ethercat::frame::LONGEST;
 use yieldwall_fieldbus::time::Time;
-use yieldwall_link::{CaptureWriter, CapturedBus, Packet};
+use yieldwall_link::{CandumpWriter, CaptureWriter, CapturedBus, Packet};
 use yieldwall_record::DeviceRecord;
 use yieldwall_record::recording::{
     About, Backpressure, BlackBox, Feed, Finished, Producer, Recorded, Recorder, Saved, Sink,
 };
 use yieldwall_rig::report::Watch;
-use yieldwall_sim::can::CandumpWriter;
 
 /// The log's first second: some readers take a time of zero for no time at all.
 pub(super) const LOG_STARTS_AT: Duration = Duration::from_secs(1);

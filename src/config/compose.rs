@@ -486,19 +486,6 @@ fn write_in_line(piece: &Piece, out: &mut String) {
     }
 }
 
-/// A value as it is written after its key, with a line break at its end; without what an alias stands for.
-pub(super) fn in_block_style(node: &Node, indent: usize) -> String {
-    // Something before it, so that it is not a document.
-    let mut text = ":".to_owned();
-    let file = File { name: String::new(), text: Arc::from("") };
-    let mut expander = Expander { number: 0, file: &file, anchors: BTreeMap::new() };
-    match expander.piece(node, None) {
-        Ok(piece) => write(&piece, indent, &mut text),
-        Err(_) => text.push_str(" {..}\n"),
-    }
-    text.split_off(1)
-}
-
 /// A key as it is written.
 fn word(key: &str) -> String {
     let is_word = !key.is_empty() && key.chars().all(|c| c.is_alphanumeric() || "_<".contains(c));

@@ -10,7 +10,6 @@ mod compose;
 mod compose_tests;
 mod diagnostic;
 mod explain;
-mod former;
 pub mod injection;
 mod kind;
 mod load;

@@ -13,7 +13,6 @@ use super::check::{
 use super::compose::open;
 use super::diagnostic::{Diagnostic, Report, Severity};
 use super::explain::explain;
-use super::former::former;
 use super::kind::{Kind, LIKE};
 use super::locator::Locator;
 use super::reader;
@@ -489,10 +488,6 @@ fn read<T: DeserializeOwned + Validate<Context = ()>>(source: &Source, kind: Kin
             let message = format!("is not {}: the key `{}` is missing", kind.with_article(), kind.mark());
             return Err(unknown_kind(source, &message).into());
         }
-    }
-    let former = former(&locator, kind);
-    if !former.is_empty() {
-        return Err(Report { diagnostics: former });
     }
     let guide = Guide::new(kind);
     match reader::read(&locator.outline) {

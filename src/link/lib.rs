@@ -10,6 +10,7 @@
 //! queue of the kernel or of the controller can no longer be taken back by anybody but the interface going down, which is why
 //! `bus::Master` has at most one cycle in flight.
 
+mod candump;
 mod capture;
 pub mod checkup;
 #[cfg(all(feature = "ethernet", target_os = "linux"))]
@@ -25,6 +26,7 @@ mod linux;
 #[cfg(all(feature = "ethernet", target_os = "linux"))]
 mod role;
 
+pub use candump::CandumpWriter;
 pub use capture::{CaptureWriter, CapturedBus, Whole, whole_blocks};
 pub use error_frame::ErrorFrame;
 pub use ethernet::{EthernetArrival, EthernetLink, EthernetReceived};

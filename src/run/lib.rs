@@ -5,7 +5,7 @@
 //! grid + t_compute:   take what has come, Cycle::step, set-points
 //! ```
 //! [`Runner`] is the only loop, and a [`Place`] is all that it needs of its surroundings: [`OnLink`] is a computer with interfaces,
-//! [`EmbeddedRig`](yieldwall_rig::EmbeddedRig) has the one in virtual time. Nothing else here reads a clock.
+//! the embedded rig has the one in virtual time ([`VirtualPlace`]). Nothing else here reads a clock.
 
 pub mod assembly;
 pub mod built;

@@ -232,7 +232,7 @@ impl<P: Place> Runner<P> {
         }
     }
 
-    /// Runs cycles until both drives have said what is wrong with them, for [`ERRORS_LIMIT_S`] at most.
+    /// Runs cycles until both drives have said what is wrong with them, for half a second at most.
     pub fn hear_errors(&mut self) {
         self.forget_errors();
         for _ in 0..self.cycles_in(ERRORS_LIMIT_S) {

@@ -9,11 +9,11 @@ use hil_tests::Scenario;
 use hil_tests::network::{Network, PATIENCE, Real, client, device, hear, transfer};
 use yieldwall::bus::LinkEvent;
 use yieldwall::canopen::{Frame, SdoOutcome};
+use yieldwall::link::CandumpWriter;
 use yieldwall::link::{
     Attachment, CanLink, CobFilter, ErrorFrame, LinkError, Received, SendError, SocketCan, SocketCanSettings,
 };
 use yieldwall::objects::Address;
-use yieldwall::sim::can::CandumpWriter;
 use yieldwall::time::Time;
 
 /// An interface that this test makes, changes and removes.

@@ -11,8 +11,8 @@ use hil_tests::Scenario;
 use hil_tests::network::Real;
 use serde_json::Value;
 use yieldwall::canopen::{Frame, cob};
+use yieldwall::link::CandumpWriter;
 use yieldwall::link::{CanLink, SocketCanSettings};
-use yieldwall::sim::can::CandumpWriter;
 
 use super::programs::*;
 use super::wall_clock::slow;

@@ -5,7 +5,7 @@
 //!
 //! | side | what |
 //! |---|---|
-//! | master | [`SdoClient`], [`SdoClients`], [`nmt::HeartbeatConsumer`], [`NodeGuard`], [`SyncProducer`], [`time::TimeProducer`], [`Emergency`], [`lss::LssMaster`], [`pdo::Layout`] |
+//! | master | [`SdoClient`], [`SdoClients`], [`nmt::HeartbeatConsumer`], [`SyncProducer`], [`Emergency`], [`lss::LssMaster`], [`pdo::Layout`] |
 //! | device | [`Node`], which speaks for an [`Application`] and borrows its dictionary; [`CommunicationProfile`] |
 //! | both | [`cob`], [`nmt`], [`EmcyCode`] |
 //!
@@ -32,7 +32,6 @@ pub use communication::CommunicationProfile;
 pub use emcy::{EmcyCode, Emergency, PastError};
 pub use error::CanopenError;
 pub use frame::{BusId, Frame, OnBus, Outbox};
-pub use guarding::{GuardEvent, NodeGuard};
 pub use nmt::{HeartbeatChange, HeartbeatConsumer, HeartbeatEvent};
 pub use node::{Application, Node};
 pub use node_set::NodeSet;

@@ -3,32 +3,9 @@
 //! # Source
 //! CiA 301, time stamp object and data type TIME_OF_DAY.
 
-use super::{CanopenError, Frame, cob};
+use super::Frame;
 
 pub use canopen_rs::time::TimeOfDay;
-
-/// Makes TIME frames. When to send them, and where the time comes from, is not decided here.
-#[derive(Clone, Copy, Debug)]
-pub struct TimeProducer {
-    id: u16,
-}
-
-impl TimeProducer {
-    /// TIME at `id`.
-    ///
-    /// # Errors
-    /// [`CanopenError::CobId`] for a restricted identifier.
-    pub fn new(id: u16) -> Result<Self, CanopenError> {
-        if cob::is_restricted(id.into()) { Err(CanopenError::CobId(id.into())) } else { Ok(TimeProducer { id }) }
-    }
-
-    /// The frame that tells `time`.
-    ///
-    /// Real-time: yes.
-    pub fn frame(&self, time: TimeOfDay) -> Frame {
-        Frame::new(self.id, &time.encode())
-    }
-}
 
 /// The time in the payload of a TIME frame; `None` unless it has six bytes and less than a day of milliseconds.
 ///
@@ -43,13 +20,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn six_bytes_both_ways() {
+    fn six_bytes_are_milliseconds_and_days() {
         // 12:00 on the second day.
-        let noon = TimeOfDay::new(43_200_000, 1);
-        let frame = TimeProducer::new(0x100).unwrap().frame(noon);
-        assert_eq!(frame, Frame::new(0x100, &[0x00, 0x2e, 0x93, 0x02, 0x01, 0x00]));
-        assert_eq!(decode(&frame), Some(noon));
-        assert_eq!(TimeProducer::new(0x101).unwrap_err(), CanopenError::CobId(0x101));
+        let noon = Frame::new(0x100, &[0x00, 0x2e, 0x93, 0x02, 0x01, 0x00]);
+        assert_eq!(decode(&noon), Some(TimeOfDay::new(43_200_000, 1)));
     }
 
     #[test]

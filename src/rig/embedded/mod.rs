@@ -61,7 +61,9 @@ use yieldwall_sim::{Drive, ForceSensor};
 /// [`EmbeddedRig::run_cycle`] is one period of the rig. The same configuration and seed give the same frames.
 ///
 /// ```
-/// use yieldwall::{config, guard::{Request, State}, rig::EmbeddedRig};
+/// use yieldwall_config as config;
+/// use yieldwall_motion::guard::{Request, State};
+/// use yieldwall_rig::EmbeddedRig;
 ///
 /// let rig = config::load_rig(config::Source::named("builtin:paper-admittance.yaml"))?;
 /// let scene = rig.scene()?.value;

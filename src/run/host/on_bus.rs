@@ -47,7 +47,8 @@ use yieldwall_record::{CycleRecord, Standstill};
 ///
 /// ```no_run
 /// use std::sync::{Arc, atomic::AtomicBool};
-/// use yieldwall::{config, host::{Terms, Evidence, RigOnBus}, run::Pace};
+/// use yieldwall_config as config;
+/// use yieldwall_run::{Pace, host::{Evidence, RigOnBus, Terms}};
 ///
 /// # fn run(now_unix_s: u64) -> Result<(), Box<dyn std::error::Error>> {
 /// let rig = config::load_rig(config::Source::named("rig.yaml"))?.value;

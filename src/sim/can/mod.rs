@@ -1,9 +1,7 @@
 //! The virtual CAN bus.
 
-mod candump;
 mod wire;
 
-pub use candump::CandumpWriter;
 pub use wire::{INTERFRAME_BITS, frame_bits};
 
 use std::collections::VecDeque;
