@@ -2,7 +2,7 @@
 //!
 //! # The signal path
 //! ```text
-//! bus frame -> sensing -> Force -> fixture -> ProxyPoint -> linkage::inverse -> JointAngles
+//! bus frame -> sensing -> Force -> fixture -> TipPoint -> linkage::inverse -> JointAngles
 //!           -> control -> JointCommand -> guard -> Allowed<JointCommand> -> scaling -> bus frame
 //! ```
 //! [`cycle`] is the only place that names all stages.

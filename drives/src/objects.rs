@@ -172,12 +172,6 @@ pub const AUTO_ZERO_SIGNATURE: u32 = u32::from_le_bytes(*b"zero");
 /// CiA 301, object 1010h.
 pub const STORE_SIGNATURE: u32 = u32::from_le_bytes(*b"save");
 
-/// What has to be written to [`RESTORE_PARAMETERS`]: the text `load`, first letter in the lowest byte.
-///
-/// # Source
-/// CiA 301, object 1011h.
-pub const RESTORE_SIGNATURE: u32 = u32::from_le_bytes(*b"load");
-
 /// What [`SIMULATION_MARK`] and the three sub-indices behind it say: the text `simulated device`, first letter in the lowest byte.
 pub const SIMULATED_DEVICE: [u32; 4] = [
     u32::from_le_bytes(*b"simu"),
@@ -220,7 +214,7 @@ mod tests {
     #[test]
     fn signatures_are_the_literals_of_the_standards() {
         assert_eq!(AUTO_ZERO_SIGNATURE, 0x6f72_657a);
-        assert_eq!((STORE_SIGNATURE, RESTORE_SIGNATURE), (0x6576_6173, 0x6461_6f6c));
+        assert_eq!(STORE_SIGNATURE, 0x6576_6173);
     }
 
     #[test]

@@ -18,14 +18,8 @@ impl EmcyCode {
     pub const RESET: EmcyCode = EmcyCode(0x0000);
     /// Generic error.
     pub const GENERIC: EmcyCode = EmcyCode(0x1000);
-    /// CAN overrun.
-    pub const OVERRUN: EmcyCode = EmcyCode(0x8110);
-    /// CAN error passive.
-    pub const ERROR_PASSIVE: EmcyCode = EmcyCode(0x8120);
     /// A watched heartbeat did not come.
     pub const HEARTBEAT: EmcyCode = EmcyCode(0x8130);
-    /// Recovered from bus-off.
-    pub const BUS_OFF_RECOVERED: EmcyCode = EmcyCode(0x8140);
     /// An RPDO was too short and not processed.
     pub const PDO_LENGTH: EmcyCode = EmcyCode(0x8210);
     /// A SYNC came with another length than the counter (1019h) asks for.

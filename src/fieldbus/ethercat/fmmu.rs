@@ -97,11 +97,6 @@ impl Fmmu {
         }
         ((self.len as u32 - 1) * 8 + self.end_bit as u32 + 1).saturating_sub(self.start_bit as u32)
     }
-
-    /// Bytes of memory that it touches.
-    pub const fn physical_len(&self) -> u32 {
-        (self.bit_len() + self.physical_bit as u32).div_ceil(8)
-    }
 }
 
 #[cfg(test)]
@@ -121,9 +116,9 @@ mod tests {
     #[test]
     fn bits_are_counted_from_the_first_to_the_last() {
         let flag = Fmmu { start_bit: 3, end_bit: 3, physical_bit: 0, ..Fmmu::bytes(0, 1, 0x080d, Direction::Read) };
-        assert_eq!((flag.bit_len(), flag.physical_len(), flag.is_bytewise()), (1, 1, false));
+        assert_eq!((flag.bit_len(), flag.is_bytewise()), (1, false));
         let across = Fmmu { start_bit: 6, end_bit: 1, physical_bit: 5, len: 2, ..flag };
-        assert_eq!((across.bit_len(), across.physical_len()), (4, 2));
+        assert_eq!(across.bit_len(), 4);
         let empty = Fmmu { start_bit: 5, end_bit: 4, ..flag };
         assert_eq!((empty.bit_len(), Fmmu::default().bit_len()), (0, 0));
         assert_eq!(Fmmu::bytes(0, 13, 0, Direction::Read).bit_len(), 104);

@@ -92,11 +92,6 @@ impl<L: EthernetLink> SegmentService<L> {
         Self { link, is_over, index: 0, buffer, has_come_back: false, mailboxes, emergencies }
     }
 
-    /// The link.
-    pub fn link_mut(&mut self) -> &mut L {
-        &mut self.link
-    }
-
     /// The time of the link.
     pub fn now(&self) -> Time {
         self.link.now()

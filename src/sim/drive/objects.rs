@@ -239,8 +239,9 @@ pub(super) fn communication(settings: &DriveSettings, servo: &Servo) -> Result<V
     ];
     let parameters = |number: u8, id: Option<u16>, objects: &[cia::Object]| {
         let mapping: Vec<_> = objects.iter().map(|object| (object.index, object.sub, object.bits())).collect();
-        let event_driven = PdoParameters::event_driven(id.unwrap_or_default(), &mapping);
-        if number == 1 { event_driven } else { event_driven.unused() }
+        let id = id.ok_or(CanopenError::PdoNumber(number))?;
+        let event_driven = PdoParameters::event_driven(id, &mapping);
+        Ok::<_, CanopenError>(if number == 1 { event_driven } else { event_driven.unused() })
     };
     let mut profile = CommunicationProfile::new(settings.node, &identity(&settings.profile, settings.serial))
         .mapping_entries(servo.process_data.mapping_entries)
@@ -248,8 +249,8 @@ pub(super) fn communication(settings: &DriveSettings, servo: &Servo) -> Result<V
         .rpdo_timers(matches!(servo.watchdogs.set_points, SetPointWatch::EventTimer { .. }));
     for (number, (rpdo, tpdo)) in (1u8..).zip(rpdos.into_iter().zip(tpdos)) {
         profile = profile
-            .rpdo(number, &parameters(number, cob::rpdo(number, settings.node), rpdo))
-            .tpdo(number, &parameters(number, cob::tpdo(number, settings.node), tpdo));
+            .rpdo(number, &parameters(number, cob::rpdo(number, settings.node), rpdo)?)
+            .tpdo(number, &parameters(number, cob::tpdo(number, settings.node), tpdo)?);
     }
     profile.objects()
 }

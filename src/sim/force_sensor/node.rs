@@ -105,13 +105,12 @@ fn communication(
     serial: u32,
 ) -> Result<Vec<Object>, CanopenError> {
     let own = CommunicationProfile::new(node, &identity(profile, serial)).mapping_entries(model.mapping_entries);
-    let tpdos = model.process_data.tpdo.iter();
-    tpdos
-        .fold(own, |own, tpdo| {
-            let id = cob::tpdo(tpdo.number, node).unwrap_or_default();
-            own.tpdo(tpdo.number, &PdoParameters::synchronous(id, &mapping(profile, tpdo)).unused())
-        })
-        .objects()
+    let mut tpdos = model.process_data.tpdo.iter();
+    let with_tpdos = tpdos.try_fold(own, |own, tpdo| {
+        let id = cob::tpdo(tpdo.number, node).ok_or(CanopenError::PdoNumber(tpdo.number))?;
+        Ok::<_, CanopenError>(own.tpdo(tpdo.number, &PdoParameters::synchronous(id, &mapping(profile, tpdo)).unused()))
+    });
+    with_tpdos?.objects()
 }
 
 impl Device {

@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::bits::{longest_bits, shortest_bits, worst_bits};
 use super::response::Stream;
 use crate::error::{BootError, BootFailure};
-use crate::script::mapping;
+use crate::script::{lacking, mapping};
 use crate::setup::{MasterSetup, SensorLink, SensorSetup};
 use yieldwall_drives::cia402::OperationMode;
 use yieldwall_drives::profiles::{DeviceProfile, Pdo};
@@ -213,21 +213,29 @@ impl<'a> Device<'a> {
 
     fn process_data(&self, all: &mut Vec<PlannedFrame>, period: Duration) -> Result<(), BootError> {
         let map = mapping(self.profile, self.mode).map_err(|failure| refuse(self.node.raw(), self.name, failure))?;
-        let plan = |pdo: &Pdo, usage, cob_id: Option<u16>| PlannedFrame {
-            name: format!("{} {}{}", self.name, if usage == Use::SetPoint { "RPDO" } else { "TPDO" }, pdo.number),
-            usage,
-            is_of_master: usage == Use::SetPoint,
-            is_answer: false,
-            cob_id: cob_id.unwrap_or_default(),
-            bytes: self.profile.payload_bytes(pdo) as u8,
-            // Every n-th SYNC; the master sends its own in every cycle, and the rest is taken as if it did.
-            period: match pdo.transmission_type {
-                every @ 1..=240 if usage == Use::Measured => period * u32::from(every),
-                _ => period,
-            },
+        let plan = |pdo: &Pdo, usage, cob_id: Option<u16>| {
+            let cob_id =
+                cob_id.ok_or_else(|| refuse(self.node.raw(), self.name, lacking(self.profile, "an identifier")))?;
+            Ok::<_, BootError>(PlannedFrame {
+                name: format!("{} {}{}", self.name, if usage == Use::SetPoint { "RPDO" } else { "TPDO" }, pdo.number),
+                usage,
+                is_of_master: usage == Use::SetPoint,
+                is_answer: false,
+                cob_id,
+                bytes: self.profile.payload_bytes(pdo) as u8,
+                // Every n-th SYNC; the master sends its own in every cycle, and the rest is taken as if it did.
+                period: match pdo.transmission_type {
+                    every @ 1..=240 if usage == Use::Measured => period * u32::from(every),
+                    _ => period,
+                },
+            })
         };
-        all.extend(map.tpdo.iter().map(|pdo| plan(pdo, Use::Measured, cob::tpdo(pdo.number, self.node))));
-        all.extend(map.rpdo.iter().map(|pdo| plan(pdo, Use::SetPoint, cob::rpdo(pdo.number, self.node))));
+        for pdo in &map.tpdo {
+            all.push(plan(pdo, Use::Measured, cob::tpdo(pdo.number, self.node))?);
+        }
+        for pdo in &map.rpdo {
+            all.push(plan(pdo, Use::SetPoint, cob::rpdo(pdo.number, self.node))?);
+        }
         Ok(())
     }
 }
