@@ -5,7 +5,7 @@ use std::fmt;
 use thiserror::Error;
 
 use super::ethercat::SegmentFailure;
-use super::signs::Heard;
+use super::signs::HeardFrame;
 use yieldwall_fieldbus::canopen::{Emergency, NmtState, NodeSet};
 use yieldwall_fieldbus::objects::AbortCode;
 
@@ -65,7 +65,7 @@ pub enum BootFailure {
     })]
     OtherMaster {
         /// What told so, with its bus.
-        heard: Heard,
+        heard: HeardFrame,
         /// Whether this master had sent something before.
         has_sent: bool,
     },

@@ -15,6 +15,7 @@
 
 mod axis;
 mod can;
+mod emergency;
 mod error;
 pub mod ethercat;
 mod master;
@@ -22,17 +23,16 @@ mod phase;
 mod script;
 mod setup;
 mod signs;
-mod told;
 
 pub use axis::{AxisSetup, HomingState, words_to_enable};
 pub use can::{BootPlan, NodePlan, PlannedWrite, Waiting, budget};
+pub use emergency::EmergencyReport;
 pub use error::{BootError, BootFailure, Others, Said};
 pub use master::{Master, SEGMENT_LISTENING};
 pub use phase::Phase;
 pub use script::Written;
 pub use setup::{BrakeWords, DriveSetup, HomingOrder, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
-pub use signs::{Heard, LISTENING, Sign, Signs};
-pub use told::Told;
+pub use signs::{HeardFrame, LISTENING, Sign, Signs};
 pub use yieldwall_drives::cia402::CommandMode;
 pub use yieldwall_fieldbus::LinkEvent;
 

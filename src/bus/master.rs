@@ -5,12 +5,12 @@ use std::time::Duration;
 use super::LinkEvent;
 use super::axis::{self, Axis, AxisSetup, HomingState};
 use super::can::{BootPlan, CanNetwork, Waiting};
+use super::emergency::EmergencyReport;
 use super::error::BootError;
 use super::ethercat::{EthercatNetwork, Outgoing, SegmentSetup};
 use super::phase::Phase;
 use super::script::Written;
 use super::setup::MasterSetup;
-use super::told::Told;
 use yieldwall_drives::cia402::Goal;
 use yieldwall_fieldbus::canopen::{BusId, Frame, Outbox};
 use yieldwall_fieldbus::objects::{ObjectAnswer, ObjectError, ObjectRequest};
@@ -238,9 +238,9 @@ impl Master {
     }
 
     /// What the devices told last by emergency messages, at most eight over CAN and eight over the segment, the oldest first.
-    pub fn told(&self) -> impl Iterator<Item = Told> {
+    pub fn told(&self) -> impl Iterator<Item = EmergencyReport> {
         let segment = self.segment.iter().flat_map(EthercatNetwork::told);
-        let mut all: Vec<Told> = self.can.iter().flat_map(CanNetwork::told).chain(segment).collect();
+        let mut all: Vec<EmergencyReport> = self.can.iter().flat_map(CanNetwork::told).chain(segment).collect();
         all.sort_by_key(|told| told.time);
         all.into_iter()
     }

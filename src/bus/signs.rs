@@ -98,14 +98,14 @@ impl fmt::Display for Sign {
 
 /// A frame that was heard, and what it tells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Heard {
+pub struct HeardFrame {
     /// The frame.
     pub frame: Frame,
     /// What it tells.
     pub sign: Sign,
 }
 
-impl fmt::Display for Heard {
+impl fmt::Display for HeardFrame {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let id = self.frame.id();
         write!(f, "{} (identifier {id:03X}h, frame {id:03X}#", self.sign)?;
@@ -178,7 +178,7 @@ impl Signs {
     }
 
     /// What a frame tells, if anything. Its bus counts ([`Frame::bus`]).
-    pub fn find(&self, frame: &Frame) -> Option<Heard> {
+    pub fn find(&self, frame: &Frame) -> Option<HeardFrame> {
         let id = frame.id();
         let sign = match id {
             _ if frame.is_remote() => {
@@ -191,7 +191,7 @@ impl Signs {
                 known.find(|(bus, known, _)| (*bus, *known) == (frame.bus(), id)).map(|(.., sign)| *sign)
             }
         }?;
-        Some(Heard { frame: *frame, sign })
+        Some(HeardFrame { frame: *frame, sign })
     }
 }
 

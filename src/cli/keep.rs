@@ -109,17 +109,17 @@ pub(super) struct Keep {
 }
 
 /// A file that a run left.
-struct KeptFile {
+struct RunFile {
     path: PathBuf,
     what: &'static str,
     end: Finished<()>,
 }
 
 /// What a run left.
-pub(super) struct Kept {
+pub(super) struct RunFiles {
     /// Names of the buses.
     buses: Vec<String>,
-    files: Vec<KeptFile>,
+    files: Vec<RunFile>,
     black_boxes: Vec<Saved>,
 }
 
@@ -201,16 +201,16 @@ impl Keep {
     }
 
     /// Waits until everything is in its file.
-    pub(super) fn finish(self) -> Result<Kept, Failure> {
+    pub(super) fn finish(self) -> Result<RunFiles, Failure> {
         let mut files = Vec::new();
         for (path, what, feed) in self.files {
-            files.push(KeptFile { path, what, end: finish(feed)? });
+            files.push(RunFile { path, what, end: finish(feed)? });
         }
         let black_boxes = match self.black_box {
             Some(feed) => finish(feed)?.report,
             None => Vec::new(),
         };
-        Ok(Kept { buses: self.buses, files, black_boxes })
+        Ok(RunFiles { buses: self.buses, files, black_boxes })
     }
 }
 
@@ -259,7 +259,7 @@ pub(super) fn state_folder(name: &str) -> Option<PathBuf> {
     Some(state.join("yieldwall").join(name))
 }
 
-impl Kept {
+impl RunFiles {
     /// A line for each file.
     pub(super) fn lines(&self) -> Vec<String> {
         let files = self.files.iter().filter(|file| file.what != "frames").map(|file| {
@@ -323,7 +323,7 @@ impl Kept {
     }
 
     pub(super) fn files_json(&self) -> Value {
-        let file = |file: &KeptFile| {
+        let file = |file: &RunFile| {
             let counts = file.end.counts;
             json!({
                 "file": file.path,
@@ -353,7 +353,7 @@ impl Kept {
 }
 
 /// What a file has lost, and why.
-fn lost(file: &KeptFile, why: &str, help: &str) -> Diagnostic {
+fn lost(file: &RunFile, why: &str, help: &str) -> Diagnostic {
     let (counts, what) = (file.end.counts, file.what);
     let all = counts.kept + counts.lost();
     let path = file.path.display().to_string();

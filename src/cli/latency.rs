@@ -94,7 +94,7 @@ impl SoFar {
 }
 
 /// What is told beside the times.
-struct Told {
+struct LatencyDetails {
     record: Option<Stored>,
     /// The load under which it was measured.
     load: Option<String>,
@@ -174,7 +174,7 @@ fn measure(arguments: &Arguments, events: &Events, output: &mut Output) -> Resul
         0 => Ok(None),
         _ => keep(arguments, &latency, [&priority, &memory].map(Result::is_ok), loaded.clone(), &folder).map(Some),
     };
-    let told = Told {
+    let told = LatencyDetails {
         record: kept.as_ref().ok().cloned().flatten(),
         load: loaded,
         computer: Readiness::read(Path::new("/"), arguments.bus.as_deref()).told(period, arguments.bus.as_deref()),
@@ -271,7 +271,7 @@ fn verdict(latency: &Latency, period_us: u32) -> String {
     }
 }
 
-fn text(arguments: &Arguments, latency: &Latency, refused: &[&Refusal], told: &Told) -> String {
+fn text(arguments: &Arguments, latency: &Latency, refused: &[&Refusal], told: &LatencyDetails) -> String {
     let mut lines = Vec::new();
     match refused {
         [] => lines.push("realtime  SCHED_FIFO and locked memory".to_owned()),
@@ -328,7 +328,7 @@ fn bars(times: &Histogram) -> Vec<String> {
     doublings.into_iter().map(|(us, count)| format!("  < {us:>7} us {count:>10}  {}", bar(count))).collect()
 }
 
-fn document(arguments: &Arguments, latency: &Latency, refused: &[&Refusal], told: &Told) -> Value {
+fn document(arguments: &Arguments, latency: &Latency, refused: &[&Refusal], told: &LatencyDetails) -> Value {
     let lateness = latency.lateness();
     let times = |times: &Histogram| {
         let us = |share| 1e6 * times.quantile(share).as_secs_f64();

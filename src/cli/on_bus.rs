@@ -12,7 +12,7 @@ pub(super) use emergencies::{
     words_of_code, words_of_fault,
 };
 pub(super) use standstill::{after_standstill, not_in_time, said_first, stood};
-use yieldwall_bus::{Heard, Sign};
+use yieldwall_bus::{HeardFrame, Sign};
 use yieldwall_config as config;
 use yieldwall_link::LinkError;
 use yieldwall_run::host::system::Refusal;
@@ -77,7 +77,7 @@ pub(super) fn warn_of(output: &mut Output, granted: &Result<(), Refusal>) {
 }
 
 /// The failure that another master is.
-pub(super) fn other_master(message: String, heard: &Heard) -> Failure {
+pub(super) fn other_master(message: String, heard: &HeardFrame) -> Failure {
     let help = match heard.sign {
         Sign::Master { .. } => {
             "end the other master, or give this rig's master a node id of its own (`node_id` of its bus) if it is a device"

@@ -8,7 +8,7 @@ use textwrap::WordSplitter;
 
 use super::fit;
 use super::printable::printable;
-use yieldwall_config::{Diagnostic, Place, Related, Severity};
+use yieldwall_config::{Diagnostic, Related, Severity, TextSpan};
 
 /// Farthest line from the place that a snippet still shows.
 const SNIPPET_LINES: usize = 6;
@@ -67,7 +67,7 @@ impl Renderer {
 }
 
 /// Whether another place fits into the snippet of a finding.
-fn is_near(place: Place, other: &Related) -> bool {
+fn is_near(place: TextSpan, other: &Related) -> bool {
     other.file.is_empty() && place.line.abs_diff(other.place.line) <= SNIPPET_LINES
 }
 
@@ -139,7 +139,7 @@ impl miette::Diagnostic for Shown {
 
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
         let place = self.finding.place?;
-        let span = |place: Place| (place.offset, place.length.max(1));
+        let span = |place: TextSpan| (place.offset, place.length.max(1));
         let primary = LabeledSpan::new_primary_with_span(Some("here".to_owned()), span(place));
         let related = self
             .finding

@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::diagnostic::{Diagnostic, Place, Related, Report};
+use super::diagnostic::{Diagnostic, Related, Report, TextSpan};
 use super::explain::explain_syntax;
 use super::kind::{Kind, LIKE};
 use super::locator::{File, Locator, Origins, Spot};
@@ -71,7 +71,7 @@ fn read_outline(source: &Source) -> Result<(File, Outline), Report> {
 }
 
 /// The first character of a key or a text that does something to whatever shows it, and where the text stands.
-fn first_unprintable(node: &Node) -> Option<(Place, char)> {
+fn first_unprintable(node: &Node) -> Option<(TextSpan, char)> {
     match &node.content {
         Content::Scalar(text) => text.chars().find(|one| is_unprintable(*one)).map(|one| (node.place(), one)),
         Content::Alias(_) => None,
@@ -88,7 +88,7 @@ fn is_unprintable(character: char) -> bool {
     character.is_control() || matches!(character, '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
-fn unprintable(file: &File, outline: &Outline, place: Place, character: char) -> Diagnostic {
+fn unprintable(file: &File, outline: &Outline, place: TextSpan, character: char) -> Diagnostic {
     let key = outline.path_at(place.offset).map(|(path, _)| path.escape_debug().to_string()).unwrap_or_default();
     let message = format!("`{key}` has the character U+{:04X}, which cannot be printed", u32::from(character));
     let help = "leave it away: names and texts go to terminals, figures and recordings, on one line".to_owned();
@@ -246,13 +246,13 @@ struct Expander<'a> {
 
 impl<'a> Expander<'a> {
     /// A value; within an alias all of it stands where the alias does.
-    fn piece(&mut self, node: &'a Node, within: Option<Place>) -> Result<Piece, Report> {
+    fn piece(&mut self, node: &'a Node, within: Option<TextSpan>) -> Result<Piece, Report> {
         let file = self.file;
         let refuse = |message: String, help: &str| {
             Err(file.finding(within.unwrap_or(node.value), "", message, help.to_owned()).into())
         };
         let number = self.number;
-        let spot = |place: Option<Place>| place.map(|place| (number, place));
+        let spot = |place: Option<TextSpan>| place.map(|place| (number, place));
         let content = match &node.content {
             Content::Scalar(text) => Shape::Scalar { text: text.clone(), is_quoted: node.form.is_quoted },
             Content::Alias(anchor) => match self.anchors.get(anchor).copied() {
@@ -403,7 +403,7 @@ impl Piece {
     }
 
     /// The name that an entry of a list has, and where it stands.
-    fn name(&self) -> Option<(&str, Place)> {
+    fn name(&self) -> Option<(&str, TextSpan)> {
         let Shape::Map(entries) = &self.content else { return None };
         entries.iter().find_map(|(key, value)| match &value.content {
             Shape::Scalar { text, .. } if key == "name" => Some((text.as_str(), value.value.1)),

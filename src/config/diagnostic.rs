@@ -17,7 +17,7 @@ pub enum Severity {
 
 /// A piece of a text file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Place {
+pub struct TextSpan {
     /// Line, from 1.
     pub line: usize,
     /// Column in characters, from 1.
@@ -28,7 +28,7 @@ pub struct Place {
     pub length: usize,
 }
 
-impl Place {
+impl TextSpan {
     /// The place of a line and column of a text.
     pub(super) fn at(text: &str, line: usize, column: usize, length: usize) -> Self {
         // A byte order mark is not a column.
@@ -64,7 +64,7 @@ pub struct Related {
     #[serde(skip_serializing_if = "String::is_empty")]
     pub file: String,
     /// Where.
-    pub place: Place,
+    pub place: TextSpan,
     /// What stands there.
     pub label: String,
 }
@@ -78,7 +78,7 @@ pub struct Diagnostic {
     #[serde(skip_serializing_if = "String::is_empty")]
     pub file: String,
     /// Where in the file; `None` when it concerns the whole file.
-    pub place: Option<Place>,
+    pub place: Option<TextSpan>,
     /// The key that it concerns, such as `drives[0].profile`; empty, and left out of JSON, where it is about none.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub key: String,
@@ -176,9 +176,9 @@ mod tests {
     fn a_place_counts_the_line_breaks_of_yaml() {
         let text = "a: 1\rb: 2\r\nc: \u{fc}3\n\nd: 4";
         for (line, column, found) in [(1, 1, "a"), (2, 4, "2"), (3, 5, "3"), (5, 1, "d")] {
-            let place = Place::at(text, line, column, 1);
+            let place = TextSpan::at(text, line, column, 1);
             assert_eq!(&text[place.offset..place.offset + place.length], found, "line {line}");
         }
-        assert_eq!(Place::at(text, 9, 1, 1), Place { line: 9, column: 1, offset: text.len(), length: 0 });
+        assert_eq!(TextSpan::at(text, 9, 1, 1), TextSpan { line: 9, column: 1, offset: text.len(), length: 0 });
     }
 }

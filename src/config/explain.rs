@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::diagnostic::{Diagnostic, Place, Severity};
+use super::diagnostic::{Diagnostic, Severity, TextSpan};
 use super::locator::Locator;
 use super::number::TOO_LARGE;
 use super::outline::{Content, Node};
@@ -61,13 +61,13 @@ fn syntax_help(message: &str) -> String {
 /// The finding for YAML that is not the wanted tree.
 pub(super) fn explain(fault: Fault, locator: &Locator, guide: &Guide) -> Diagnostic {
     let outline = &locator.outline;
-    let finding = |place: Option<Place>, key: String, message: String, help: String| {
+    let finding = |place: Option<TextSpan>, key: String, message: String, help: String| {
         locator.finding_at(Severity::Error, place, key, message, help)
     };
     let path = fault.path.unwrap_or_default();
     let found = outline.find(&path);
     let place = found.map(Node::place).or(fault.place);
-    let finish = |place: Option<Place>, path: String, message: String, help: String| {
+    let finish = |place: Option<TextSpan>, path: String, message: String, help: String| {
         let help = with_description(help, guide, &path);
         finding(place, path, message, help)
     };
@@ -147,8 +147,8 @@ pub(super) fn explain(fault: Fault, locator: &Locator, guide: &Guide) -> Diagnos
 }
 
 fn not_finite(
-    finish: &impl Fn(Option<Place>, String, String, String) -> Diagnostic,
-    place: Option<Place>,
+    finish: &impl Fn(Option<TextSpan>, String, String, String) -> Diagnostic,
+    place: Option<TextSpan>,
     path: String,
     found: &str,
 ) -> Diagnostic {
@@ -159,7 +159,7 @@ fn not_finite(
 fn finding(
     file: &str,
     text: &Arc<str>,
-    place: Option<Place>,
+    place: Option<TextSpan>,
     key: String,
     message: String,
     help: String,

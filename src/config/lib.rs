@@ -30,7 +30,7 @@ mod yaml;
 
 pub use check::HEARTBEAT_CYCLES;
 pub use check::MAX_DURATION_S;
-pub use diagnostic::{Diagnostic, Place, Related, Report, Severity};
+pub use diagnostic::{Diagnostic, Related, Report, Severity, TextSpan};
 pub use kind::Kind;
 pub use load::{
     Document, Loaded, load, load_device, load_error_codes, load_figure, load_named_profile, load_profile, load_rig,

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::diagnostic::{Diagnostic, Place, Related, Severity};
+use super::diagnostic::{Diagnostic, Related, Severity, TextSpan};
 use super::outline::Outline;
 
 /// A file that has been read.
@@ -14,7 +14,7 @@ pub(super) struct File {
 }
 
 /// A place in a file, by its number.
-pub(super) type Spot = (usize, Place);
+pub(super) type Spot = (usize, TextSpan);
 
 /// Where the values of a text stand in the files that it was put together from, by their place in the text. Empty for
 /// the text of one file.
@@ -22,7 +22,7 @@ pub(super) type Origins = BTreeMap<usize, Spot>;
 
 impl File {
     /// An error at a place of this file.
-    pub(super) fn finding(&self, place: Place, key: &str, message: String, help: String) -> Diagnostic {
+    pub(super) fn finding(&self, place: TextSpan, key: &str, message: String, help: String) -> Diagnostic {
         Diagnostic {
             severity: Severity::Error,
             file: self.name.clone(),
@@ -55,7 +55,7 @@ impl Locator {
     }
 
     /// The file that a place of the text is from, and its place there.
-    fn origin(&self, place: Place) -> Option<(&File, Place)> {
+    fn origin(&self, place: TextSpan) -> Option<(&File, TextSpan)> {
         let nearest = self.origins.range(..=place.offset).next_back();
         let (file, place) = nearest.map_or((0, place), |(_, origin)| *origin);
         Some((self.files.get(file)?, place))
@@ -65,7 +65,7 @@ impl Locator {
     pub(super) fn finding_at(
         &self,
         severity: Severity,
-        place: Option<Place>,
+        place: Option<TextSpan>,
         key: String,
         message: String,
         help: String,
@@ -96,7 +96,7 @@ impl Locator {
     }
 
     /// Points a finding at another place of the text as well.
-    pub(super) fn relate_at(&self, finding: &mut Diagnostic, place: Place, label: &str) {
+    pub(super) fn relate_at(&self, finding: &mut Diagnostic, place: TextSpan, label: &str) {
         let Some((file, place)) = self.origin(place) else { return };
         let name = if file.name == finding.file { String::new() } else { file.name.clone() };
         finding.related.push(Related { file: name, place, label: label.to_owned() });

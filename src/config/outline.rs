@@ -1,6 +1,6 @@
 //! Where each key and value of a YAML text stands, by path.
 
-use super::diagnostic::Place;
+use super::diagnostic::TextSpan;
 
 /// The shape of a document with the place of every key and value. An alias has no inner places: what lies in it is
 /// found at the alias.
@@ -13,9 +13,9 @@ pub(super) struct Outline {
 #[derive(Clone, Debug)]
 pub(super) struct Node {
     /// Where the key of the value stands, when it has one.
-    pub(super) key: Option<Place>,
+    pub(super) key: Option<TextSpan>,
     /// Where the value stands; for a list or mapping in block style only its start.
-    pub(super) value: Place,
+    pub(super) value: TextSpan,
     pub(super) content: Content,
     pub(super) form: Form,
 }
@@ -59,7 +59,7 @@ pub(super) fn steps(path: &str) -> impl Iterator<Item = Step<'_>> {
 
 impl Node {
     /// Where to point: at a value that can be seen as a whole, else at its key.
-    pub(super) fn place(&self) -> Place {
+    pub(super) fn place(&self) -> TextSpan {
         match (&self.content, self.key) {
             (Content::List(_) | Content::Map(_), Some(key)) if self.value.length == 0 => key,
             _ => self.value,

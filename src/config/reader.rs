@@ -13,7 +13,7 @@ use serde::de::{
 };
 use serde::forward_to_deserialize_any;
 
-use super::diagnostic::Place;
+use super::diagnostic::TextSpan;
 use super::number::{NOT_FINITE, TOO_LARGE};
 use super::outline::{Content, Node, Outline, is_null};
 use super::yaml::{Cause, Fault, outline};
@@ -69,7 +69,7 @@ impl Refusal {
     }
 
     /// Places a fault that has no place yet.
-    fn at(mut self, place: Place) -> Self {
+    fn at(mut self, place: TextSpan) -> Self {
         self.0.place.get_or_insert(place);
         self
     }
@@ -409,7 +409,7 @@ impl<'de> MapAccess<'de> for Entries<'de> {
 /// A choice: a word, or a group with it for its only key.
 struct Choice<'de> {
     word: &'de str,
-    place: Place,
+    place: TextSpan,
     group: Option<Reader<'de>>,
 }
 

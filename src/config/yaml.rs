@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use granit_parser::{Event, Marker, Parser, ScalarStyle, Span, StructureStyle};
 use serde::Serialize;
 
-use super::diagnostic::Place;
+use super::diagnostic::TextSpan;
 use super::outline::{Content, Form, Node, Outline};
 
 /// Deepest nesting. The deepest value of a rig lies at 5.
@@ -19,13 +19,13 @@ pub(super) const MAX_ALIASES: usize = 100;
 #[derive(Debug)]
 pub(super) struct Fault {
     pub(super) cause: Cause,
-    pub(super) place: Option<Place>,
+    pub(super) place: Option<TextSpan>,
     /// Path of the value, where the text is YAML and the tree does not take it.
     pub(super) path: Option<String>,
 }
 
 impl Fault {
-    fn of_text(cause: Cause, place: Place) -> Self {
+    fn of_text(cause: Cause, place: TextSpan) -> Self {
         Self { cause, place: Some(place), path: None }
     }
 }
@@ -64,9 +64,9 @@ pub(super) fn write<T: Serialize>(value: &T) -> Result<String, String> {
     serde_saphyr::to_string(value).map_err(|error| error.to_string())
 }
 
-fn place(start: Marker, end: Marker) -> Place {
+fn place(start: Marker, end: Marker) -> TextSpan {
     let offset = start.byte_offset().unwrap_or(0);
-    Place {
+    TextSpan {
         line: start.line(),
         column: start.col() + 1,
         offset,
@@ -81,7 +81,7 @@ struct Open {
     content: Content,
     form: Form,
     /// A key of the mapping whose value comes next.
-    pending: Option<(String, Place)>,
+    pending: Option<(String, TextSpan)>,
 }
 
 /// Where the keys and values of a text stand.
@@ -96,7 +96,7 @@ pub(super) fn outline(text: &str) -> Result<Outline, Fault> {
     for event in Parser::new_from_str(text).take(2 * MAX_NODES + 8) {
         let (event, span) = event.map_err(|error| {
             let at = error.marker();
-            let place = Place::at(text, at.line(), at.col() + 1, 0);
+            let place = TextSpan::at(text, at.line(), at.col() + 1, 0);
             match error.info() {
                 message if message.contains("recursion limit") => too_big(MAX_DEPTH, "levels", place),
                 message => Fault::of_text(Cause::Syntax { message }, place),
@@ -183,7 +183,7 @@ fn size(node: &Node, sizes: &mut BTreeMap<usize, usize>) -> Result<usize, Fault>
     if sum > MAX_NODES { Err(too_big(MAX_NODES, "values", node.value)) } else { Ok(sum) }
 }
 
-fn too_big(limit: usize, what: &str, place: Place) -> Fault {
+fn too_big(limit: usize, what: &str, place: TextSpan) -> Fault {
     Fault::of_text(Cause::TooBig { limit: format!("{limit} {what}") }, place)
 }
 
@@ -197,7 +197,7 @@ fn close(open: &mut Vec<Open>, root: &mut Option<Node>, end: Span) {
     add(open, root, place(done.start.start, end), done.content, done.form);
 }
 
-fn add(open: &mut [Open], root: &mut Option<Node>, value: Place, content: Content, form: Form) {
+fn add(open: &mut [Open], root: &mut Option<Node>, value: TextSpan, content: Content, form: Form) {
     match open.last_mut() {
         None => *root = Some(Node { key: None, value, content, form }),
         Some(Open { content: Content::List(items), .. }) => items.push(Node { key: None, value, content, form }),

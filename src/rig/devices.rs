@@ -24,8 +24,8 @@ use yieldwall_run::assembly::AssemblyError;
 use yieldwall_sim::arm::{Arm, ArmParameters, JointElasticity};
 use yieldwall_sim::ethercat::{Controller, ControllerSettings, Segment, SimulatedDevice, sii};
 use yieldwall_sim::{
-    AxisSettings, Drive, DriveSettings, Encoder, EthercatDrive, ForceSensor, ForceSensorSettings, ForceTorqueSensor,
-    ForceTorqueSettings, Manner, PositionLoop, Speaks,
+    AxisSettings, Drive, DriveQuirks, DriveSettings, Encoder, EthercatDrive, ForceSensor, ForceSensorSettings,
+    ForceTorqueSensor, ForceTorqueSettings, PositionLoop, Speaks,
 };
 
 /// By how much the clock of a sensor on plain CAN is slow, in parts per million: a usual crystal. It drifts through the
@@ -46,9 +46,9 @@ fn model(scene: &config::Scene) -> Result<&config::SceneModel, RigError> {
 }
 
 /// What a simulated drive does in a manner of its own.
-fn manner(model: &config::DriveModel) -> Manner {
+fn manner(model: &config::DriveModel) -> DriveQuirks {
     let config::SdoServer { answer_ms, segments_only, lengths } = &model.sdo_server;
-    Manner {
+    DriveQuirks {
         lacks_dummies: !model.has_dummies,
         refuses_mode: model.refuses_mode,
         sdo_time: Duration::from_millis((*answer_ms).into()),

@@ -9,6 +9,7 @@
 pub mod analysis;
 pub mod batch;
 mod defects;
+mod device_slot;
 mod devices;
 mod drill;
 mod embedded;
@@ -25,12 +26,12 @@ pub mod report;
 #[path = "../sample.rs"]
 mod sample;
 mod script;
-mod seat;
 mod segment;
 mod server;
 mod silence;
 mod world;
 
+pub use device_slot::{Answer, Call, Peer};
 pub use devices::{
     arm as simulated_arm, drive as simulated_drive, force_sensor as simulated_force_sensor,
     segment as simulated_segment,
@@ -39,6 +40,5 @@ pub use drill::drill;
 pub use embedded::{BodyTruth, EmbeddedRig, PORTS};
 pub use error::RigError;
 pub use impedance::{ImpedanceLoop, ImpedanceRig};
-pub use seat::{Answer, Call, Peer};
 pub use segment::{SegmentServed, SegmentServer};
 pub use server::{DeviceServer, Served};

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
+use super::device_slot::{DeviceSlot, Peer};
 use super::error::RigError;
 use super::far_end::{DEVICES, FarEnd, Wire};
-use super::seat::{Peer, Seat};
 
 use super::world::{Body, World};
 use yieldwall_config as config;
@@ -32,7 +32,7 @@ const SHORTEST: Duration = Duration::from_nanos(1);
 /// tool when both drives are in Operation Enabled, and lets go of it when neither makes torque any more.
 #[derive(Debug)]
 pub struct DeviceServer {
-    far: FarEnd<Seat<Drive>, Seat<ForceSensor>>,
+    far: FarEnd<DeviceSlot<Drive>, DeviceSlot<ForceSensor>>,
     seed: u64,
     /// Of the force sensor, where it is on.
     noise_counts: f64,
@@ -91,7 +91,8 @@ impl DeviceServer {
     /// Where parts of the configuration do not fit together, and for a scene without an arm.
     pub fn new(rig: &config::Rig, scene: &config::Scene, seed: u64, pace: Pace) -> Result<Self, RigError> {
         let FarEnd { drives, sensor, line, world, buses } = FarEnd::new(rig, scene, seed, ([false; DEVICES], pace))?;
-        let seat = |drive: Option<Drive>| drive.map_or_else(Seat::empty, |drive| Seat::Here(Box::new(drive)));
+        let seat =
+            |drive: Option<Drive>| drive.map_or_else(DeviceSlot::empty, |drive| DeviceSlot::Local(Box::new(drive)));
         let clock = match pace {
             Pace::Lockstep => Clock::Sync,
             Pace::Free => Clock::Wall,
@@ -100,7 +101,7 @@ impl DeviceServer {
             drive.iter_mut().for_each(|drive| drive.set_clock(clock));
             drive
         });
-        let sensor = sensor.map_or_else(Seat::empty, |sensor| Seat::Here(Box::new(sensor)));
+        let sensor = sensor.map_or_else(DeviceSlot::empty, |sensor| DeviceSlot::Local(Box::new(sensor)));
         let mut far = FarEnd { drives: drives.map(seat), sensor, line, world, buses };
         if matches!(far.world.body, Body::Ideal(_)) {
             let message =
@@ -127,12 +128,12 @@ impl DeviceServer {
 
     /// Takes a watch off both drives, as [`Drive::ignore`].
     pub fn ignore(&mut self, watchdog: Watchdog) {
-        self.far.drives.iter_mut().filter_map(Seat::here_mut).for_each(|drive| drive.ignore(watchdog));
+        self.far.drives.iter_mut().filter_map(DeviceSlot::local_mut).for_each(|drive| drive.ignore(watchdog));
     }
 
     /// Has both drives take so long from a reset to their boot-up message.
     pub fn set_reset_time(&mut self, time: Duration) {
-        self.far.drives.iter_mut().filter_map(Seat::here_mut).for_each(|drive| drive.set_reset_time(time));
+        self.far.drives.iter_mut().filter_map(DeviceSlot::local_mut).for_each(|drive| drive.set_reset_time(time));
     }
 
     /// Has no hand take the tool, ever.
@@ -142,12 +143,12 @@ impl DeviceServer {
 
     /// Has both drives take so long to answer an SDO request.
     pub fn set_sdo_time(&mut self, time: Duration) {
-        self.far.drives.iter_mut().filter_map(Seat::here_mut).for_each(|drive| drive.set_sdo_time(time));
+        self.far.drives.iter_mut().filter_map(DeviceSlot::local_mut).for_each(|drive| drive.set_sdo_time(time));
     }
 
     /// Has the state machine of a drive, 0 the left, ignore the controlword, or follow it again.
     pub fn set_ignores_controlword(&mut self, drive: usize, ignores: bool) {
-        let drive = self.far.drives.get_mut(drive).and_then(Seat::here_mut);
+        let drive = self.far.drives.get_mut(drive).and_then(DeviceSlot::local_mut);
         drive.into_iter().for_each(|drive| drive.set_ignores_controlword(ignores));
     }
 
@@ -243,13 +244,13 @@ impl DeviceServer {
     #[must_use]
     pub fn only(mut self, here: [bool; DEVICES]) -> Self {
         let [has_left, has_right, has_sensor] = here;
-        for (seat, is_here) in self.far.drives.iter_mut().zip([has_left, has_right]) {
+        for (slot, is_here) in self.far.drives.iter_mut().zip([has_left, has_right]) {
             if !is_here {
-                *seat = Seat::empty();
+                *slot = DeviceSlot::empty();
             }
         }
         if !has_sensor {
-            self.far.sensor = Seat::empty();
+            self.far.sensor = DeviceSlot::empty();
         }
         self
     }
@@ -318,7 +319,7 @@ impl DeviceServer {
     /// sensor that is told to zero itself would take a noise with it that depends on when it is told.
     fn begin(&mut self, now: Time) {
         (self.far.world.noise, self.far.world.noise_counts) = (World::noise_from(self.seed), self.noise_counts);
-        if let Some(sensor) = self.far.sensor.here_mut() {
+        if let Some(sensor) = self.far.sensor.local_mut() {
             sensor.begin_clock(now);
         }
     }

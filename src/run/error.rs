@@ -7,7 +7,7 @@ use thiserror::Error;
 use super::pace::Pace;
 use super::sensor::NoZero;
 use crate::assembly::AssemblyError;
-use yieldwall_bus::{BootError, Heard};
+use yieldwall_bus::{BootError, HeardFrame};
 use yieldwall_drives::watchdog::Watchdog;
 use yieldwall_fieldbus::canopen::BusId;
 use yieldwall_link::SendError;
@@ -59,7 +59,7 @@ pub enum RunError {
     )]
     OtherMaster {
         /// What told so.
-        heard: Heard,
+        heard: HeardFrame,
         /// Whether this master had sent something before.
         has_sent: bool,
     },

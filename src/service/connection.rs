@@ -57,7 +57,7 @@ pub enum Error {
 
 /// What was heard of a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Heard {
+pub struct NodeTraffic {
     /// Frames with one of the identifiers that a device of this node id sends by default.
     pub frames: u64,
     /// State in its last heartbeat or answer to node guarding; after its boot-up message a node is in Pre-operational.
@@ -77,7 +77,7 @@ pub struct Service<L> {
     /// How long a node may take to answer a request, and how often it is asked again.
     patience: (Duration, u8),
     asked: [bool; 128],
-    heard: Vec<Heard>,
+    heard: Vec<NodeTraffic>,
     emergencies: Vec<(Time, Emergency)>,
     is_over: Arc<AtomicBool>,
 }
@@ -99,7 +99,7 @@ impl<L: CanLink> Service<L> {
             clients,
             patience: (Self::PATIENCE, 1),
             asked: [false; 128],
-            heard: vec![Heard::default(); 128],
+            heard: vec![NodeTraffic::default(); 128],
             emergencies: Vec::new(),
             is_over,
         }
@@ -114,7 +114,7 @@ impl<L: CanLink> Service<L> {
     pub fn turn_to(&mut self, bus: BusId) {
         if bus != self.bus {
             self.bus = bus;
-            self.heard.fill(Heard::default());
+            self.heard.fill(NodeTraffic::default());
             self.emergencies.clear();
         }
     }
@@ -147,7 +147,7 @@ impl<L: CanLink> Service<L> {
     }
 
     /// What was heard of a node.
-    pub fn heard(&self, node: NodeId) -> Heard {
+    pub fn heard(&self, node: NodeId) -> NodeTraffic {
         self.heard.get(usize::from(node.raw())).copied().unwrap_or_default()
     }
 

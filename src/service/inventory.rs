@@ -32,7 +32,7 @@ const PROGRAMS: std::ops::Range<u16> = 0x1f50..0x1f60;
 
 /// An object without a value, and why.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Missed {
+pub struct UnreadObject {
     /// The object.
     pub at: Address,
     /// Why there is none.
@@ -51,7 +51,7 @@ pub fn inventory<L: CanLink>(
     service: &mut Service<L>,
     node: NodeId,
     progress: impl FnMut(f64),
-) -> Result<(Eds, Vec<Missed>), Error> {
+) -> Result<(Eds, Vec<UnreadObject>), Error> {
     let eds = sheet(service, node)?;
     inventory_of(&mut service.objects(node), node.raw(), eds, progress)
 }
@@ -66,7 +66,7 @@ pub fn inventory_of(
     node_id: u8,
     mut eds: Eds,
     mut progress: impl FnMut(f64),
-) -> Result<(Eds, Vec<Missed>), Error> {
+) -> Result<(Eds, Vec<UnreadObject>), Error> {
     let mut missed = Vec::new();
     let (mut entries, mut bytes) = (0, 0);
     // Below 1000h are types, not objects.
@@ -99,7 +99,7 @@ fn object(
     objects: &mut (impl ObjectAccess + ?Sized),
     node_id: u8,
     index: u16,
-    missed: &mut Vec<Missed>,
+    missed: &mut Vec<UnreadObject>,
 ) -> Result<Option<Object>, Error> {
     let mut entries = BTreeMap::new();
     let first = match objects.read(Address::new(index, 0)) {
@@ -117,7 +117,7 @@ fn object(
             Err(Error::Refused(AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX)) => Ok(false),
             Err(error @ (Error::Link(_) | Error::Interrupted)) => Err(error),
             Err(why) => {
-                missed.push(Missed { at, why });
+                missed.push(UnreadObject { at, why });
                 Ok(true)
             }
         }
@@ -195,7 +195,7 @@ pub fn values_of(
     node_id: u8,
     sheet: &Eds,
     mut progress: impl FnMut(f64),
-) -> Result<(Eds, Vec<Missed>), Error> {
+) -> Result<(Eds, Vec<UnreadObject>), Error> {
     let mut eds = sheet.clone();
     eds.node = Some(Node { id: node_id, ..Node::default() });
     let mut missed = Vec::new();
@@ -216,7 +216,7 @@ pub fn values_of(
         match objects.read(at) {
             Ok(bytes) => entry.value = Some(of_node(at, Value::from_bytes(entry.data_type, &bytes), node_id)),
             Err(error @ (Error::Link(_) | Error::Interrupted | Error::NoAnswer)) => return Err(error),
-            Err(why) => missed.push(Missed { at, why }),
+            Err(why) => missed.push(UnreadObject { at, why }),
         }
     }
     progress(1.0);

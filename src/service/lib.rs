@@ -27,10 +27,10 @@ mod segment;
 mod tests;
 
 pub use caution::Caution;
-pub use connection::{Bytes, Error, Heard, Service};
-pub use inventory::{Missed, inventory, inventory_of, sheet_of, type_by_length, values_of};
+pub use connection::{Bytes, Error, NodeTraffic, Service};
+pub use inventory::{UnreadObject, inventory, inventory_of, sheet_of, type_by_length, values_of};
 pub use known::{Known, known, named, names};
 pub use object_access::{NodeObjects, ObjectAccess};
-pub use restore::{LeftOut, Made, Plan, Step, Why, carry_out, downloads, is_shown, plan};
-pub use scan::{Found, Identity, identify, number, of_node, scan};
+pub use restore::{LeftOut, Plan, Step, Why, WriteOutcome, carry_out, downloads, is_shown, plan};
+pub use scan::{FoundDevice, Identity, identify, number, of_node, scan};
 pub use segment::{ClockFacts, Counters, DeviceObjects, PortCounters, Present, SegmentError, SegmentService};

@@ -73,7 +73,7 @@ pub struct LeftOut {
 
 /// What a device made of a write.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Made {
+pub enum WriteOutcome {
     /// It holds the value.
     Written,
     /// It refuses, and holds what it held.
@@ -218,17 +218,17 @@ pub fn downloads(values: &Eds, explained: Option<&Eds>, node_id: u8) -> (Vec<(Ad
 ///
 /// # Errors
 /// Whatever is no answer: then nothing more should be written.
-pub fn carry_out(objects: &mut (impl ObjectAccess + ?Sized), step: &Step) -> Result<Made, Error> {
+pub fn carry_out(objects: &mut (impl ObjectAccess + ?Sized), step: &Step) -> Result<WriteOutcome, Error> {
     match objects.write(step.at, &step.new) {
         Ok(()) => {}
-        Err(Error::Refused(code)) => return Ok(Made::Refused(code)),
+        Err(Error::Refused(code)) => return Ok(WriteOutcome::Refused(code)),
         // It may have been written, which reading it tells.
         Err(Error::MayBeWritten) => {}
         Err(error) => return Err(error),
     }
     let holds = objects.read(step.at)?;
     let value = |bytes: &[u8]| Value::from_bytes(step.data_type, bytes);
-    Ok(if value(&holds) == value(&step.new) { Made::Written } else { Made::Holds(holds) })
+    Ok(if value(&holds) == value(&step.new) { WriteOutcome::Written } else { WriteOutcome::Holds(holds) })
 }
 
 /// Whether an object shows something, or is told all the time, and keeps nothing: process data, errors, the identity, the mode.

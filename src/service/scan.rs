@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use yieldwall_drives::eds::Value;
 
-use super::connection::{Error, Heard, Service};
+use super::connection::{Error, NodeTraffic, Service};
 use yieldwall_fieldbus::canopen::{NodeId, node_id};
 use yieldwall_fieldbus::objects::Address;
 use yieldwall_link::CanLink;
@@ -16,11 +16,11 @@ const PATIENCE: (Duration, u8) = (Duration::from_millis(400), 1);
 
 /// A device that was found.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Found {
+pub struct FoundDevice {
     /// Its node id.
     pub node: NodeId,
     /// What was heard of it.
-    pub heard: Heard,
+    pub heard: NodeTraffic,
     /// 1000h, if it answers: without an answer it was heard alone, as in Stopped.
     pub device_type: Option<u32>,
     /// Vendor, product, revision and serial number (1018h), as far as it has them.
@@ -33,7 +33,7 @@ pub struct Found {
 ///
 /// # Errors
 /// [`Error::Link`], [`Error::Interrupted`].
-pub fn scan<L: CanLink>(service: &mut Service<L>) -> Result<Vec<Found>, Error> {
+pub fn scan<L: CanLink>(service: &mut Service<L>) -> Result<Vec<FoundDevice>, Error> {
     let nodes: Vec<NodeId> = (1..=127).filter_map(|raw| node_id(raw).ok()).collect();
     service.set_patience(PATIENCE.0, PATIENCE.1);
     let asked: Vec<(NodeId, Address)> = nodes.iter().map(|node| (*node, DEVICE_TYPE)).collect();
@@ -55,7 +55,7 @@ pub fn scan<L: CanLink>(service: &mut Service<L>) -> Result<Vec<Found>, Error> {
     let mut identities = identify(service, &answering)?.into_iter();
     let found = there.into_iter().map(|(node, answers, device_type)| {
         let (identity, name) = if answers { identities.next().unwrap_or_default() } else { Default::default() };
-        Found { node, heard: service.heard(node), device_type, identity, name }
+        FoundDevice { node, heard: service.heard(node), device_type, identity, name }
     });
     Ok(found.collect())
 }

@@ -138,7 +138,7 @@ fn five_changed_objects_are_found_and_put_back() {
     assert_eq!(left_out, [Why::Caution(Caution::SetPoint)]);
     for step in &back.steps {
         let made = carry_out(&mut service.objects(node(1)), step).unwrap();
-        assert_eq!(made, Made::Written, "{step:?}");
+        assert_eq!(made, WriteOutcome::Written, "{step:?}");
     }
     assert_eq!(plan_of(&mut service).steps, []);
     assert_eq!(service.read(node(1), at(0x1a00, 1)), Ok(vec![0x10, 0, 0x41, 0x60]));

@@ -37,7 +37,7 @@ impl Rig {
                     integral_n_m_per_rad_s: 200_000.0,
                 },
                 encoder: Encoder::Quantised,
-                manner: Manner::default(),
+                manner: DriveQuirks::default(),
             })
             .unwrap()
         };

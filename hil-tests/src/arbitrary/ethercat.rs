@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use yieldwall::bus::Phase;
-use yieldwall::ethercat::coe::{CoeAnswer, CoeClient, CoeRequest, Heard, ListKind, MOST_BYTES};
+use yieldwall::ethercat::coe::{CoeAnswer, CoeClient, CoeEvent, CoeRequest, ListKind, MOST_BYTES};
 use yieldwall::ethercat::sii::{Sii, categories};
 use yieldwall::ethercat::{frame, mailbox};
 use yieldwall::objects::{Address, ServedDevice};
@@ -237,7 +237,7 @@ pub fn coe_client(bytes: &[u8]) {
             }
             now = now + bytes.wait();
             let heard = client.on_message(now, bytes.slice());
-            assert!(heard != Heard::Answer || len == 0 || *client.answer() != CoeAnswer::Idle);
+            assert!(heard != CoeEvent::Answer || len == 0 || *client.answer() != CoeAnswer::Idle);
             client.poll(now);
         }
         if let CoeAnswer::Value(value) = client.answer() {

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use yieldwall::canopen::Frame;
-use yieldwall::plain_can::{Client, Heard, Link, Order, Protocol, polled, streaming};
+use yieldwall::plain_can::{Client, Link, Order, Protocol, SensorEvent, polled, streaming};
 use yieldwall::sim::{ForceSensor, ForceSensorSettings, Speaks};
 use yieldwall::time::Time;
 
@@ -72,8 +72,8 @@ pub fn plain_can(bytes: &[u8]) {
             0..3 => {
                 let frame = bytes.frame(&ids);
                 let heard = client.on_frame(now, &frame);
-                assert_eq!(heard == Heard::Other, !data.contains(&frame.id()));
-                assert_eq!(heard == Heard::BadLength, data.contains(&frame.id()) && frame.len() != 8);
+                assert_eq!(heard == SensorEvent::Other, !data.contains(&frame.id()));
+                assert_eq!(heard == SensorEvent::BadLength, data.contains(&frame.id()) && frame.len() != 8);
                 witness.hear(now, &frame, &protocol, pair_gap);
                 sensor.on_frame(now, &frame, &mut answers);
             }
@@ -110,7 +110,7 @@ pub fn plain_can(bytes: &[u8]) {
         for pair in answers.chunks(2) {
             assert_eq!([pair[0].id(), pair[1].id()], data);
             for frame in pair {
-                assert_eq!((frame.len(), client.on_frame(now, frame)), (8, Heard::Half));
+                assert_eq!((frame.len(), client.on_frame(now, frame)), (8, SensorEvent::Half));
                 witness.hear(now, frame, &protocol, pair_gap);
             }
         }

@@ -4,7 +4,9 @@ use std::sync::LazyLock;
 
 use yieldwall::canopen::{Frame, cob, node_id};
 use yieldwall::config::shipped_profile;
-use yieldwall::sim::{Drive, DriveSettings, Encoder, ForceSensor, ForceSensorSettings, Manner, PositionLoop, Speaks};
+use yieldwall::sim::{
+    Drive, DriveQuirks, DriveSettings, Encoder, ForceSensor, ForceSensorSettings, PositionLoop, Speaks,
+};
 use yieldwall::time::Time;
 use yieldwall_drives::cia402::State;
 use yieldwall_drives::scaling::{AxisScaling, Direction};
@@ -35,7 +37,7 @@ fn new_drive(encoder: Encoder) -> Drive {
             integral_n_m_per_rad_s: 100_000.0,
         },
         encoder,
-        manner: Manner::default(),
+        manner: DriveQuirks::default(),
     })
     .expect("a good drive")
 }

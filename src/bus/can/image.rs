@@ -9,7 +9,7 @@ use yieldwall_drives::cia402::CommandMode;
 use yieldwall_drives::profiles::StatusBits;
 use yieldwall_fieldbus::canopen::pdo::Field;
 use yieldwall_fieldbus::canopen::{BusId, Frame, NodeId, Outbox, cob};
-use yieldwall_fieldbus::plain_can::{Client, Heard};
+use yieldwall_fieldbus::plain_can::{Client, SensorEvent};
 use yieldwall_fieldbus::time::Time;
 use yieldwall_motion::guard::DeviceSet;
 use yieldwall_motion::sensing::RawSample;
@@ -256,7 +256,7 @@ impl Image {
                 (OWN_SLOT, _) => Taken::Own,
                 (SET_POINT_SLOT, _) => Taken::SetPoint,
                 (PLAIN_SLOT, Some(client)) => {
-                    let is_short = client.on_frame(now, frame) == Heard::BadLength;
+                    let is_short = client.on_frame(now, frame) == SensorEvent::BadLength;
                     self.irregular.bad_length |= DeviceSet::SENSOR.only_if(is_short);
                     Taken::Image
                 }

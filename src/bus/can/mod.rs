@@ -15,11 +15,11 @@ use std::time::Duration;
 
 use super::LinkEvent;
 use super::axis::{Arrived, DriveOrders};
+use super::emergency::{EmergencyReport, LastTold};
 use super::error::{BootError, BootFailure};
 use super::phase::Phase;
 use super::setup::{MasterSetup, SensorLink};
 use super::signs::Signs;
-use super::told::{LastTold, Told};
 use boot::Boot;
 use image::{Image, SensorFrames, Taken};
 use line::Line;
@@ -189,7 +189,7 @@ impl CanNetwork {
     }
 
     /// What the devices told last, at most eight, the oldest first.
-    pub(super) fn told(&self) -> impl Iterator<Item = Told> {
+    pub(super) fn told(&self) -> impl Iterator<Item = EmergencyReport> {
         self.told.iter()
     }
 
@@ -256,7 +256,7 @@ impl CanNetwork {
                     self.events.emergency |= node.device.set();
                 }
                 let Emergency { code, register, vendor, .. } = emergency;
-                self.told.note(Told { time: now, device: node.device, code, register, vendor });
+                self.told.note(EmergencyReport { time: now, device: node.device, code, register, vendor });
             }
             return;
         }

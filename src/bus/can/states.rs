@@ -7,7 +7,7 @@ use super::node::Node;
 use super::{CanNetwork, refuse};
 use crate::error::{BootFailure, Others};
 use crate::phase::Phase;
-use crate::signs::Heard;
+use crate::signs::HeardFrame;
 use yieldwall_fieldbus::canopen::nmt::{self, HeartbeatChange, HeartbeatEvent};
 use yieldwall_fieldbus::canopen::{BusId, Frame, NmtCommand, NmtState, NodeSet, Outbox};
 use yieldwall_fieldbus::plain_can::Client;
@@ -32,7 +32,7 @@ impl CanNetwork {
     }
 
     /// Leaves the network to another master: nothing more is sent until the network is started anew.
-    pub(super) fn give_way(&mut self, heard: Heard) {
+    pub(super) fn give_way(&mut self, heard: HeardFrame) {
         if matches!(self.phase, Phase::Failed(_)) {
             return;
         }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::writes::{Altered, Place};
+use super::writes::{Altered, WriteTarget};
 use crate::script::{Action, Step};
 use yieldwall_fieldbus::objects::{Address, ObjectAnswer, ObjectRequest};
 use yieldwall_fieldbus::time::Time;
@@ -82,6 +82,6 @@ impl Limits {
         let is = bytes.iter().take(4).rev().fold(0, |value, byte| value << 8 | u32::from(*byte));
         let mask = u32::MAX.checked_shr(32 - 8 * bytes.len().clamp(1, 4) as u32).unwrap_or(u32::MAX);
         let written = limit.value & mask;
-        (is != written).then_some(Altered { place: Place::Object(limit.at), written, is })
+        (is != written).then_some(Altered { place: WriteTarget::Object(limit.at), written, is })
     }
 }

@@ -28,10 +28,10 @@ mod writes;
 use std::time::Duration;
 
 use super::LinkEvent;
+use super::emergency::{EmergencyReport, LastTold};
 use super::error::{BootError, BootFailure};
 use super::phase::Phase;
 use super::script::Written;
-use super::told::{LastTold, Told};
 use bring_up::BringUp;
 use clock::GridServo;
 use exchange::Grid;
@@ -301,7 +301,7 @@ impl EthercatNetwork {
     }
 
     /// What the devices told last, at most eight, the oldest first.
-    pub fn told(&self) -> impl Iterator<Item = Told> {
+    pub fn told(&self) -> impl Iterator<Item = EmergencyReport> {
         self.told.iter()
     }
 
@@ -562,7 +562,7 @@ impl EthercatNetwork {
         } else {
             self.events.emergency |= device.set();
         }
-        self.told.note(Told { time: now, device, code, register, vendor });
+        self.told.note(EmergencyReport { time: now, device, code, register, vendor });
     }
 
     /// All devices of the rig on the segment.

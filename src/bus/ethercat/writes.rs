@@ -28,7 +28,7 @@ pub(super) struct Write {
 
 /// Where something stands in a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Place {
+pub(super) enum WriteTarget {
     /// The byte of a register.
     Register(u16),
     Object(Address),
@@ -37,7 +37,7 @@ pub(super) enum Place {
 /// A place that holds something else than this master has written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Altered {
-    pub(super) place: Place,
+    pub(super) place: WriteTarget,
     /// What was written.
     pub(super) written: u32,
     /// What stands there.
@@ -49,8 +49,8 @@ impl Altered {
     pub(super) fn sentence(&self, title: &str) -> String {
         let Altered { place, written, is } = self;
         let place = match place {
-            Place::Register(register) => format!("register {register:04X}h"),
-            Place::Object(at) => format!("object {:04X}h:{:02X}", at.index, at.sub),
+            WriteTarget::Register(register) => format!("register {register:04X}h"),
+            WriteTarget::Object(at) => format!("object {:04X}h:{:02X}", at.index, at.sub),
         };
         format!("somebody else has set {place} of {title} to {is:X}h; this program had set it to {written:X}h")
     }
@@ -75,7 +75,7 @@ impl Write {
         };
         let mut bytes = (self.register..).zip(self.bytes.iter().zip(data));
         bytes.find_map(|(register, (written, is))| {
-            let place = Place::Register(register);
+            let place = WriteTarget::Register(register);
             let altered = Altered { place, written: u32::from(*written), is: u32::from(*is) };
             ((written ^ is) & counts(register) != 0).then_some(altered)
         })

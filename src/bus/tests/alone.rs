@@ -58,7 +58,7 @@ impl Net {
     }
 }
 
-fn other_master(net: &Net) -> (Heard, bool) {
+fn other_master(net: &Net) -> (HeardFrame, bool) {
     match failure(net).failure {
         BootFailure::OtherMaster { heard, has_sent } => (heard, has_sent),
         ref other => panic!("{other}"),
@@ -73,7 +73,7 @@ fn who_hears_a_master_while_it_listens_sends_nothing() {
         OF_DEVICES.iter().for_each(|line| net.hear(line));
         assert_eq!(*net.master.phase(), Phase::Off, "devices are no master");
         net.hear_frame(&frame);
-        assert_eq!(other_master(&net), (Heard { frame, sign }, false));
+        assert_eq!(other_master(&net), (HeardFrame { frame, sign }, false));
         net.assert_silent(&text(&frame));
     }
 }
@@ -101,7 +101,7 @@ fn who_hears_a_master_while_it_boots_sends_nothing_more() {
             net.take();
             net.hear_frame(&frame);
             let what = format!("{stage}: {}", text(&frame));
-            assert_eq!(other_master(&net), (Heard { frame, sign }, true), "{what}");
+            assert_eq!(other_master(&net), (HeardFrame { frame, sign }, true), "{what}");
             assert!(failure(&net).to_string().contains("began at the same moment; nothing was enabled"), "{what}");
             net.assert_silent(&what);
         }
@@ -166,7 +166,7 @@ fn a_rig_with_slow_heartbeats_listens_for_two_of_them() {
 
 #[test]
 fn what_was_heard_is_said_with_its_identifier_and_meaning() {
-    let said = |frame, sign| Heard { frame, sign }.to_string();
+    let said = |frame, sign| HeardFrame { frame, sign }.to_string();
     assert_eq!(said(frame("080#2A"), Sign::Sync), "SYNC (identifier 080h, frame 080#2A)");
     assert_eq!(
         said(Frame::remote(0x701, 1), Sign::Guarding { node_id: 1 }),

@@ -7,7 +7,7 @@ use yieldwall_drives::cia402::OperationMode;
 
 use super::keeping::{Named, back_up};
 use super::od::sheet_of;
-use super::place::{Desk, Place};
+use super::place::{DeviceSession, Place};
 use super::words::{mode_words, name, titled};
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
@@ -62,9 +62,9 @@ pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
         return Err(Failure::new(Exit::Usage, message, format!("write for example --name {name}{ADOPTED}")));
     }
     let eds = sheet_of(arguments.eds.as_deref(), output)?;
-    let mut desk = Desk::open(&arguments.place, output)?;
+    let mut desk = DeviceSession::open(&arguments.place, output)?;
     let node = desk.node(&arguments.node)?;
-    let refused = |desk: &Desk, refusal: Refusal| match refusal {
+    let refused = |desk: &DeviceSession, refusal: Refusal| match refusal {
         Refusal::Service(error) => desk.failure(&node, "asking what it can do", error),
         Refusal::State(_) => {
             let help = format!("{} says why; --reset-fault takes it out of Fault", desk.command("state", &node));

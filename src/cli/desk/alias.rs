@@ -3,7 +3,7 @@
 use serde_json::json;
 
 use super::place::Place;
-use super::segment::{Device, SegmentDesk};
+use super::segment::{Device, SegmentSession};
 use super::sii::{Asking, overwrite};
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
@@ -22,7 +22,7 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    let mut desk = SegmentDesk::only(&arguments.place, output)?;
+    let mut desk = SegmentSession::only(&arguments.place, output)?;
     let device = desk.device(&arguments.node)?;
     let Some(alias) = arguments.value else {
         let present = desk.service.present(device.position);
@@ -42,8 +42,8 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 }
 
 /// The image of a device with another alias, which no other device may have.
-pub(super) fn with_alias(desk: &mut SegmentDesk, device: &Device, alias: u16) -> Result<Vec<u8>, Failure> {
-    let failed = |desk: &SegmentDesk, error| desk.failure(device, "reading its SII", error);
+pub(super) fn with_alias(desk: &mut SegmentSession, device: &Device, alias: u16) -> Result<Vec<u8>, Failure> {
+    let failed = |desk: &SegmentSession, error| desk.failure(device, "reading its SII", error);
     let mut image = desk.service.sii_image(device.position).map_err(|error| failed(desk, error))?;
     if let Err(error) = Sii::read(&image) {
         let message = format!("{}: its SII is damaged: {error}; nothing was written", device.words());

@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::place::Place;
-use super::segment::{Device, SegmentDesk};
+use super::segment::{Device, SegmentSession};
 use super::words::{table, wrapped};
 use crate::failure::Failure;
 use crate::output::Output;
@@ -21,7 +21,7 @@ pub(crate) struct Arguments {
 pub(super) type Clock = (Device, Option<ClockFacts>);
 
 pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    let mut desk = SegmentDesk::only(&arguments.place, output)?;
+    let mut desk = SegmentSession::only(&arguments.place, output)?;
     let clocks = read(&mut desk, arguments.node.as_deref())?;
     if output.is_json() {
         let devices: Vec<Value> = clocks.iter().map(document).collect();
@@ -30,7 +30,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     output.result(&text(&clocks))
 }
 
-pub(super) fn read(desk: &mut SegmentDesk, word: Option<&str>) -> Result<Vec<Clock>, Failure> {
+pub(super) fn read(desk: &mut SegmentSession, word: Option<&str>) -> Result<Vec<Clock>, Failure> {
     let mut clocks = Vec::new();
     for device in desk.devices_of(word)? {
         let clock = desk.service.clock(device.position);

@@ -2,8 +2,8 @@
 
 use serde_json::json;
 
-use super::place::{AnyLink, Desk, Entry, Node, Place};
-use super::segment::{self, SegmentDesk};
+use super::place::{AnyLink, DeviceSession, Entry, Node, Place};
+use super::segment::{self, SegmentSession};
 use crate::checkup::{Section, finish};
 use crate::failure::{Exit, Failure};
 use crate::interrupt::on_interrupt;
@@ -14,7 +14,7 @@ use yieldwall_link::InterfaceFacts;
 use yieldwall_link::checkup::{Check, Verdict};
 use yieldwall_rig::live::{PlantedLink, Trouble};
 use yieldwall_service::doctor::{Around, NodeFacts, examine, judge, read_pattern};
-use yieldwall_service::{Found, scan};
+use yieldwall_service::{FoundDevice, scan};
 
 /// Most devices of one bus whose answers are compared.
 const MOST_COMPARED: usize = 8;
@@ -70,7 +70,7 @@ impl Fault {
 }
 
 pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    if let Some(mut desk) = SegmentDesk::open(&arguments.place, output)? {
+    if let Some(mut desk) = SegmentSession::open(&arguments.place, output)? {
         if arguments.listen || arguments.fault.is_some() {
             let message = "--listen and --fault are for nodes on CAN, and this place is on EtherCAT";
             return Err(Failure::new(Exit::Usage, message, "leave them away: nothing is written to the device"));
@@ -101,13 +101,13 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         }
     }
     let mut desk = match arguments.listen {
-        true => Desk::only_listening(&arguments.place, output)?,
-        false => Desk::open(&arguments.place, output)?,
+        true => DeviceSession::only_listening(&arguments.place, output)?,
+        false => DeviceSession::open(&arguments.place, output)?,
     };
     let node = desk.node(&arguments.node)?;
     if let Some(fault) = arguments.fault {
         let plant = |link| -> AnyLink { Box::new(PlantedLink::new(link, node.id, fault.trouble(node.id))) };
-        desk = Desk { service: desk.service.map_link(plant), ..desk };
+        desk = DeviceSession { service: desk.service.map_link(plant), ..desk };
     }
     let facts = examine(&mut desk.service, node.id, arguments.listen).map_err(|error| desk.bus_failure(error))?;
     // On a simulation the commands are those for a bus as the rig has it.
@@ -121,7 +121,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     finish(&sections, document(&desk, &node, &facts), output)
 }
 
-fn document(desk: &Desk, node: &Node, facts: &NodeFacts) -> serde_json::Value {
+fn document(desk: &DeviceSession, node: &Node, facts: &NodeFacts) -> serde_json::Value {
     let raw = |set: NodeSet| set.iter().map(NodeId::raw).collect::<Vec<u8>>();
     json!({
         "place": desk.place,
@@ -137,7 +137,13 @@ fn document(desk: &Desk, node: &Node, facts: &NodeFacts) -> serde_json::Value {
     })
 }
 
-fn around(desk: &Desk, node: &Node, interface: Option<String>, bit_rate: Option<u32>, commands: &str) -> Around {
+fn around(
+    desk: &DeviceSession,
+    node: &Node,
+    interface: Option<String>,
+    bit_rate: Option<u32>,
+    commands: &str,
+) -> Around {
     let here = |entry: &&Entry| entry.bus == desk.service.bus();
     Around {
         name: node.words(),
@@ -149,7 +155,7 @@ fn around(desk: &Desk, node: &Node, interface: Option<String>, bit_rate: Option<
 }
 
 /// The bit rate of the simulated bus in bit/s.
-fn simulated_bit_rate(desk: &Desk) -> Result<Option<u32>, Failure> {
+fn simulated_bit_rate(desk: &DeviceSession) -> Result<Option<u32>, Failure> {
     let Some(rig) = &desk.rig else { return Ok(None) };
     let rig = config::load_rig(Source::named(rig))?.value;
     let name = desk.buses.iter().find(|(bus, _)| *bus == desk.service.bus()).map(|(_, name)| name);
@@ -174,7 +180,7 @@ pub(crate) fn on_segment(
     output: &mut Output,
 ) -> Result<Vec<Section>, Failure> {
     let place = Place { bus: Some(argument.to_owned()), rig: rig.map(str::to_owned) };
-    let examined = SegmentDesk::only(&place, output).and_then(|mut desk| segment::doctor::sections(&mut desk, None));
+    let examined = SegmentSession::only(&place, output).and_then(|mut desk| segment::doctor::sections(&mut desk, None));
     examined.or_else(|failure| {
         let Some(finding) = failure.report.diagnostics.into_iter().next() else { return Ok(Vec::new()) };
         let check = Check::wrong("segment", finding.message).follows(finding.help.unwrap_or_default());
@@ -185,7 +191,7 @@ pub(crate) fn on_segment(
 /// The devices of an interface that can be used: who answers, and whether identifiers and node ids are right. `commands` is what
 /// commands need to come there.
 pub(crate) fn devices(argument: &str, rig: Option<&Rig>, commands: &str) -> Result<Vec<Check>, Failure> {
-    let mut desk = match Desk::on_bus(argument, rig, on_interrupt()?) {
+    let mut desk = match DeviceSession::on_bus(argument, rig, on_interrupt()?) {
         Ok(desk) => desk,
         // A master that is there is no trouble, and nothing is asked beside it.
         Err(failure) => {
@@ -207,11 +213,11 @@ pub(crate) fn devices(argument: &str, rig: Option<&Rig>, commands: &str) -> Resu
 }
 
 /// Whether a device answers, as everyone does but in Stopped.
-fn is_answering(found: &Found) -> bool {
+fn is_answering(found: &FoundDevice) -> bool {
     found.device_type.is_some() || found.identity != [None; 4]
 }
 
-fn of_found(desk: &Desk, found: &[Found], commands: &str) -> Check {
+fn of_found(desk: &DeviceSession, found: &[FoundDevice], commands: &str) -> Check {
     let nodes: NodeSet = found.iter().map(|found| found.node).collect();
     if nodes.is_empty() {
         let entry = desk.entries.iter().find(|entry| entry.bus == desk.service.bus());
@@ -224,7 +230,7 @@ fn of_found(desk: &Desk, found: &[Found], commands: &str) -> Check {
 }
 
 /// The devices that do not answer, those of the rig that are not there among them.
-fn missing(desk: &Desk, found: &[Found], commands: &str) -> Vec<Check> {
+fn missing(desk: &DeviceSession, found: &[FoundDevice], commands: &str) -> Vec<Check> {
     let answering: NodeSet = found.iter().filter(|found| is_answering(found)).map(|found| found.node).collect();
     let of_rig = desk.entries.iter().filter(|entry| entry.bus == desk.service.bus()).map(|entry| entry.node);
     let all: NodeSet = found.iter().map(|found| found.node).chain(of_rig).collect();
@@ -242,7 +248,7 @@ fn missing(desk: &Desk, found: &[Found], commands: &str) -> Vec<Check> {
 }
 
 /// What a pattern of reads shows of the devices that answer.
-fn compared(desk: &mut Desk, found: &[Found], commands: &str) -> Result<Vec<Check>, Failure> {
+fn compared(desk: &mut DeviceSession, found: &[FoundDevice], commands: &str) -> Result<Vec<Check>, Failure> {
     let mut wrong = Vec::new();
     let mut compared = NodeSet::default();
     for found in found.iter().filter(|found| is_answering(found)).take(MOST_COMPARED) {

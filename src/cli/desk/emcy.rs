@@ -3,9 +3,9 @@
 use serde_json::{Value, json};
 
 use super::keeping::back_up;
-use super::place::{Desk, Node, Place};
-use super::reached::Reached;
-use super::segment::{self, SegmentDesk};
+use super::place::{DeviceSession, Node, Place};
+use super::reached::DeviceHandle;
+use super::segment::{self, SegmentSession};
 use crate::explain;
 use crate::failure::Failure;
 use crate::output::Output;
@@ -37,10 +37,10 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     if let (true, Some(word)) = (arguments.clear, &arguments.node) {
         return forget(word, arguments, output);
     }
-    if let Some(desk) = SegmentDesk::open(&arguments.place, output)? {
+    if let Some(desk) = SegmentSession::open(&arguments.place, output)? {
         return segment::emcy::run(arguments.node.as_deref(), desk, output);
     }
-    let mut desk = Desk::open(&arguments.place, output)?;
+    let mut desk = DeviceSession::open(&arguments.place, output)?;
     let nodes: Vec<(BusId, Node)> = match &arguments.node {
         Some(word) => {
             let node = desk.node(word)?;
@@ -126,7 +126,7 @@ pub(super) fn stored(errors: Option<&[PastError]>, explained: impl Fn(u16) -> Ex
     errors.map_or(Value::Null, |errors| errors.iter().map(each).collect())
 }
 
-fn document(desk: &Desk, node: &Node, errors: Option<&[PastError]>) -> Value {
+fn document(desk: &DeviceSession, node: &Node, errors: Option<&[PastError]>) -> Value {
     json!({
         "node_id": node.id.raw(),
         "name": node.entry.as_ref().map(|entry| entry.name.clone()),
@@ -136,7 +136,7 @@ fn document(desk: &Desk, node: &Node, errors: Option<&[PastError]>) -> Value {
 
 /// Has a device forget its stored errors, if there are any, after they were kept in a file.
 fn forget(word: &str, arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    let mut reached = Reached::open(&arguments.place, word, output)?;
+    let mut reached = DeviceHandle::open(&arguments.place, word, output)?;
     let errors = history(&mut |at| reached.read(at));
     let errors = errors.map_err(|error| reached.failure("reading its stored errors", error))?;
     let explained = |code| reached.explained(code);
@@ -153,7 +153,7 @@ fn forget(word: &str, arguments: &Arguments, output: &mut Output) -> Result<(), 
     if output.is_json() { output.report(document) } else { output.result(&told) }
 }
 
-fn clear(reached: &mut Reached, errors: &[PastError], is_dry: bool, output: &mut Output) -> Result<(), Failure> {
+fn clear(reached: &mut DeviceHandle, errors: &[PastError], is_dry: bool, output: &mut Output) -> Result<(), Failure> {
     if is_dry {
         return output.news("would write 1003h:0 error-history 00h");
     }

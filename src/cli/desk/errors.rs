@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::place::Place;
-use super::segment::{Device, SegmentDesk};
+use super::segment::{Device, SegmentSession};
 use super::words::{table, wrapped};
 use crate::failure::Failure;
 use crate::output::Output;
@@ -21,7 +21,7 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    let mut desk = SegmentDesk::only(&arguments.place, output)?;
+    let mut desk = SegmentSession::only(&arguments.place, output)?;
     let devices = desk.devices_of(arguments.node.as_deref())?;
     let mut counted = Vec::new();
     for device in devices {

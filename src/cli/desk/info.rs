@@ -3,15 +3,15 @@
 use serde_json::{Map, Value, json};
 use yieldwall_drives::scaling::AxisScaling;
 
-use super::place::{Desk, Place};
+use super::place::{DeviceSession, Place};
 use super::scan::{fit, kind};
-use super::segment::{self, SegmentDesk};
+use super::segment::{self, SegmentSession};
 use super::words::{self, nmt_words, table};
 use crate::failure::Failure;
 use crate::output::Output;
 use yieldwall_fieldbus::objects::Address;
 use yieldwall_run::explanation::Explanation;
-use yieldwall_service::{Bytes, Error, Found, identify, known, number};
+use yieldwall_service::{Bytes, Error, FoundDevice, identify, known, number};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
@@ -45,12 +45,12 @@ const OBJECTS: [(u16, u8, &str); 14] = [
 ];
 
 pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    if let Some(desk) = SegmentDesk::open(&arguments.place, output)? {
+    if let Some(desk) = SegmentSession::open(&arguments.place, output)? {
         return segment::info::run(&arguments.node, desk, output);
     }
-    let mut desk = Desk::open(&arguments.place, output)?;
+    let mut desk = DeviceSession::open(&arguments.place, output)?;
     let node = desk.node(&arguments.node)?;
-    let failed = |desk: &Desk, error| desk.failure(&node, "reading who it is", error);
+    let failed = |desk: &DeviceSession, error| desk.failure(&node, "reading who it is", error);
     let device_type = match desk.service.read(node.id, Address::new(0x1000, 0)) {
         Ok(bytes) => Some(number(&bytes)),
         Err(Error::Refused(_)) => None,
@@ -60,7 +60,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let identities = identify(&mut desk.service, &[node.id]).map_err(|error| failed(&desk, error))?;
     let (identity_parts, name) = identities.into_iter().next().unwrap_or_default();
     let found =
-        Found { node: node.id, heard: desk.service.heard(node.id), device_type, identity: identity_parts, name };
+        FoundDevice { node: node.id, heard: desk.service.heard(node.id), device_type, identity: identity_parts, name };
     let asked: Vec<_> = asked().map(|at| (node.id, at)).collect();
     let answers = desk.service.read_each(&asked).map_err(|error| desk.bus_failure(error))?;
     let mut rows =

@@ -11,9 +11,9 @@ use std::sync::atomic::AtomicBool;
 use serde::{Deserialize, Serialize};
 use yieldwall_drives::objects;
 
-use super::place::Desk;
-use super::reached::Reached;
-use super::segment::SegmentDesk;
+use super::place::DeviceSession;
+use super::reached::DeviceHandle;
+use super::segment::SegmentSession;
 use super::state::refuse_powered;
 use super::words::titled;
 use crate::failure::{Exit, Failure};
@@ -28,7 +28,7 @@ use yieldwall_fieldbus::canopen::NmtCommand;
 use yieldwall_fieldbus::ethercat::{AlState, AlStatus};
 use yieldwall_fieldbus::objects::Address;
 use yieldwall_record::trusted;
-use yieldwall_service::{Error, Made, carry_out, number, plan, sheet_of};
+use yieldwall_service::{Error, WriteOutcome, carry_out, number, plan, sheet_of};
 
 /// What tells a device from others of its kind and from other kinds: vendor, product, serial number.
 const IDENTITY: [Address; 3] = [Address::new(0x1018, 1), Address::new(0x1018, 2), Address::new(0x1018, 4)];
@@ -91,7 +91,7 @@ impl Journal {
         let mut devices = Vec::new();
         for (at, (bus, interface)) in rig.buses.values().zip(interfaces.names()).enumerate() {
             let is_on_ethercat = matches!(bus, Bus::Ethercat(_));
-            let mut reached: Option<Reached> = None;
+            let mut reached: Option<DeviceHandle> = None;
             for written in written.iter().filter(|written| written.bus.index() == at) {
                 reach(&mut reached, (interface, is_on_ethercat), written.number, &is_over)?;
                 let Some(reached) = &mut reached else { continue };
@@ -159,7 +159,7 @@ impl Journal {
     pub(crate) fn give_back(self, output: &mut Output) -> Result<(), Failure> {
         let is_over = uninterrupted()?;
         let (mut given, mut lacking) = (Vec::new(), Vec::new());
-        let mut reached: Option<Reached> = None;
+        let mut reached: Option<DeviceHandle> = None;
         let mut interface = None;
         for device in &self.kept.devices {
             if interface.replace(&device.interface) != Some(&device.interface) {
@@ -293,7 +293,7 @@ fn began_in(status: &str) -> Option<u64> {
 /// Comes to a device on an interface, by what was reached there before. One on EtherCAT comes to PRE-OP, also from an error that a boot
 /// has left which was broken off.
 fn reach(
-    reached: &mut Option<Reached>,
+    reached: &mut Option<DeviceHandle>,
     (interface, is_on_ethercat): (&str, bool),
     number: u16,
     is_over: &Arc<AtomicBool>,
@@ -301,8 +301,8 @@ fn reach(
     let word = number.to_string();
     if is_on_ethercat {
         let mut desk = match reached.take() {
-            Some(Reached::Device(desk, _)) => desk,
-            _ => Box::new(SegmentDesk::on_bus(interface, Arc::clone(is_over))?),
+            Some(DeviceHandle::Device(desk, _)) => desk,
+            _ => Box::new(SegmentSession::on_bus(interface, Arc::clone(is_over))?),
         };
         let device = desk.device(&word)?;
         let state = desk.service.state(device.position);
@@ -312,26 +312,26 @@ fn reach(
             changed.map_err(|error| desk.failure(&device, "asking for PRE-OP", error))?;
         }
         desk.objects(&device)?;
-        *reached = Some(Reached::Device(desk, device));
+        *reached = Some(DeviceHandle::Device(desk, device));
         return Ok(());
     }
     let mut desk = match reached.take() {
-        Some(Reached::Node(desk, _)) => desk,
-        _ => Box::new(Desk::on_bus(interface, None, Arc::clone(is_over))?),
+        Some(DeviceHandle::Node(desk, _)) => desk,
+        _ => Box::new(DeviceSession::on_bus(interface, None, Arc::clone(is_over))?),
     };
     let node = desk.node(&word)?;
-    *reached = Some(Reached::Node(desk, node));
+    *reached = Some(DeviceHandle::Node(desk, node));
     Ok(())
 }
 
-fn identity(reached: &mut Reached) -> Result<[Option<u32>; 3], Failure> {
+fn identity(reached: &mut DeviceHandle) -> Result<[Option<u32>; 3], Failure> {
     let [vendor, product, serial] = IDENTITY.map(|at| reached.number_of(at, "reading what it is"));
     Ok([vendor?, product?, serial?])
 }
 
 /// What objects hold that can be read; those that cannot are put with the others.
 fn held(
-    reached: &mut Reached,
+    reached: &mut DeviceHandle,
     objects: &[Address],
     unreadable: &mut Vec<(u16, u8)>,
 ) -> Result<Vec<KeptObject>, Failure> {
@@ -348,7 +348,7 @@ fn held(
 
 /// Gives a device back what it held, and counts the objects that were written.
 fn give_back(
-    reached: &mut Option<Reached>,
+    reached: &mut Option<DeviceHandle>,
     device: &KeptDevice,
     is_over: &Arc<AtomicBool>,
     given: &mut usize,
@@ -380,9 +380,9 @@ fn give_back(
         let made = carry_out(&mut *reached.objects()?, step);
         let made = made.map_err(|error| reached.failure(&format!("writing {}", titled(step.at, &step.name)), error))?;
         let is_taken = match made {
-            Made::Written => true,
-            Made::Holds(_) => !step.is_final,
-            Made::Refused(_) => false,
+            WriteOutcome::Written => true,
+            WriteOutcome::Holds(_) => !step.is_final,
+            WriteOutcome::Refused(_) => false,
         };
         *given += usize::from(is_taken && step.is_final);
         if !is_taken {
@@ -395,8 +395,8 @@ fn give_back(
 }
 
 /// Has a device exchange no process data, which may not change meanwhile. One on EtherCAT was reached so.
-fn rest(reached: &mut Reached) -> Result<(), Failure> {
-    let Reached::Node(desk, node) = reached else { return Ok(()) };
+fn rest(reached: &mut DeviceHandle) -> Result<(), Failure> {
+    let DeviceHandle::Node(desk, node) = reached else { return Ok(()) };
     let sent = desk.service.command(NmtCommand::EnterPreOperational, Some(node.id));
     sent.map_err(|error| desk.failure(node, "asking for Pre-operational", error))
 }

@@ -6,7 +6,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use yieldwall_drives::eds::{Eds, Node as Of};
 use yieldwall_drives::objects;
 
-use super::reached::Reached;
+use super::reached::DeviceHandle;
 use crate::confirm::agreed;
 use crate::failure::{Exit, Failure};
 use crate::keep::state_folder;
@@ -92,7 +92,7 @@ fn keep_file(device: Named, extension: &str, bytes: &[u8]) -> Result<PathBuf, Fa
 }
 
 /// Has a device store its parameters, once a person has said yes.
-pub(super) fn store(reached: &mut Reached, is_agreed: bool) -> Result<(), Failure> {
+pub(super) fn store(reached: &mut DeviceHandle, is_agreed: bool) -> Result<(), Failure> {
     let what =
         format!("{} stores all its parameters in its memory (1010h:1), over those that it has there", reached.words());
     if !is_agreed && !agreed(&what) {

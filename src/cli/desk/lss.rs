@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
-use super::place::{Desk, Place};
+use super::place::{DeviceSession, Place};
 use super::words::wrapped;
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
@@ -55,12 +55,12 @@ pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     }
 }
 
-fn ask(desk: &mut Desk, request: LssRequest, timeout: Duration) -> Result<LssOutcome, Failure> {
+fn ask(desk: &mut DeviceSession, request: LssRequest, timeout: Duration) -> Result<LssOutcome, Failure> {
     desk.service.lss(request, timeout).map_err(|error| desk.bus_failure(error))
 }
 
 /// The device without a node id, now in configuration.
-fn unconfigured(desk: &mut Desk) -> Result<Option<LssAddress>, Failure> {
+fn unconfigured(desk: &mut DeviceSession) -> Result<Option<LssAddress>, Failure> {
     ask(desk, LssRequest::SwitchAll { to_configuration: false }, ANSWER)?;
     match ask(desk, LssRequest::Fastscan, SEARCH)? {
         LssOutcome::Identity(address) => Ok(Some(address)),
@@ -69,7 +69,7 @@ fn unconfigured(desk: &mut Desk) -> Result<Option<LssAddress>, Failure> {
 }
 
 fn find(arguments: &Find, output: &mut Output) -> Result<(), Failure> {
-    let mut desk = Desk::open(&arguments.place, output)?;
+    let mut desk = DeviceSession::open(&arguments.place, output)?;
     let found = unconfigured(&mut desk)?;
     ask(&mut desk, LssRequest::SwitchAll { to_configuration: false }, ANSWER)?;
     if output.is_json() {
@@ -88,7 +88,7 @@ fn find(arguments: &Find, output: &mut Output) -> Result<(), Failure> {
 }
 
 fn set_id(arguments: &SetId, output: &mut Output) -> Result<(), Failure> {
-    let mut desk = Desk::open(&arguments.place, output)?;
+    let mut desk = DeviceSession::open(&arguments.place, output)?;
     let new = node_id(arguments.node_id).map_err(|error| Failure::new(Exit::Usage, error.to_string(), ""))?;
     let more = desk.arguments.clone();
     let no_device = || {
@@ -178,7 +178,7 @@ fn set_id(arguments: &SetId, output: &mut Output) -> Result<(), Failure> {
 
 /// The failure that another device has the node id.
 fn taken(
-    desk: &mut Desk,
+    desk: &mut DeviceSession,
     arguments: &SetId,
     new: yieldwall_fieldbus::canopen::NodeId,
 ) -> Result<Option<Failure>, Failure> {

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
-use super::place::{Desk, Entry, Place};
+use super::place::{DeviceSession, Entry, Place};
 use super::words::{nmt_words, spaced};
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
@@ -33,7 +33,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         let message = format!("--for is {}: it lasts more than 0 and at most 1 000 000 seconds", arguments.seconds);
         return Err(Failure::new(Exit::Usage, message, "give a number of seconds, such as --for 10"));
     }
-    let mut desk = Desk::only_listening(&arguments.place, output)?;
+    let mut desk = DeviceSession::only_listening(&arguments.place, output)?;
     let begun = desk.service.now();
     let entries = desk.entries.clone();
     let several = desk.buses.len() > 1;
@@ -215,12 +215,12 @@ fn document(time_s: f64, arrival: &Arrival, what: &str) -> Value {
 
 #[cfg(test)]
 mod tests {
-    use super::super::place::{Desk, Place};
+    use super::super::place::{DeviceSession, Place};
     use super::*;
 
     #[test]
     fn frames_are_told_in_words() {
-        let entries = Desk::open(&Place::default(), &mut Output::new(true, false, false)).unwrap().entries;
+        let entries = DeviceSession::open(&Place::default(), &mut Output::new(true, false, false)).unwrap().entries;
         for (id, data, words) in [
             (0x000, &[0x80, 1][..], "NMT: Enter Pre Operational to node 1"),
             (0x080, &[], "SYNC"),

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::place::{Desk, Node, Place};
+use super::place::{DeviceSession, Node, Place};
 use super::words::{nmt_words, wrapped};
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
@@ -60,7 +60,7 @@ impl Command {
 }
 
 pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    let mut desk = Desk::open(&arguments.place, output)?;
+    let mut desk = DeviceSession::open(&arguments.place, output)?;
     let (command, words) = arguments.command.of_nmt();
     let node = if arguments.node == "all" { None } else { Some(desk.node(&arguments.node)?) };
     let who = node.as_ref().map_or("all nodes".to_owned(), |node| node.words());
@@ -115,7 +115,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 }
 
 /// Whether a device is there, and its state, where it tells one: by node guarding, a heartbeat, or an answer to a read of its type.
-fn presence(desk: &mut Desk, node: &Node) -> Result<Option<Option<NmtState>>, Failure> {
+fn presence(desk: &mut DeviceSession, node: &Node) -> Result<Option<Option<NmtState>>, Failure> {
     let state = desk.service.state(node.id).map_err(|error| desk.failure(node, "asking its state", error))?;
     if state.is_some() {
         return Ok(Some(state));
@@ -128,6 +128,6 @@ fn presence(desk: &mut Desk, node: &Node) -> Result<Option<Option<NmtState>>, Fa
     }
 }
 
-fn why_absent(desk: &Desk, node: &Node) -> String {
+fn why_absent(desk: &DeviceSession, node: &Node) -> String {
     format!("{} finds out why; `yieldwall scan{}` shows who answers", desk.command("doctor node", node), desk.arguments)
 }

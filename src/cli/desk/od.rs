@@ -11,14 +11,14 @@ use yieldwall_drives::eds::{Eds, Value};
 
 use super::keeping::{back_up, store};
 use super::place::Place;
-use super::reached::Reached;
+use super::reached::DeviceHandle;
 use super::state::refuse_powered;
 use super::words::{self, object, table, titled};
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
 use yieldwall_config::{Diagnostic, Severity};
 use yieldwall_fieldbus::objects::{AbortCode, Address};
-use yieldwall_service::{Caution, Error, Made, Step, carry_out, known, type_by_length};
+use yieldwall_service::{Caution, Error, Step, WriteOutcome, carry_out, known, type_by_length};
 
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum Command {
@@ -82,7 +82,7 @@ pub(super) struct Saving {
 
 impl Saving {
     /// Has the device store what was written, if that is wanted and agreed to; whether it has.
-    fn after(self, reached: &mut Reached) -> Result<bool, Failure> {
+    fn after(self, reached: &mut DeviceHandle) -> Result<bool, Failure> {
         if self.save { store(reached, self.yes).map(|()| true) } else { Ok(false) }
     }
 }
@@ -123,7 +123,7 @@ impl Done {
     }
 
     /// Has the device store what was written, if all of it was.
-    pub(super) fn saved(mut self, saving: Saving, reached: &mut Reached) -> Self {
+    pub(super) fn saved(mut self, saving: Saving, reached: &mut DeviceHandle) -> Self {
         match &mut self.end {
             Ok(()) => match saving.after(reached) {
                 Ok(is_stored) => self.is_stored = is_stored,
@@ -192,7 +192,7 @@ fn read(arguments: &Read, output: &mut Output) -> Result<(), Failure> {
     let eds = sheet_of(arguments.eds.as_deref(), output)?;
     let objects: Vec<Address> =
         arguments.objects.iter().map(|word| object(word, eds.as_ref())).collect::<Result<_, _>>()?;
-    let mut reached = Reached::open(&arguments.place, &arguments.node, output)?;
+    let mut reached = DeviceHandle::open(&arguments.place, &arguments.node, output)?;
     let (mut rows, mut documents, mut end) = (Vec::new(), Vec::new(), Ok(()));
     for at in objects {
         let name = words::name(at, eds.as_ref());
@@ -227,7 +227,7 @@ fn read(arguments: &Read, output: &mut Output) -> Result<(), Failure> {
 fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
     let eds = sheet_of(arguments.eds.as_deref(), output)?;
     let at = object(&arguments.object, eds.as_ref())?;
-    let mut reached = Reached::open(&arguments.place, &arguments.node, output)?;
+    let mut reached = DeviceHandle::open(&arguments.place, &arguments.node, output)?;
     let name = words::name(at, eds.as_ref());
     let old = match reached.read(at) {
         Ok(old) => Some(old),
@@ -286,7 +286,7 @@ fn no_type(at: Address) -> Failure {
 /// # Errors
 /// If what they hold cannot be kept: nothing was written.
 pub(super) fn write_all(
-    reached: &mut Reached,
+    reached: &mut DeviceHandle,
     steps: &[Step],
     eds: Option<&Eds>,
     output: &mut Output,
@@ -307,11 +307,11 @@ pub(super) fn write_all(
     let mut fates = Vec::new();
     for step in steps {
         fates.push(match carry_out(&mut *reached.objects()?, step) {
-            Ok(Made::Written) => Fate::Written,
-            Ok(Made::Refused(code)) => Fate::Refused(code),
-            Ok(Made::Holds(bytes)) if step.is_final => Fate::Holds(bytes),
+            Ok(WriteOutcome::Written) => Fate::Written,
+            Ok(WriteOutcome::Refused(code)) => Fate::Refused(code),
+            Ok(WriteOutcome::Holds(bytes)) if step.is_final => Fate::Holds(bytes),
             // A PDO that is out of use for the time being.
-            Ok(Made::Holds(_)) => Fate::Written,
+            Ok(WriteOutcome::Holds(_)) => Fate::Written,
             Err(error) => Fate::Unknown(error),
         });
         if fates.last() != Some(&Fate::Written) {
@@ -330,7 +330,7 @@ pub(super) fn write_all(
 }
 
 /// How to undo what was written.
-fn way_back(reached: &Reached, kept: Option<&Path>, has_written: bool) -> String {
+fn way_back(reached: &DeviceHandle, kept: Option<&Path>, has_written: bool) -> String {
     match kept {
         _ if !has_written => "nothing was written".to_owned(),
         Some(path) => {
@@ -343,7 +343,7 @@ fn way_back(reached: &Reached, kept: Option<&Path>, has_written: bool) -> String
 }
 
 /// The failure that a write did not do what it should.
-fn ended(reached: &Reached, step: &Step, fate: &Fate, eds: Option<&Eds>, back: &str) -> Failure {
+fn ended(reached: &DeviceHandle, step: &Step, fate: &Fate, eds: Option<&Eds>, back: &str) -> Failure {
     let doing = format!("writing {}", titled(step.at, &step.name));
     let of_device = |what: String, help: String| {
         Failure::new(Exit::DeviceMismatch, format!("{}: {doing}: {what}", reached.words()), help)
@@ -375,7 +375,7 @@ fn ended(reached: &Reached, step: &Step, fate: &Fate, eds: Option<&Eds>, back: &
 }
 
 /// What was written, or would be, old -> new, and what was not; and how all of it has ended.
-pub(super) fn told(reached: &Reached, steps: &[Step], done: Done, output: &mut Output) -> Result<(), Failure> {
+pub(super) fn told(reached: &DeviceHandle, steps: &[Step], done: Done, output: &mut Output) -> Result<(), Failure> {
     let shown = |step: &Step, bytes: &[u8]| {
         let shown = words::value(step.at, Some(step.data_type), bytes, reached.scaling());
         shown.means.map_or(shown.raw.clone(), |means| format!("{} {means}", shown.raw))
@@ -446,7 +446,7 @@ mod tests {
     #[test]
     fn writes_that_end_half_way_say_how_far_they_came() {
         let mut output = Output::new(true, false, false);
-        let mut reached = Reached::open(&Place::default(), "left", &mut output).unwrap();
+        let mut reached = DeviceHandle::open(&Place::default(), "left", &mut output).unwrap();
         let steps = [
             step(0x6072, 6, &[0xe8, 3], &[0x84, 3]),
             step(0x605a, 3, &[2, 0], &[99, 0]),
@@ -470,7 +470,7 @@ mod tests {
         assert_eq!(reached.read(steps[0].at).unwrap(), [0x84, 3]);
         assert_eq!(reached.read(steps[2].at).unwrap(), [0xbc, 0x31, 0, 0]);
         // On a bus the way back is a command that comes to the same device.
-        let Reached::Node(desk, _) = &mut reached else { panic!("on CAN") };
+        let DeviceHandle::Node(desk, _) = &mut reached else { panic!("on CAN") };
         desk.arguments = " --bus can0".to_owned();
         let back = way_back(&reached, Some(Path::new("kept.dcf")), true);
         assert_eq!(back, "`yieldwall od restore kept.dcf 1 --bus can0` puts back what was written");
@@ -480,7 +480,7 @@ mod tests {
     #[test]
     fn all_that_was_written_can_be_stored() {
         let mut output = Output::new(true, false, false);
-        let mut reached = Reached::open(&Place::default(), "left", &mut output).unwrap();
+        let mut reached = DeviceHandle::open(&Place::default(), "left", &mut output).unwrap();
         let steps = [step(0x6072, 6, &[0xe8, 3], &[0x84, 3])];
         let done = write_all(&mut reached, &steps, None, &mut output).unwrap();
         let saved = done.saved(Saving { save: true, yes: true }, &mut reached);

@@ -2,8 +2,8 @@
 
 use serde_json::{Value, json};
 
-use super::place::{Desk, Node, Place};
-use super::segment::{self, SegmentDesk};
+use super::place::{DeviceSession, Node, Place};
+use super::segment::{self, SegmentSession};
 use super::words::mapped;
 use crate::failure::Failure;
 use crate::output::Output;
@@ -38,10 +38,10 @@ struct Pdo {
 
 pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
     let Command::Show(arguments) = command;
-    if let Some(desk) = SegmentDesk::open(&arguments.place, output)? {
+    if let Some(desk) = SegmentSession::open(&arguments.place, output)? {
         return segment::pdo::run(&arguments.node, desk, output);
     }
-    let mut desk = Desk::open(&arguments.place, output)?;
+    let mut desk = DeviceSession::open(&arguments.place, output)?;
     let node = desk.node(&arguments.node)?;
     let mut pdos = Vec::new();
     for (direction, base) in [("RPDO", 0x1400), ("TPDO", 0x1800)] {
@@ -65,7 +65,7 @@ pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     output.result(&text)
 }
 
-fn pdo(desk: &mut Desk, node: &Node, direction: &str, index: u16) -> Result<Option<Pdo>, Failure> {
+fn pdo(desk: &mut DeviceSession, node: &Node, direction: &str, index: u16) -> Result<Option<Pdo>, Failure> {
     let mut read = |index, sub| match desk.service.read(node.id, Address::new(index, sub)) {
         Ok(bytes) => Ok(Some(number(&bytes))),
         Err(Error::Refused(_)) => Ok(None),

@@ -72,7 +72,7 @@ pub(super) struct Node {
 }
 
 /// The devices of a bus, or of a simulation, and the rig that they may belong to.
-pub(super) struct Desk {
+pub(super) struct DeviceSession {
     pub(super) service: Service<AnyLink>,
     pub(super) entries: Vec<Entry>,
     /// The buses that can be turned to, with their names in the rig.
@@ -100,7 +100,7 @@ impl Node {
     }
 }
 
-impl Desk {
+impl DeviceSession {
     /// A bus on which something will be sent: no master is on it. Or the simulation.
     pub(super) fn open(place: &Place, output: &mut Output) -> Result<Self, Failure> {
         Self::of(place, false, output)

@@ -4,7 +4,7 @@
 use serde_json::{Value as Json, json};
 use yieldwall_drives::eds::Value;
 
-use super::place::{Desk, Entry, Node};
+use super::place::{DeviceSession, Entry, Node};
 use super::words::{self, nmt_words};
 use crate::ending::rig_failure;
 use crate::failure::{Exit, Failure};
@@ -58,9 +58,9 @@ enum What {
 pub(crate) fn run(rig: &Loaded<Rig>, buses: &[String], sender: Sender, output: &mut Output) -> Result<(), Failure> {
     let plan = master(&rig.value, &rig.value.fixture).map_err(|error| rig_failure(&error.into()))?.plan();
     let mut desks = match buses {
-        [] => vec![Desk::of_rig(rig, None)?],
+        [] => vec![DeviceSession::of_rig(rig, None)?],
         // Listens on each before anything is read on any.
-        several => several.iter().map(|bus| Desk::of_rig(rig, Some(bus))).collect::<Result<_, _>>()?,
+        several => several.iter().map(|bus| DeviceSession::of_rig(rig, Some(bus))).collect::<Result<_, _>>()?,
     };
     let (lines, end) = lines(&rig.value, &plan, &mut desks)?;
     let places: Vec<&str> = desks.iter().map(|desk| desk.place.as_str()).collect();
@@ -102,7 +102,7 @@ pub(crate) fn run(rig: &Loaded<Rig>, buses: &[String], sender: Sender, output: &
 }
 
 /// All that would be sent; and why the boot would not come to its end, if it would not.
-fn lines(rig: &Rig, plan: &BootPlan, desks: &mut [Desk]) -> Result<(Vec<Line>, Result<(), Failure>), Failure> {
+fn lines(rig: &Rig, plan: &BootPlan, desks: &mut [DeviceSession]) -> Result<(Vec<Line>, Result<(), Failure>), Failure> {
     let mut lines = Vec::new();
     let named = |id: u8, bus: BusId| {
         let node = plan.nodes.iter().find(|node| node.bus == bus && node.id.raw() == id);
@@ -165,7 +165,7 @@ fn lines(rig: &Rig, plan: &BootPlan, desks: &mut [Desk]) -> Result<(Vec<Line>, R
 }
 
 /// What would be written to one node; and that it does not answer, or would be refused.
-fn ask(plan: &NodePlan, desks: &mut [Desk]) -> Result<(Vec<PlannedWrite>, Result<(), Failure>), Failure> {
+fn ask(plan: &NodePlan, desks: &mut [DeviceSession]) -> Result<(Vec<PlannedWrite>, Result<(), Failure>), Failure> {
     let (desk, entry) = desk_of(plan.bus, desks).ok_or_else(|| Failure::new(Exit::Internal, "a bus is missing", ""))?;
     desk.service.turn_to(entry);
     let node = Node { id: plan.id, entry: desk.entry(plan.id).cloned() };
@@ -192,7 +192,7 @@ fn ask(plan: &NodePlan, desks: &mut [Desk]) -> Result<(Vec<PlannedWrite>, Result
 }
 
 /// The desk at which a bus of the rig is, and what the bus is called there: one interface is one bus to its link.
-fn desk_of(bus: BusId, desks: &mut [Desk]) -> Option<(&mut Desk, BusId)> {
+fn desk_of(bus: BusId, desks: &mut [DeviceSession]) -> Option<(&mut DeviceSession, BusId)> {
     let is_simulated = desks.first()?.is_simulated;
     if is_simulated { Some((desks.first_mut()?, bus)) } else { Some((desks.get_mut(bus.index())?, BusId::FIRST)) }
 }
@@ -226,12 +226,12 @@ fn heading(line: &Line, rig: &Rig, sender: Sender) -> String {
 }
 
 impl Line {
-    fn entry<'a>(&self, desks: &'a [Desk]) -> Option<&'a Entry> {
+    fn entry<'a>(&self, desks: &'a [DeviceSession]) -> Option<&'a Entry> {
         let (id, name) = self.node.as_ref()?;
         desks.iter().flat_map(|desk| &desk.entries).find(|entry| entry.node.raw() == *id && entry.name == *name)
     }
 
-    fn words(&self, rig: &Rig, desks: &[Desk]) -> String {
+    fn words(&self, rig: &Rig, desks: &[DeviceSession]) -> String {
         // Where there is one bus, its name says nothing.
         let bus = match rig.buses.keys().nth(self.bus.index()).filter(|_| rig.buses.len() > 1) {
             Some(name) => format!("{name}: "),
@@ -266,7 +266,7 @@ impl Line {
         }
     }
 
-    fn to_json(&self, rig: &Rig, desks: &[Desk]) -> Json {
+    fn to_json(&self, rig: &Rig, desks: &[DeviceSession]) -> Json {
         let mut document = json!({
             "part": self.part,
             "bus": rig.buses.keys().nth(self.bus.index()),
@@ -405,7 +405,7 @@ mod tests {
         let plan = master(&rig.value, &rig.value.fixture).unwrap().plan();
         let scene = rig.scene().unwrap().value;
         let link: Box<dyn CanLink> = Box::new(Reading(VirtualLink::new(&rig.value, &scene, 1).unwrap()));
-        let mut desk = Desk::of_rig(rig, None).unwrap();
+        let mut desk = DeviceSession::of_rig(rig, None).unwrap();
         desk.service = Service::new(link, BusId::FIRST, Arc::new(AtomicBool::new(false)));
         let (lines, end) = lines(&rig.value, &plan, &mut [desk]).unwrap();
         assert!(end.is_ok());
@@ -512,7 +512,7 @@ mod tests {
         let other = load_rig(Source::memory("rig.yaml", text)).unwrap();
         let shipped = load_rig(Source::named("builtin:paper-admittance.yaml")).unwrap();
         let plan = master(&other.value, &other.value.fixture).unwrap().plan();
-        let (lines, end) = lines(&shipped.value, &plan, &mut [Desk::of_rig(&shipped, None).unwrap()]).unwrap();
+        let (lines, end) = lines(&shipped.value, &plan, &mut [DeviceSession::of_rig(&shipped, None).unwrap()]).unwrap();
         assert!(lines.len() > 50);
         let failure = end.unwrap_err();
         assert_eq!(failure.exit, Exit::DeviceMismatch);

@@ -6,8 +6,8 @@ use serde_json::Value as Json;
 use yieldwall_drives::scaling::AxisScaling;
 
 use super::keeping::Named;
-use super::place::{Desk, Node, Place, placed};
-use super::segment::{Device, SegmentDesk};
+use super::place::{DeviceSession, Node, Place, placed};
+use super::segment::{Device, SegmentSession};
 use crate::failure::Failure;
 use crate::output::Output;
 use yieldwall_fieldbus::objects::Address;
@@ -15,18 +15,18 @@ use yieldwall_run::explanation::Explanation;
 use yieldwall_service::{Bytes, Error, ObjectAccess, number};
 
 /// The device, and the desk at which it is.
-pub(super) enum Reached {
-    Node(Box<Desk>, Node),
+pub(super) enum DeviceHandle {
+    Node(Box<DeviceSession>, Node),
     /// Its mailbox is open.
-    Device(Box<SegmentDesk>, Device),
+    Device(Box<SegmentSession>, Device),
 }
 
-impl Reached {
+impl DeviceHandle {
     pub(super) fn open(place: &Place, word: &str, output: &mut Output) -> Result<Self, Failure> {
-        match SegmentDesk::open(place, output)? {
+        match SegmentSession::open(place, output)? {
             Some(desk) => Self::on_segment(desk, word, output),
             None => {
-                let mut desk = Desk::open(place, output)?;
+                let mut desk = DeviceSession::open(place, output)?;
                 let node = desk.node(word)?;
                 Ok(Self::Node(Box::new(desk), node))
             }
@@ -34,7 +34,7 @@ impl Reached {
     }
 
     /// A device on EtherCAT.
-    pub(super) fn on_segment(mut desk: SegmentDesk, word: &str, output: &Output) -> Result<Self, Failure> {
+    pub(super) fn on_segment(mut desk: SegmentSession, word: &str, output: &Output) -> Result<Self, Failure> {
         let device = desk.device(word)?;
         desk.reach(&device, output)?;
         Ok(Self::Device(Box::new(desk), device))

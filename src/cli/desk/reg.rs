@@ -3,7 +3,7 @@
 use serde_json::json;
 
 use super::place::Place;
-use super::segment::{Device, SegmentDesk};
+use super::segment::{Device, SegmentSession};
 use super::words::{hexadecimal, table};
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
@@ -101,7 +101,7 @@ fn read(arguments: &Read, output: &mut Output) -> Result<(), Failure> {
         [] => NAMED.iter().map(|(address, len, name)| Register { address: *address, len: *len, name }).collect(),
         words => words.iter().map(|word| meant(word, arguments.length)).collect::<Result<_, _>>()?,
     };
-    let mut desk = SegmentDesk::only(&arguments.place, output)?;
+    let mut desk = SegmentSession::only(&arguments.place, output)?;
     let device = desk.device(&arguments.node)?;
     let mut read = Vec::new();
     for register in registers {
@@ -152,7 +152,7 @@ fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
         Failure::new(Exit::Usage, message, "write a decimal number, or a hexadecimal one behind 0x")
     })?;
     let new = number.to_le_bytes().into_iter().take(register.len).collect::<Bytes>();
-    let mut desk = SegmentDesk::only(&arguments.place, output)?;
+    let mut desk = SegmentSession::only(&arguments.place, output)?;
     let device = desk.device(&arguments.node)?;
     desk.refuse_led()?;
     let doing = format!("writing register {title}");

@@ -5,13 +5,13 @@ use std::time::Duration;
 use serde_json::{Value, json};
 use yieldwall_drives::profiles::{DeviceProfile, Identity as Wanted};
 
-use super::place::{Desk, Place};
-use super::segment::{self, SegmentDesk};
+use super::place::{DeviceSession, Place};
+use super::segment::{self, SegmentSession};
 use super::words::{nmt_words, table};
 use crate::failure::Failure;
 use crate::output::Output;
 use yieldwall_config::ProfileName;
-use yieldwall_service::{Found, scan};
+use yieldwall_service::{FoundDevice, scan};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
@@ -27,15 +27,15 @@ const LISTENING: Duration = Duration::from_secs(3);
 
 pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let segment = match arguments.listen {
-        true => SegmentDesk::only_listening(&arguments.place, output)?,
-        false => SegmentDesk::open(&arguments.place, output)?,
+        true => SegmentSession::only_listening(&arguments.place, output)?,
+        false => SegmentSession::open(&arguments.place, output)?,
     };
     if let Some(desk) = segment {
         return segment::scan::run(arguments.listen, desk, output);
     }
     let mut desk = match arguments.listen {
-        true => Desk::only_listening(&arguments.place, output)?,
-        false => Desk::open(&arguments.place, output)?,
+        true => DeviceSession::only_listening(&arguments.place, output)?,
+        false => DeviceSession::open(&arguments.place, output)?,
     };
     let mut rows = Vec::new();
     let mut documents = Vec::new();
@@ -58,14 +58,16 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 }
 
 /// Those that are heard without being asked.
-fn heard(desk: &mut Desk) -> Result<Vec<Found>, Failure> {
+fn heard(desk: &mut DeviceSession) -> Result<Vec<FoundDevice>, Failure> {
     desk.service.listen(LISTENING, |_| {}).map_err(|error| desk.bus_failure(error))?;
     let nodes = (1..=127).filter_map(|raw| yieldwall_fieldbus::canopen::node_id(raw).ok());
     let heard = nodes.map(|node| (node, desk.service.heard(node))).filter(|(_, heard)| heard.frames > 0);
-    Ok(heard.map(|(node, heard)| Found { node, heard, device_type: None, identity: [None; 4], name: None }).collect())
+    Ok(heard
+        .map(|(node, heard)| FoundDevice { node, heard, device_type: None, identity: [None; 4], name: None })
+        .collect())
 }
 
-fn text(desk: &Desk, found: &[Found]) -> String {
+fn text(desk: &DeviceSession, found: &[FoundDevice]) -> String {
     if found.is_empty() {
         return "no node answers or is heard: is anything switched on, is the bit rate right?\n".to_owned();
     }
@@ -91,7 +93,7 @@ fn text(desk: &Desk, found: &[Found]) -> String {
 }
 
 /// Its NMT state, where it tells one.
-fn state(found: &Found) -> String {
+fn state(found: &FoundDevice) -> String {
     found.heard.state.map_or("tells none", nmt_words).to_owned()
 }
 
@@ -120,7 +122,7 @@ pub(super) fn identity_words(identity: [Option<u32>; 4]) -> Option<String> {
 }
 
 /// The rig's entry for a node, and whether the device is one; without an entry the profile that it fits.
-pub(super) fn fit(desk: &Desk, found: &Found) -> String {
+pub(super) fn fit(desk: &DeviceSession, found: &FoundDevice) -> String {
     let entry = desk.entry(found.node);
     let entry = entry.map(|entry| (entry.name.as_str(), entry.profile.as_deref().map(DeviceKind::of)));
     fit_of(entry, found.identity, found.device_type)
@@ -166,7 +168,7 @@ fn is_one(wanted: &Wanted, identity: [Option<u32>; 4], device_type: Option<u32>)
         && device_type.is_none_or(|device_type| device_type == wanted.device_type)
 }
 
-fn document(desk: &Desk, bus: &str, found: &Found) -> Value {
+fn document(desk: &DeviceSession, bus: &str, found: &FoundDevice) -> Value {
     let [vendor, product, revision, serial] = found.identity;
     json!({
         "bus": bus,

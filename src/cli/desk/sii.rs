@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use super::keeping::keep_image;
 use super::place::Place;
 use super::scan::{fit_of, identity_words};
-use super::segment::{Device, SegmentDesk};
+use super::segment::{Device, SegmentSession};
 use super::words::{mapped, table, wrapped_behind};
 use crate::confirm::agreed;
 use crate::failure::{Exit, Failure};
@@ -77,7 +77,7 @@ pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
 }
 
 fn read(arguments: &Read, output: &mut Output) -> Result<(), Failure> {
-    let mut desk = SegmentDesk::only(&arguments.place, output)?;
+    let mut desk = SegmentSession::only(&arguments.place, output)?;
     let device = desk.device(&arguments.node)?;
     let image = desk.service.sii_image(device.position);
     let image = image.map_err(|error| desk.failure(&device, "reading its SII", error))?;
@@ -135,7 +135,7 @@ fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
     seal(&mut image);
     let help = "name an image of the vendor, or one that `yieldwall sii read --out` kept";
     let sii = Sii::read(&image).map_err(|error| unfit(format!("this is no whole image: {error}"), help))?;
-    let mut desk = SegmentDesk::only(&arguments.place, output)?;
+    let mut desk = SegmentSession::only(&arguments.place, output)?;
     let device = desk.device(&arguments.node)?;
     let present = desk.service.present(device.position);
     let present = present.map_err(|error| desk.failure(&device, "reading its SII", error))?;
@@ -160,7 +160,7 @@ fn refuse_another_kind(device: &Device, present: &Present, image: &Sii) -> Resul
 
 /// Writes the words of an image that differ, once a person has said yes and what the chip holds is kept.
 pub(super) fn overwrite(
-    desk: &mut SegmentDesk,
+    desk: &mut SegmentSession,
     device: &Device,
     image: &[u8],
     asking: Asking,
@@ -169,7 +169,7 @@ pub(super) fn overwrite(
     let held = desk.service.sii_image(device.position);
     let held = held.map_err(|error| desk.failure(device, "reading its SII", error))?;
     let words = changes(&held, image);
-    let told = |word: &str, kept: Option<&Path>, desk: &SegmentDesk, output: &mut Output| {
+    let told = |word: &str, kept: Option<&Path>, desk: &SegmentSession, output: &mut Output| {
         if output.is_json() {
             return output.report(json!({
                 "place": desk.place,
@@ -290,7 +290,7 @@ fn document(sii: &Sii) -> Value {
 pub(super) type Checked = (Device, Vec<String>);
 
 fn check(arguments: &Check, output: &mut Output) -> Result<(), Failure> {
-    let mut desk = SegmentDesk::only(&arguments.place, output)?;
+    let mut desk = SegmentSession::only(&arguments.place, output)?;
     let checked = checked(&mut desk, arguments.node.as_deref())?;
     let wrong: Vec<&Checked> = checked.iter().filter(|(_, wrong)| !wrong.is_empty()).collect();
     let end = match wrong.as_slice() {
@@ -312,7 +312,7 @@ fn check(arguments: &Check, output: &mut Output) -> Result<(), Failure> {
     end
 }
 
-pub(super) fn checked(desk: &mut SegmentDesk, word: Option<&str>) -> Result<Vec<Checked>, Failure> {
+pub(super) fn checked(desk: &mut SegmentSession, word: Option<&str>) -> Result<Vec<Checked>, Failure> {
     let mut checked = Vec::new();
     for device in desk.devices_of(word)? {
         let present = desk.service.present(device.position);

@@ -5,10 +5,10 @@ use std::time::Duration;
 use serde_json::json;
 use yieldwall_drives::cia402::{Command, State, Statusword};
 
-use super::place::{Desk, Place};
-use super::reached::Reached;
+use super::place::{DeviceSession, Place};
+use super::reached::DeviceHandle;
 use super::segment::state::Target;
-use super::segment::{self, SegmentDesk};
+use super::segment::{self, SegmentSession};
 use super::words::{mode_code_words, nmt_words, state_words};
 use crate::explain;
 use crate::failure::{Exit, Failure};
@@ -46,8 +46,8 @@ const LEAVING_LOOKS: u32 = 50;
 const LOOK: Duration = Duration::from_millis(20);
 
 pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    let mut reached = match SegmentDesk::taking_over(&arguments.place, arguments.take_over, output)? {
-        Some(desk) if arguments.reset_fault => Reached::on_segment(desk, &arguments.node, output)?,
+    let mut reached = match SegmentSession::taking_over(&arguments.place, arguments.take_over, output)? {
+        Some(desk) if arguments.reset_fault => DeviceHandle::on_segment(desk, &arguments.node, output)?,
         Some(desk) => {
             let how = (arguments.take_over, arguments.dry_run);
             return segment::state::run(&arguments.node, arguments.target, how, desk, output);
@@ -58,9 +58,9 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             return Err(Failure::new(Exit::Usage, message, help));
         }
         None => {
-            let mut desk = Desk::open(&arguments.place, output)?;
+            let mut desk = DeviceSession::open(&arguments.place, output)?;
             let node = desk.node(&arguments.node)?;
-            Reached::Node(Box::new(desk), node)
+            DeviceHandle::Node(Box::new(desk), node)
         }
     };
     let mut word = statusword(&mut reached)?;
@@ -70,12 +70,12 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let error = reached.number_of(ERROR_CODE, "reading its objects")?;
     let mode = reached.number_of(MODE, "reading its objects")?;
     let (key, of_network) = match &mut reached {
-        Reached::Node(desk, node) => {
+        DeviceHandle::Node(desk, node) => {
             let nmt = desk.service.state(node.id);
             let nmt = nmt.map_err(|error| desk.failure(node, "asking its state", error))?;
             ("NMT", (nmt.map(|state| format!("{state:?}")), nmt.map_or("tells none", nmt_words).to_owned()))
         }
-        Reached::Device(desk, device) => {
+        DeviceHandle::Device(desk, device) => {
             let al = desk.service.state(device.position);
             let (al, _) = al.map_err(|error| desk.failure(device, "reading its state", error))?;
             ("AL", (Some(al.to_string()), al.to_string()))
@@ -113,7 +113,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 }
 
 /// The statusword of a drive.
-pub(super) fn statusword(reached: &mut Reached) -> Result<u16, Failure> {
+pub(super) fn statusword(reached: &mut DeviceHandle) -> Result<u16, Failure> {
     match reached.read(STATUSWORD) {
         Ok(bytes) => Ok(number(&bytes) as u16),
         Err(error @ Error::Refused(_)) => {
@@ -126,7 +126,7 @@ pub(super) fn statusword(reached: &mut Reached) -> Result<u16, Failure> {
 }
 
 /// Why a drive gets nothing written: its power stage is on, or about to go off.
-pub(super) fn refuse_powered(reached: &mut Reached) -> Result<(), Failure> {
+pub(super) fn refuse_powered(reached: &mut DeviceHandle) -> Result<(), Failure> {
     // Without one it is no drive.
     let Some(word) = reached.number_of(STATUSWORD, "reading its statusword")? else { return Ok(()) };
     let word = word as u16;
@@ -152,7 +152,12 @@ pub(super) fn refuse_powered(reached: &mut Reached) -> Result<(), Failure> {
 }
 
 /// Out of Fault, if the drive is there; the statusword afterwards.
-pub(super) fn reset_fault(is_dry: bool, reached: &mut Reached, word: u16, output: &mut Output) -> Result<u16, Failure> {
+pub(super) fn reset_fault(
+    is_dry: bool,
+    reached: &mut DeviceHandle,
+    word: u16,
+    output: &mut Output,
+) -> Result<u16, Failure> {
     let state = Statusword(word).state();
     if state != Some(State::Fault) {
         let message = format!("{} is in {} and not in Fault; nothing was written", reached.words(), state_words(word));

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use super::place::{Desk, Place};
-use super::reached::Reached;
+use super::place::{DeviceSession, Place};
+use super::reached::DeviceHandle;
 use super::state::{refuse_powered, reset_fault, statusword};
 use crate::failure::Exit;
 use crate::output::Output;
@@ -11,9 +11,9 @@ use yieldwall_fieldbus::canopen::{NmtCommand, NmtState, nmt, node_id};
 use yieldwall_fieldbus::objects::Address;
 use yieldwall_run::explanation::{self, Explanation};
 
-fn desk() -> (Desk, Output) {
+fn desk() -> (DeviceSession, Output) {
     let mut output = Output::new(true, false, false);
-    (Desk::open(&Place::default(), &mut output).unwrap(), output)
+    (DeviceSession::open(&Place::default(), &mut output).unwrap(), output)
 }
 
 #[test]
@@ -27,7 +27,7 @@ fn a_drive_in_fault_is_taken_out_of_it_and_stays_without_torque() {
     desk.service.command(NmtCommand::StartRemoteNode, Some(node.id)).unwrap();
     desk.service.send(&nmt::heartbeat(node_id(127).unwrap(), NmtState::Operational)).unwrap();
     desk.service.listen(Duration::from_millis(200), |_| {}).unwrap();
-    let mut reached = Reached::Node(Box::new(desk), node);
+    let mut reached = DeviceHandle::Node(Box::new(desk), node);
     let word = statusword(&mut reached).unwrap();
     assert_eq!(word & 0x4f, 0x08, "{word:04x}: Fault");
     let after = reset_fault(true, &mut reached, word, &mut output).unwrap();
@@ -44,16 +44,16 @@ fn nothing_is_written_to_a_drive_whose_power_stage_is_on() {
     let node = desk.node("left").unwrap();
     // By an SDO of somebody else: no command of this program writes it.
     desk.service.command(NmtCommand::StartRemoteNode, Some(node.id)).unwrap();
-    let mut reached = Reached::Node(Box::new(desk), node);
+    let mut reached = DeviceHandle::Node(Box::new(desk), node);
     assert!(refuse_powered(&mut reached).is_ok());
     for word in [6_u16, 7] {
         reached.objects().unwrap().write(Address::new(0x6040, 0), &word.to_le_bytes()).unwrap();
     }
     let refused = refuse_powered(&mut reached).unwrap_err();
     assert_eq!(refused.exit, Exit::SafetyStop);
-    let Reached::Node(mut desk, _) = reached else { panic!("on CAN") };
+    let DeviceHandle::Node(mut desk, _) = reached else { panic!("on CAN") };
     let sensor = desk.node("wrist").unwrap();
-    assert!(refuse_powered(&mut Reached::Node(desk, sensor)).is_ok());
+    assert!(refuse_powered(&mut DeviceHandle::Node(desk, sensor)).is_ok());
 }
 
 /// Commands in advice come to the same device, wherever it is.
@@ -61,7 +61,7 @@ fn nothing_is_written_to_a_drive_whose_power_stage_is_on() {
 fn advice_names_the_place() {
     let (mut desk, _) = desk();
     let node = desk.node("left").unwrap();
-    let told = |desk: &Desk, text: &'static str| {
+    let told = |desk: &DeviceSession, text: &'static str| {
         let explanation = Explanation { next: text.into(), ..explanation::statusword(0x0250) };
         desk.placed(&node, explanation).next.into_owned()
     };

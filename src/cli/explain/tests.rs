@@ -3,7 +3,7 @@
 use super::*;
 use crate::ending::stopped_by;
 use crate::on_bus::{different, text as emergency_text, with_told};
-use yieldwall_bus::Told;
+use yieldwall_bus::EmergencyReport;
 use yieldwall_config::shipped_error_codes;
 use yieldwall_drives::codes::SHIPPED;
 use yieldwall_fieldbus::canopen::{EmcyCode, ErrorRegister};
@@ -70,7 +70,8 @@ fn codes_of_vendors_are_explained_in_the_words_of_run() {
             count += 1;
             let explained = told(&format!("{:04X}h", code.code), Some(&table));
             let (device, register, vendor) = (Device::LeftDrive, ErrorRegister(1), [0; 5]);
-            let heard = [Told { time: Time::default(), device, code: EmcyCode(code.code), register, vendor }];
+            let heard =
+                [EmergencyReport { time: Time::default(), device, code: EmcyCode(code.code), register, vendor }];
             let said = emergency_text(&heard[0], &rig);
             for words in [&code.meaning, &code.cause] {
                 assert!(explained.contains(words.as_str()) && said.contains(words.as_str()), "{explained}\n{said}");

@@ -7,14 +7,14 @@ use serde_json::{Value, json};
 use super::Seen;
 use crate::ending::{bus_names, devices_text};
 use crate::interfaces::Interfaces;
-use crate::keep::Kept;
+use crate::keep::RunFiles;
 use crate::on_bus::{document, drive_error_json, drive_error_text, text};
 use crate::pace::PaceArgument;
 use crate::run::{Arguments, counted_json, counted_text, measures_text, mode_text};
 use yieldwall_config as config;
 use yieldwall_rig::report::measures::Measures;
 use yieldwall_run::Played;
-use yieldwall_run::host::{Histogram, Kept as Timely, Outcome};
+use yieldwall_run::host::{Histogram, Outcome, ProvenTiming};
 
 /// All of it.
 pub(super) struct Facts<'a> {
@@ -25,7 +25,7 @@ pub(super) struct Facts<'a> {
     pub(super) seen: &'a Seen,
     pub(super) played: &'a Played,
     pub(super) measures: &'a Measures,
-    pub(super) kept: &'a Kept,
+    pub(super) kept: &'a RunFiles,
     /// The figure that was drawn.
     pub(super) figure: Option<&'a std::path::Path>,
 }
@@ -67,7 +67,7 @@ impl Facts<'_> {
             refusals => lines.extend(refusals.iter().map(|refusal| format!("realtime  {refusal}"))),
         }
         lines.extend(self.outcome.timing.as_ref().map(|timing| match timing {
-            Ok(Timely { tier, shown }) => format!("timing    tier {tier}: {shown}"),
+            Ok(ProvenTiming { tier, shown }) => format!("timing    tier {tier}: {shown}"),
             Err(error) => format!("timing    not proved, which was ignored: {error}"),
         }));
         let emergencies = &self.outcome.emergencies;
@@ -126,7 +126,7 @@ impl Facts<'_> {
             },
             "realtime_refused": self.refusals(),
             "timing": self.outcome.timing.as_ref().map(|timing| match timing {
-                Ok(Timely { tier, shown }) => json!({ "tier": tier, "shown": shown }),
+                Ok(ProvenTiming { tier, shown }) => json!({ "tier": tier, "shown": shown }),
                 Err(error) => json!({ "ignored": error.to_string() }),
             }),
             "stages": stages.each().map(|(name, _, of)| (name, times(of))).collect::<BTreeMap<_, _>>(),

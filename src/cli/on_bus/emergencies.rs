@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use crate::desk::state_words;
 use crate::failure::Failure;
-use yieldwall_bus::{BootError, BootFailure, Told};
+use yieldwall_bus::{BootError, BootFailure, EmergencyReport};
 use yieldwall_config::{self as config, SensorProtocol};
 use yieldwall_fieldbus::canopen::{EmcyCode, Emergency};
 use yieldwall_fieldbus::time::Time;
@@ -13,10 +13,10 @@ use yieldwall_run::DriveError;
 use yieldwall_run::explanation::{self, Explanation};
 
 /// The emergencies without those that say the same again, in their order.
-pub(crate) fn different(emergencies: impl Iterator<Item = Told>) -> Vec<Told> {
-    let mut different: Vec<Told> = Vec::new();
+pub(crate) fn different(emergencies: impl Iterator<Item = EmergencyReport>) -> Vec<EmergencyReport> {
+    let mut different: Vec<EmergencyReport> = Vec::new();
     for told in emergencies {
-        let says_the_same = |known: &Told| (known.device, known.code) == (told.device, told.code);
+        let says_the_same = |known: &EmergencyReport| (known.device, known.code) == (told.device, told.code);
         if !different.iter().any(says_the_same) {
             different.push(told);
         }
@@ -25,7 +25,7 @@ pub(crate) fn different(emergencies: impl Iterator<Item = Told>) -> Vec<Told> {
 }
 
 /// One of them: the device with its address, and the code with meaning and cause, by the table of its vendor.
-pub(crate) fn text(told: &Told, rig: &config::Rig) -> String {
+pub(crate) fn text(told: &EmergencyReport, rig: &config::Rig) -> String {
     let (name, address) = (name(told.device, rig), address(told.device, rig));
     let device = match address {
         (Some(node_id), _) => format!("node {node_id} ({name})"),
@@ -36,7 +36,7 @@ pub(crate) fn text(told: &Told, rig: &config::Rig) -> String {
 }
 
 /// What the code of an emergency means, by the table of the device's vendor.
-fn of_told(told: &Told, rig: &config::Rig) -> Explanation {
+fn of_told(told: &EmergencyReport, rig: &config::Rig) -> Explanation {
     explained(told.code, Some(told.device), rig)
 }
 
@@ -54,7 +54,7 @@ fn explained(code: EmcyCode, device: Option<Device>, rig: &config::Rig) -> Expla
 }
 
 /// The same as data.
-pub(crate) fn document(told: &Told, rig: &config::Rig) -> Value {
+pub(crate) fn document(told: &EmergencyReport, rig: &config::Rig) -> Value {
     let (node_id, position) = address(told.device, rig);
     let explained = of_told(told, rig);
     json!({
@@ -125,7 +125,7 @@ pub(crate) fn drive_error_json(error: &DriveError, rig: &config::Rig) -> Value {
 }
 
 /// What a node told last while the network did not come up, beside what is known already.
-pub(crate) fn told_at_boot(error: &BootError, known: &[Told], rig: &config::Rig) -> Vec<Told> {
+pub(crate) fn told_at_boot(error: &BootError, known: &[EmergencyReport], rig: &config::Rig) -> Vec<EmergencyReport> {
     let (BootFailure::NotStarted { said, .. } | BootFailure::Missing { said, .. }) = &error.failure else {
         return known.to_vec();
     };
@@ -133,7 +133,7 @@ pub(crate) fn told_at_boot(error: &BootError, known: &[Told], rig: &config::Rig)
     let device = device.into_iter().find(|device| name(*device, rig) == error.name);
     let told = said.emergency.zip(device).map(|(emergency, device)| {
         let Emergency { code, register, vendor, .. } = emergency;
-        Told { time: Time::default(), device, code, register, vendor }
+        EmergencyReport { time: Time::default(), device, code, register, vendor }
     });
     different(known.iter().copied().chain(told))
 }
@@ -149,7 +149,7 @@ pub(crate) fn with_findings(mut failure: Failure, findings: &[String]) -> Failur
 /// The failure with what the devices told and what to do about that, if they told anything.
 pub(crate) fn with_told(
     mut failure: Failure,
-    emergencies: &[Told],
+    emergencies: &[EmergencyReport],
     errors: &[DriveError],
     rig: &config::Rig,
 ) -> Failure {
@@ -238,7 +238,7 @@ mod tests {
         let frames = [(left, 0x5043_u16), (left, 0x5043), (sensor, 0x4210), (sensor, 0x5043)];
         let heard = frames.into_iter().map(|(device, code)| {
             let (code, register) = (EmcyCode(code), ErrorRegister(0x21));
-            Told { time: Time::default(), device, code, register, vendor: [1, 2, 3, 4, 5] }
+            EmergencyReport { time: Time::default(), device, code, register, vendor: [1, 2, 3, 4, 5] }
         });
         let told = different(heard);
         let failure = Failure::new(Exit::SafetyStop, "stopped by emergency", "see the code");

@@ -6,7 +6,7 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use super::super::ending::{bus_names, devices_text};
-use super::super::keep::{Kept, LOG_STARTS_AT};
+use super::super::keep::{LOG_STARTS_AT, RunFiles};
 use super::super::margins::Margins;
 use super::super::on_bus::{document, drive_error_json, drive_error_text, text};
 use super::{
@@ -24,7 +24,7 @@ pub(super) struct Facts<'a> {
     pub(super) drilled: Drilled,
     pub(super) margins: Margins,
     pub(super) report: &'a RunReport,
-    pub(super) kept: &'a Kept,
+    pub(super) kept: &'a RunFiles,
     /// The figure that was drawn.
     pub(super) figure: Option<&'a Path>,
     pub(super) seed: u64,

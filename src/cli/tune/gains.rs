@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use self::file::{Edit, Place};
+use self::file::{Edit, GainsSource};
 use crate::confirm::agreed;
 use crate::ending::rig_failure;
 use crate::failure::{Exit, Failure};
@@ -61,7 +61,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 pub(super) struct Proposal {
     tuned: Loaded<Rig>,
     changes: Vec<Change>,
-    place: Place,
+    place: GainsSource,
     /// Before and after.
     margins: [Margins; 2],
 }
@@ -101,13 +101,13 @@ impl Proposal {
         match (written, &self.place) {
             _ if self.is_tuned() => output.news("The rig has these gains already. Nothing was written."),
             (Some(path), _) => output.news(&format!("wrote {}", path.display())),
-            (None, Place::Here(_)) => output.news("Nothing was written; --write does."),
-            (None, Place::Inherited { from }) => {
+            (None, GainsSource::Here(_)) => output.news("Nothing was written; --write does."),
+            (None, GainsSource::Inherited { from }) => {
                 output.news(&format!(
                     "These gains stand in {from}, which this rig is like. Nothing was written; --write gives this rig gains of its own."
                 ))
             }
-            (None, Place::Unclear { key }) => {
+            (None, GainsSource::Unclear { key }) => {
                 output.news(&format!("Nothing was written: `{key}` is not a plain number in this file."))
             }
         }
@@ -257,12 +257,12 @@ fn document(
     rig: &Rig,
     changes: &[Change],
     [before, after]: [&Margins; 2],
-    place: &Place,
+    place: &GainsSource,
     written: Option<&Path>,
 ) -> Value {
     let gains = changes.iter().map(|(key, old, new)| json!({ "key": key, "old": old, "new": new }));
     let inherited = match place {
-        Place::Inherited { from } => Some(from),
+        GainsSource::Inherited { from } => Some(from),
         _ => None,
     };
     let mut document = json!({

@@ -31,7 +31,7 @@ pub use scene::MAX_DURATION_S;
 pub(super) use scene::{Machine, check_scene, check_scene_for};
 pub(super) use segment::segment_key;
 
-use super::diagnostic::{Diagnostic, Place, Severity};
+use super::diagnostic::{Diagnostic, Severity, TextSpan};
 use super::explain::{name_of, with_description};
 use super::locator::Locator;
 use super::schema::Guide;
@@ -42,7 +42,7 @@ pub(super) struct Findings {
     guide: Guide,
     found: Vec<Diagnostic>,
     /// Where values are out of range: relations with them mean nothing.
-    out_of_range: Vec<(String, Place)>,
+    out_of_range: Vec<(String, TextSpan)>,
 }
 
 impl Findings {
@@ -115,7 +115,7 @@ impl Findings {
             index += 1;
             let related = finding.related.iter().map(|other| (&other.file, other.place));
             let mut places = finding.place.map(|place| (&finding.file, place)).into_iter().chain(related);
-            let is_out = |(file, place): (&String, Place)| {
+            let is_out = |(file, place): (&String, TextSpan)| {
                 let file = if file.is_empty() { &finding.file } else { file };
                 out_of_range.iter().any(|(of, at)| (of, *at) == (file, place))
             };

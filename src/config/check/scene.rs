@@ -58,7 +58,7 @@ pub(crate) fn check_scene(findings: &mut Findings, scene: &Scene) {
     }
     for (index, defect) in scene.defects.iter().enumerate() {
         if let Err(error) = defect.defect() {
-            let key = if matches!(error, DefectError::Place { .. }) { "drive" } else { "size" };
+            let key = if matches!(error, DefectError::TextSpan { .. }) { "drive" } else { "size" };
             let help = "`yieldwall commission --defect list` says what it takes; leave the key out for the usual";
             findings.error(&format!("defects[{index}].{key}"), error.to_string(), help);
         }

@@ -262,7 +262,7 @@ pub enum DefectError {
     },
     /// The place is not one of both drives, or the defect is one of the sensor.
     #[error("{name} is not at `{place}`: {}", if *is_of_drive { "left or right is wanted" } else { "it is one of the sensor" })]
-    Place {
+    TextSpan {
         /// Name of the kind.
         name: &'static str,
         /// What was asked for.
@@ -312,7 +312,7 @@ impl FromStr for Defect {
             Some("right") if row.is_of_drive => 1,
             Some(place) => {
                 let place = place.to_owned();
-                return Err(DefectError::Place { name: row.name, place, is_of_drive: row.is_of_drive });
+                return Err(DefectError::TextSpan { name: row.name, place, is_of_drive: row.is_of_drive });
             }
         };
         let defect = Self::new(kind).at(drive);

@@ -86,7 +86,7 @@ impl SceneDefect {
         let row = kind.row();
         if let Some(side) = self.drive.filter(|_| !row.is_of_drive) {
             let place = format!("{side:?}").to_lowercase();
-            return Err(DefectError::Place { name: row.name, place, is_of_drive: false });
+            return Err(DefectError::TextSpan { name: row.name, place, is_of_drive: false });
         }
         let defect = Defect::new(kind).at(usize::from(self.drive == Some(DriveSide::Right)));
         self.size.map_or(Ok(defect), |size| defect.sized(size.get()))

@@ -15,7 +15,7 @@ const WHOLE: u8 = 8;
 
 /// What a frame was.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Heard {
+pub enum SensorEvent {
     /// Half of a sample, or what an earlier half lacked.
     Half,
     /// A frame of the sensor that is too short for half of a sample.
@@ -112,20 +112,20 @@ impl Client {
     /// Takes a frame from the bus.
     ///
     /// Real-time: yes.
-    pub fn on_frame(&mut self, now: Time, frame: &Frame) -> Heard {
+    pub fn on_frame(&mut self, now: Time, frame: &Frame) -> SensorEvent {
         if !self.pair.has(frame.id()) {
-            return Heard::Other;
+            return SensorEvent::Other;
         }
         if frame.len() != WHOLE {
             self.pair.clear();
-            return Heard::BadLength;
+            return SensorEvent::BadLength;
         }
-        let Some([first, second]) = self.pair.take(now, frame) else { return Heard::Half };
+        let Some([first, second]) = self.pair.take(now, frame) else { return SensorEvent::Half };
         if let Some(sample) = self.link.protocol.decode([&first, &second]) {
             self.newest = Some((now, sample));
             (self.has_begun, self.last_at, self.is_asked, self.next_order) = (true, now, false, Time::NEVER);
         }
-        Heard::Half
+        SensorEvent::Half
     }
 
     /// The newest sample that came since the last call.
@@ -257,9 +257,9 @@ mod tests {
     fn a_sample_is_handed_out_once_with_its_age() {
         let mut client = Client::new(POLLED);
         let [first, second] = POLLED.protocol.encode(&telling(7));
-        assert_eq!(client.on_frame(us(100), &first), Heard::Half);
+        assert_eq!(client.on_frame(us(100), &first), SensorEvent::Half);
         assert_eq!(client.take(us(150)), None, "half of it");
-        assert_eq!(client.on_frame(us(200), &second), Heard::Half);
+        assert_eq!(client.on_frame(us(200), &second), SensorEvent::Half);
         let sample = client.take(us(620)).unwrap();
         assert_eq!((sample.counts, sample.sequence, sample.age_ns), ([7; 6], Some(7), 420_000));
         assert_eq!(client.take(us(630)), None);
@@ -287,9 +287,9 @@ mod tests {
         let [first, second] = STREAMING.protocol.encode(&telling(1));
         let short = Frame::new(first.id(), &first.data()[..7]);
         client.on_frame(us(0), &first);
-        assert_eq!(client.on_frame(us(1), &short), Heard::BadLength);
+        assert_eq!(client.on_frame(us(1), &short), SensorEvent::BadLength);
         client.on_frame(us(2), &second);
         assert_eq!(client.take(us(3)), None, "what was there before the short frame is not trusted");
-        assert_eq!(client.on_frame(us(4), &Frame::new(0x35f, &[0x0b])), Heard::Other);
+        assert_eq!(client.on_frame(us(4), &Frame::new(0x35f, &[0x0b])), SensorEvent::Other);
     }
 }

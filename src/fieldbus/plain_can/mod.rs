@@ -14,7 +14,7 @@ mod pair;
 pub mod polled;
 pub mod streaming;
 
-pub use client::{Client, Heard};
+pub use client::{Client, SensorEvent};
 
 use std::time::Duration;
 

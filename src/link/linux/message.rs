@@ -18,12 +18,12 @@ pub(super) struct Message {
     /// Whether the socket that received it has sent it.
     pub(super) is_own: bool,
     /// What the kernel says of it.
-    pub(super) told: Told,
+    pub(super) told: ControlMessages,
 }
 
 /// What stands in the control messages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Told {
+pub(super) struct ControlMessages {
     /// When the kernel had it, since the begin of the wall clock.
     pub(super) software: Option<Duration>,
     /// When the controller had it, on a clock of its own.
@@ -39,7 +39,7 @@ const HEADER: usize = WORD + 8;
 /// Bytes of a `timespec`: seconds and nanoseconds, half of it each.
 const TIMESPEC: usize = size_of::<libc::timespec>();
 
-impl Told {
+impl ControlMessages {
     /// Reads control messages as the kernel lays them out (`cmsghdr`, and `scm_timestamping` of
     /// `include/uapi/linux/errqueue.h`: software, nothing, hardware). What does not fit is left out.
     fn read(mut control: &[u8]) -> Self {
@@ -106,7 +106,7 @@ pub(super) fn receive(socket: BorrowedFd<'_>, flags: libc::c_int) -> io::Result<
     let is_own = header.msg_flags & libc::MSG_CONFIRM != 0;
     // The kernel has put the true length into the header, whose type is another one with another C library.
     let length: usize = header.msg_controllen as _;
-    let told = Told::read(control.0.get(..length).unwrap_or_default());
+    let told = ControlMessages::read(control.0.get(..length).unwrap_or_default());
     Ok(Message { frame, is_own, told })
 }
 
@@ -127,25 +127,28 @@ mod tests {
 
     #[test]
     fn both_stamps_and_the_loss_are_read() {
-        let expected = Told {
+        let expected = ControlMessages {
             software: Some(Duration::new(0x6920_e400, 123_456_789)),
             hardware: Some(Duration::new(42, 999_999_999)),
             lost: Some(0xffff_fffe),
         };
-        assert_eq!(Told::read(&BOTH), expected);
+        assert_eq!(ControlMessages::read(&BOTH), expected);
         // In the other order, and the last one without its padding.
         let turned = [&BOTH[64..], &BOTH[..64]].concat();
-        assert_eq!(Told::read(&turned), expected);
-        assert_eq!(Told::read(&BOTH[..84]), expected);
+        assert_eq!(ControlMessages::read(&turned), expected);
+        assert_eq!(ControlMessages::read(&BOTH[..84]), expected);
     }
 
     #[test]
     fn a_stamp_that_is_zero_is_none() {
         let mut without = BOTH;
         without[48..64].fill(0);
-        assert_eq!(Told::read(&without), Told { hardware: None, ..Told::read(&BOTH) });
+        assert_eq!(ControlMessages::read(&without), ControlMessages { hardware: None, ..ControlMessages::read(&BOTH) });
         without[16..32].fill(0);
-        assert_eq!(Told::read(&without), Told { lost: Some(0xffff_fffe), ..Told::default() });
+        assert_eq!(
+            ControlMessages::read(&without),
+            ControlMessages { lost: Some(0xffff_fffe), ..ControlMessages::default() }
+        );
     }
 
     #[test]
@@ -153,33 +156,42 @@ mod tests {
         let mut wrong = BOTH;
         wrong[23] = 0x80;
         wrong[60] = 0xff;
-        assert_eq!(Told::read(&wrong), Told { lost: Some(0xffff_fffe), ..Told::default() });
+        assert_eq!(
+            ControlMessages::read(&wrong),
+            ControlMessages { lost: Some(0xffff_fffe), ..ControlMessages::default() }
+        );
     }
 
     #[test]
     fn other_messages_are_passed_over_and_cut_ones_left_out() {
         let mut other = BOTH;
         other[12] = 35;
-        assert_eq!(Told::read(&other), Told { lost: Some(0xffff_fffe), ..Told::default() });
+        assert_eq!(
+            ControlMessages::read(&other),
+            ControlMessages { lost: Some(0xffff_fffe), ..ControlMessages::default() }
+        );
         other[8] = 101;
         other[12] = 37;
-        assert_eq!(Told::read(&other), Told { lost: Some(0xffff_fffe), ..Told::default() });
-        assert_eq!(Told::read(&BOTH[..63]), Told::default());
-        assert_eq!(Told::read(&BOTH[..80]), Told { lost: None, ..Told::read(&BOTH) });
-        assert_eq!(Told::read(&[]), Told::default());
+        assert_eq!(
+            ControlMessages::read(&other),
+            ControlMessages { lost: Some(0xffff_fffe), ..ControlMessages::default() }
+        );
+        assert_eq!(ControlMessages::read(&BOTH[..63]), ControlMessages::default());
+        assert_eq!(ControlMessages::read(&BOTH[..80]), ControlMessages { lost: None, ..ControlMessages::read(&BOTH) });
+        assert_eq!(ControlMessages::read(&[]), ControlMessages::default());
     }
 
     proptest! {
         #[test]
         fn no_bytes_are_read_for_ever(control in prop::collection::vec(any::<u8>(), 0..200)) {
-            Told::read(&control);
+            ControlMessages::read(&control);
         }
 
         #[test]
         fn no_length_is_believed(length: u64) {
             let mut control = BOTH;
             control[..8].copy_from_slice(&length.to_le_bytes());
-            Told::read(&control);
+            ControlMessages::read(&control);
         }
     }
 }

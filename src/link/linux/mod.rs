@@ -41,7 +41,7 @@ use super::hold::Hold;
 use super::{Arrival, CanLink, ErrorFrame, Received, Role, SendError};
 use controller_clock::ControllerClock;
 use filter::Identifiers;
-use message::{Message, Told};
+use message::{ControlMessages, Message};
 use wall::Wall;
 use yieldwall_fieldbus::canopen::{BusId, Frame};
 use yieldwall_fieldbus::time::Time;
@@ -222,8 +222,8 @@ impl SocketCan {
             let message = match heard {
                 Ok(message) => message,
                 Err(error) => match Errno::from_io_error(&error) {
-                    Some(Errno::NETDOWN) => return Some(self.arrive(Told::default(), Received::Down)),
-                    Some(Errno::NODEV) => return Some(self.arrive(Told::default(), Received::Gone)),
+                    Some(Errno::NETDOWN) => return Some(self.arrive(ControlMessages::default(), Received::Down)),
+                    Some(Errno::NODEV) => return Some(self.arrive(ControlMessages::default(), Received::Gone)),
                     Some(Errno::AGAIN) => return None,
                     _ => continue,
                 },
@@ -243,7 +243,7 @@ impl SocketCan {
 
     /// Puts the stamps on the monotonic clock. A wall clock that is set in between cannot move them past now or before the
     /// arrival before it.
-    fn arrive(&mut self, Told { software, hardware, .. }: Told, what: Received) -> Arrival {
+    fn arrive(&mut self, ControlMessages { software, hardware, .. }: ControlMessages, what: Received) -> Arrival {
         *match (software, hardware) {
             (Some(_), Some(_)) => &mut self.stamps.hardware,
             (Some(_), None) => &mut self.stamps.kernel,

@@ -198,7 +198,7 @@ pub fn held_masses_identified(
 
 /// Where a loop is looked at: the number of its pose, the way of the force, and the number of the phase.
 #[derive(Clone, Copy)]
-struct Place<'a> {
+struct LoopPoint<'a> {
     pose: usize,
     outer: &'a Outer,
     phase: u32,
@@ -232,7 +232,7 @@ impl Held {
     }
 
     /// Pose, way of the force and phase with the loop there, for all that is looked at.
-    fn loops(&self, grip: &Grip) -> Result<Vec<(Place<'_>, HeldLoop)>, RigError> {
+    fn loops(&self, grip: &Grip) -> Result<Vec<(LoopPoint<'_>, HeldLoop)>, RigError> {
         let phases = self.outers.iter().flat_map(|outer| (0..outer.sampling.phases).map(move |phase| (outer, phase)));
         let places = phases.flat_map(|(outer, phase)| {
             // The first and the last at every pose. Those between are lighter as a rule: some poses will do.
@@ -242,13 +242,13 @@ impl Held {
         });
         let held = |(pose, outer, phase): (usize, _, _)| {
             let held = HeldLoop::new(&self.follower, &self.poses[pose], grip, outer, phase)?;
-            Ok((Place { pose, outer, phase }, held))
+            Ok((LoopPoint { pose, outer, phase }, held))
         };
         places.map(held).collect()
     }
 
     /// The loop that is nearest to its edge with this mass, by golden section between the neighbours of a phase.
-    fn worst_phase(&self, place: Place<'_>, grip: &Grip, mass_kg: f64) -> Result<HeldLoop, RigError> {
+    fn worst_phase(&self, place: LoopPoint<'_>, grip: &Grip, mass_kg: f64) -> Result<HeldLoop, RigError> {
         let steps = f64::from(place.outer.sampling.phases - 1);
         let at = |share: f64| HeldLoop::at(&self.follower, &self.poses[place.pose], grip, place.outer, share);
         let radius = |share: f64| at(share).map(|held| held.spectral_radius(mass_kg).unwrap_or(f64::INFINITY));
@@ -276,7 +276,7 @@ impl Held {
     }
 
     fn holding(&self, grip: &Grip, configured_kg: f64) -> Result<Holding, RigError> {
-        let (mut places, mut loops): (Vec<Place<'_>>, Vec<HeldLoop>) = self.loops(grip)?.into_iter().unzip();
+        let (mut places, mut loops): (Vec<LoopPoint<'_>>, Vec<HeldLoop>) = self.loops(grip)?.into_iter().unzip();
         let mut masses = stable_masses(&loops);
         if let Some(found) = masses.filter(|found| places[found.least_at].outer.sampling.phases > 1) {
             let place = places[found.least_at];

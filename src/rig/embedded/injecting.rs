@@ -13,7 +13,7 @@ use yieldwall_fieldbus::time::Time;
 const SLACK_S: f64 = 1e-9;
 
 /// Where an injection acts.
-enum Place {
+enum InjectionPoint {
     /// On frames of CAN, and on the master's interfaces there.
     Buses,
     /// On frames of a segment, and on the master's interface there.
@@ -55,19 +55,19 @@ impl Simulation {
         injection.medium(|device| self.far.line.as_ref().is_some_and(|line| line.has(device)))
     }
 
-    fn place_of(&self, injection: Injection) -> Place {
+    fn place_of(&self, injection: Injection) -> InjectionPoint {
         let Injection { kind, target, .. } = injection;
         let is_on_segment = self.medium(injection) == Medium::Ethercat;
         match target {
-            Target::Hand => Place::Body,
-            Target::Host | Target::Operator => Place::Computer,
-            _ if kind == Kind::ArmBlocked => Place::Body,
-            Target::Link if is_on_segment => Place::Interfaces,
-            Target::Bus if is_on_segment => Place::Cable,
+            Target::Hand => InjectionPoint::Body,
+            Target::Host | Target::Operator => InjectionPoint::Computer,
+            _ if kind == Kind::ArmBlocked => InjectionPoint::Body,
+            Target::Link if is_on_segment => InjectionPoint::Interfaces,
+            Target::Bus if is_on_segment => InjectionPoint::Cable,
             // Its interface is that to the segment.
-            _ if is_on_segment && injection.is_at_master() => Place::Cable,
-            _ if is_on_segment || InjectableDrive::has(kind) || InjectableSensor::has(kind) => Place::Devices,
-            _ => Place::Buses,
+            _ if is_on_segment && injection.is_at_master() => InjectionPoint::Cable,
+            _ if is_on_segment || InjectableDrive::has(kind) || InjectableSensor::has(kind) => InjectionPoint::Devices,
+            _ => InjectionPoint::Buses,
         }
     }
 
@@ -122,18 +122,18 @@ impl Simulation {
         let Self { wires, cable, far, computer, now, .. } = self;
         let (now, scene_from_s) = (*now, far.world.hand_from_s);
         match place {
-            Place::Buses => wires.switch(now, injection, is_on),
-            Place::Cable => cable.iter_mut().for_each(|(_, cable)| cable.switch(injection, is_on)),
-            Place::Interfaces => {
+            InjectionPoint::Buses => wires.switch(now, injection, is_on),
+            InjectionPoint::Cable => cable.iter_mut().for_each(|(_, cable)| cable.switch(injection, is_on)),
+            InjectionPoint::Interfaces => {
                 wires.switch(now, injection, is_on);
                 match injection.kind {
                     Kind::CableOut => far.line.iter_mut().for_each(|line| line.segment.set_cable(0, !is_on)),
                     _ => cable.iter_mut().for_each(|(_, cable)| cable.switch(injection, is_on)),
                 }
             }
-            Place::Body => far.world.switch(injection, is_on),
-            Place::Computer => computer.switch(injection, is_on),
-            Place::Devices => {
+            InjectionPoint::Body => far.world.switch(injection, is_on),
+            InjectionPoint::Computer => computer.switch(injection, is_on),
+            InjectionPoint::Devices => {
                 for (device, drive) in far.drives.iter_mut().enumerate() {
                     if let Some(drive) = drive.as_mut().filter(|_| injection.target.has_device(device)) {
                         drive.switch(now, injection, is_on, &mut Plug { wire: &mut *wires, device, now });

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use yieldwall_bus::Heard;
+use yieldwall_bus::HeardFrame;
 use yieldwall_fieldbus::canopen::Frame;
 use yieldwall_link::{CanLink, Received};
 
@@ -15,8 +15,8 @@ pub fn listen<L: CanLink>(
     link: &mut L,
     time: Duration,
     is_over: &AtomicBool,
-    find: impl Fn(&Frame) -> Option<Heard>,
-) -> Option<Heard> {
+    find: impl Fn(&Frame) -> Option<HeardFrame>,
+) -> Option<HeardFrame> {
     let until = link.now() + time;
     loop {
         while let Some(arrival) = link.receive() {

@@ -10,7 +10,7 @@ pub use self::seen::Seen;
 use self::seen::trace;
 use super::measures::{Context, Measures, measure};
 use crate::{EmbeddedRig, ImpedanceRig, RigError};
-use yieldwall_bus::Told;
+use yieldwall_bus::EmergencyReport;
 use yieldwall_config as config;
 use yieldwall_config::injection::Injection;
 use yieldwall_motion::guard::{Cause, Fault, Request, State};
@@ -55,7 +55,7 @@ pub struct RunReport {
     /// What was wrong with the devices of an EtherCAT segment, a line each.
     pub segment: Vec<String>,
     /// What the devices told by emergency messages, at most the last eight, the oldest first.
-    pub emergencies: Vec<Told>,
+    pub emergencies: Vec<EmergencyReport>,
     /// What the drives said of the fault that stopped the rig.
     pub errors: Vec<DriveError>,
     /// Cycle time in s.

@@ -5,7 +5,7 @@ use super::*;
 use yieldwall_config::injection::{CATALOGUE, Kind, Target};
 use yieldwall_config::{builtin, load_rig};
 use yieldwall_drives::cia402::State;
-use yieldwall_fieldbus::ethercat::coe::{CoeAnswer, CoeClient, CoeRequest, Heard};
+use yieldwall_fieldbus::ethercat::coe::{CoeAnswer, CoeClient, CoeEvent, CoeRequest};
 use yieldwall_fieldbus::ethercat::frame::{Datagrams, FrameWriter, address};
 use yieldwall_fieldbus::ethercat::mailbox::{self, Counter, Protocol};
 use yieldwall_fieldbus::ethercat::sii::Sii;
@@ -193,7 +193,7 @@ impl Bench {
             let (bytes, counter) = self.ask(Command::Aprd, Self::at(place, 0x1400), &[0; 128]);
             if counter == 1 {
                 let (_, message) = mailbox::decode(&bytes).unwrap();
-                if let Heard::Emergency(emergency) = client.on_message(self.now, message) {
+                if let CoeEvent::Emergency(emergency) = client.on_message(self.now, message) {
                     self.emergencies.push((place, emergency.code));
                 }
             }

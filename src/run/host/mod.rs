@@ -17,4 +17,4 @@ pub use on_bus::{
     DrillOutcome, Evidence, News, NotRun, OpenError, Outcome, Person, RigOnBus, Terms, ThreadError, open_buses,
 };
 pub use stages::StageTimes;
-pub use timing::{Computer, Kept, Measured, REDUCED_FORCE_N, REDUCED_SPEED_M_PER_S, Stored, Untimely};
+pub use timing::{Computer, Measured, ProvenTiming, REDUCED_FORCE_N, REDUCED_SPEED_M_PER_S, Stored, Untimely};

@@ -15,7 +15,7 @@ use std::thread;
 use thiserror::Error;
 
 use super::system::{Refusal, SystemMetronome, computer, lock_memory, run_first};
-use super::timing::{Kept, Untimely};
+use super::timing::{ProvenTiming, Untimely};
 use crate::assembly::{bus_plan, segment};
 use crate::commission::{Begin, Commissioned, StepReport};
 use crate::{
@@ -29,7 +29,7 @@ pub use news::News;
 use news::boot_watch;
 pub use open::{OpenError, open_buses};
 use yieldwall_bus::budget::Budget;
-use yieldwall_bus::{Told, ethercat};
+use yieldwall_bus::{EmergencyReport, ethercat};
 use yieldwall_config as config;
 use yieldwall_link::{InterfaceFacts, Interfaces, Role, SocketCan};
 use yieldwall_motion::guard::Fault;
@@ -149,7 +149,7 @@ pub struct Outcome<T = Played> {
     /// How it ended.
     pub played: Result<T, NotRun>,
     /// What this computer has proved; nothing where nothing has to be in time.
-    pub timing: Option<Result<Kept, Untimely>>,
+    pub timing: Option<Result<ProvenTiming, Untimely>>,
     /// Whether the loop had real-time priority.
     pub priority: Result<(), Refusal>,
     /// Whether memory was locked.
@@ -157,7 +157,7 @@ pub struct Outcome<T = Played> {
     /// What the links have told.
     pub counts: LinkCounts,
     /// What the devices told of themselves, the latest last.
-    pub emergencies: Vec<Told>,
+    pub emergencies: Vec<EmergencyReport>,
     /// What the drives said of the fault that stopped the rig or kept it from running.
     pub errors: Vec<DriveError>,
     /// Faults that held nothing, each with the number of cycles in which it was seen.
@@ -176,7 +176,7 @@ pub struct DrillOutcome {
     /// What the drives say that they are, and what their watchdogs do.
     pub drilled: Result<([DriveIdentity; 2], Drilled), RunError>,
     /// What the devices told of themselves, the latest last.
-    pub emergencies: Vec<Told>,
+    pub emergencies: Vec<EmergencyReport>,
     /// What the drives said of the fault that kept them from being drilled.
     pub errors: Vec<DriveError>,
 }
@@ -502,7 +502,7 @@ impl Terms {
         rig: &config::Rig,
         pace: Pace,
         [has_priority, has_locked_memory]: [bool; 2],
-    ) -> Option<Result<Kept, Untimely>> {
+    ) -> Option<Result<ProvenTiming, Untimely>> {
         match &self.evidence {
             Evidence::OnRecord { latency, now_unix_s, .. } if pace == Pace::Free => {
                 Some(computer(has_priority, has_locked_memory).check(rig, latency, *now_unix_s))

@@ -129,7 +129,7 @@ impl Measured {
 
 /// The timing that a rig may count on.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Kept {
+pub struct ProvenTiming {
     /// What was proved for its cycle.
     pub tier: Tier,
     /// What was measured, and when.
@@ -196,7 +196,7 @@ impl Computer {
     ///
     /// # Errors
     /// Why the rig must not run by the wall clock.
-    pub fn check(&self, rig: &config::Rig, folder: &Path, now_unix_s: u64) -> Result<Kept, Untimely> {
+    pub fn check(&self, rig: &config::Rig, folder: &Path, now_unix_s: u64) -> Result<ProvenTiming, Untimely> {
         let period_us = rig.cycle.period_us;
         let files = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
         let mut unbelieved = None;
@@ -219,10 +219,10 @@ impl Computer {
             ("guard.force_limit_n", rig.guard.force_limit_n.get(), REDUCED_FORCE_N, "N"),
         ];
         match tier {
-            Tier::A => Ok(Kept { tier, shown }),
+            Tier::A => Ok(ProvenTiming { tier, shown }),
             Tier::B => match limits.into_iter().find(|(_, has, most, _)| has > most) {
                 Some((key, has, most, unit)) => Err(Untimely::Limit { key, has, most, unit, shown }),
-                None => Ok(Kept { tier, shown }),
+                None => Ok(ProvenTiming { tier, shown }),
             },
             Tier::C => Err(Untimely::Late { period_us, shown }),
         }

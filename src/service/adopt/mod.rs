@@ -7,7 +7,7 @@ mod profile;
 mod sheet;
 
 pub use profile::profile;
-pub use sheet::{Told, contradictions};
+pub use sheet::{ObjectReading, contradictions};
 
 use std::time::Duration;
 
@@ -17,7 +17,7 @@ use yieldwall_drives::objects::{self as cia, Object as Standard};
 
 use super::connection::{Error, Service};
 use super::inventory::sheet_of;
-use super::restore::{Made, carry_out, plan};
+use super::restore::{WriteOutcome, carry_out, plan};
 use super::scan::{identify, number};
 use yieldwall_fieldbus::canopen::{NmtCommand, NmtState, NodeId};
 use yieldwall_fieldbus::objects::{AbortCode, Address};
@@ -108,7 +108,7 @@ pub struct Survey {
     /// Objects whose values have another length than the standard says: bytes sent, and meant.
     pub lengths: Vec<(Address, usize, usize)>,
     /// What it showed of its objects, in the order in which it was asked.
-    pub told: Vec<(Address, Told)>,
+    pub told: Vec<(Address, ObjectReading)>,
 }
 
 const fn at(object: Standard) -> Address {
@@ -265,7 +265,7 @@ impl<L: CanLink> Probe<'_, L> {
         let node = self.node;
         match self.timed(|service| service.read(node, at(object))) {
             Ok(bytes) => {
-                self.survey.told.push((at(object), Told::Sent(bytes.len())));
+                self.survey.told.push((at(object), ObjectReading::Sent(bytes.len())));
                 let meant = usize::from(object.bits()) / 8;
                 if bytes.len() != meant && !self.survey.lengths.iter().any(|(known, ..)| *known == at(object)) {
                     self.survey.lengths.push((at(object), bytes.len(), meant));
@@ -276,7 +276,7 @@ impl<L: CanLink> Probe<'_, L> {
             Err(Error::Refused(AbortCode::WRITE_ONLY)) => Ok(Some(0)),
             Err(Error::Refused(code)) => {
                 if matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX) {
-                    self.survey.told.push((at(object), Told::Absent));
+                    self.survey.told.push((at(object), ObjectReading::Absent));
                 }
                 Ok(None)
             }
@@ -293,13 +293,15 @@ impl<L: CanLink> Probe<'_, L> {
             Ok(()) => {}
             Err(Error::Refused(code)) => {
                 let is_absent = matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX);
-                self.survey.told.push((at, if is_absent { Told::Absent } else { Told::Refused(number, code) }));
+                self.survey
+                    .told
+                    .push((at, if is_absent { ObjectReading::Absent } else { ObjectReading::Refused(number, code) }));
                 return Ok(false);
             }
             Err(Error::Senseless(_)) => return Ok(false),
             Err(error) => return Err(error),
         }
-        self.survey.told.push((at, Told::Took(number)));
+        self.survey.told.push((at, ObjectReading::Took(number)));
         match self.timed(|service| service.read(node, at)) {
             Ok(held) => Ok(is_extended(&held, value)),
             Err(Error::Refused(_) | Error::Senseless(_)) => Ok(false),
@@ -372,7 +374,7 @@ impl<L: CanLink> Probe<'_, L> {
             let is_mapped = self.takes(Address::new(mapping, sub), &entry.to_le_bytes())?;
             if *entry != DUMMY {
                 let mapped = Address::new((entry >> 16) as u16, (entry >> 8) as u8);
-                self.survey.told.push((mapped, Told::Mapped(is_mapped)));
+                self.survey.told.push((mapped, ObjectReading::Mapped(is_mapped)));
             }
             if !is_mapped {
                 return Ok(false);
@@ -406,7 +408,7 @@ fn put_back<L: CanLink>(
     let plan = plan(&mut service.objects(node), node.raw(), &sheet_of(node.raw(), originals, None), None)?;
     for step in &plan.steps {
         // What is not taken is found below.
-        let _: Made = carry_out(&mut service.objects(node), step)?;
+        let _: WriteOutcome = carry_out(&mut service.objects(node), step)?;
     }
     let mut lost = Vec::new();
     for (at, value) in originals {

@@ -16,7 +16,7 @@ const PDO_PARAMETERS: std::ops::Range<u16> = 0x1400..0x1c00;
 
 /// What a drive showed of one of its objects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Told {
+pub enum ObjectReading {
     /// It has none.
     Absent,
     /// It was sent with so many bytes.
@@ -77,12 +77,14 @@ pub fn contradictions(sheet: &Eds, survey: &Survey) -> Vec<String> {
     found
 }
 
-fn contradiction(sheet: &Eds, at: Address, told: Told) -> Option<String> {
+fn contradiction(sheet: &Eds, at: Address, told: ObjectReading) -> Option<String> {
     let name = name(at, Some(sheet));
     let Some(entry) = sheet.entry(at.index, at.sub) else {
         return match told {
-            Told::Sent(_) | Told::Took(_) => Some(format!("{at} {name}: not in the data sheet, and the drive has it")),
-            Told::Absent | Told::Refused(..) | Told::Mapped(_) => None,
+            ObjectReading::Sent(_) | ObjectReading::Took(_) => {
+                Some(format!("{at} {name}: not in the data sheet, and the drive has it"))
+            }
+            ObjectReading::Absent | ObjectReading::Refused(..) | ObjectReading::Mapped(_) => None,
         };
     };
     let limit = |limit: &Option<Value>| match limit {
@@ -97,31 +99,33 @@ fn contradiction(sheet: &Eds, at: Address, told: Told) -> Option<String> {
     };
     let has_limits = (low.is_some() || high.is_some()) && !PDO_PARAMETERS.contains(&at.index);
     let line = match told {
-        Told::Absent => "in the data sheet, and the drive does not have it".to_owned(),
-        Told::Sent(bytes) => {
+        ObjectReading::Absent => "in the data sheet, and the drive does not have it".to_owned(),
+        ObjectReading::Sent(bytes) => {
             let meant = usize::from(Value::Integer(0).to_bytes(entry.data_type, 0)?.len() as u8);
             if bytes == meant {
                 return None;
             }
             format!("bytes: {meant} by the data sheet, {bytes} from the drive")
         }
-        Told::Took(_) if !entry.access.is_writable() => {
+        ObjectReading::Took(_) if !entry.access.is_writable() => {
             "read only by the data sheet, and the drive takes a value".to_owned()
         }
-        Told::Took(value) if has_limits && !allows(value) => {
+        ObjectReading::Took(value) if has_limits && !allows(value) => {
             format!("{} by the data sheet, and the drive takes {value}", range())
         }
-        Told::Refused(_, AbortCode::READ_ONLY) if entry.access.is_writable() => {
+        ObjectReading::Refused(_, AbortCode::READ_ONLY) if entry.access.is_writable() => {
             "written by the data sheet, and the drive says that it is read only".to_owned()
         }
-        Told::Refused(value, code) if has_limits && allows(value) && entry.access.is_writable() => {
+        ObjectReading::Refused(value, code) if has_limits && allows(value) && entry.access.is_writable() => {
             format!("{} by the data sheet, and the drive refuses {value} ({})", range(), code.name())
         }
-        Told::Mapped(true) if !entry.is_mappable => "not mapped by the data sheet, and the drive maps it".to_owned(),
-        Told::Mapped(false) if entry.is_mappable => {
+        ObjectReading::Mapped(true) if !entry.is_mappable => {
+            "not mapped by the data sheet, and the drive maps it".to_owned()
+        }
+        ObjectReading::Mapped(false) if entry.is_mappable => {
             "mapped by the data sheet, and the drive does not map it".to_owned()
         }
-        Told::Took(_) | Told::Refused(..) | Told::Mapped(_) => return None,
+        ObjectReading::Took(_) | ObjectReading::Refused(..) | ObjectReading::Mapped(_) => return None,
     };
     Some(format!("{at} {name}: {line}"))
 }
@@ -163,15 +167,15 @@ mod tests {
             identity: [Some(0x10), Some(0x21), Some(1), Some(1)],
             mapping_entries: 4,
             told: vec![
-                (at(0x6007), Told::Refused(1, AbortCode::VALUE)),
-                (at(0x6007), Told::Took(3)),
-                (at(0x6041), Told::Sent(4)),
-                (at(0x6041), Told::Mapped(false)),
-                (at(0x6072), Told::Took(900)),
-                (at(0x6072), Told::Mapped(true)),
-                (at(0x60c2), Told::Sent(1)),
-                (at(0x6041), Told::Sent(4)),
-                (at(0x6041), Told::Absent),
+                (at(0x6007), ObjectReading::Refused(1, AbortCode::VALUE)),
+                (at(0x6007), ObjectReading::Took(3)),
+                (at(0x6041), ObjectReading::Sent(4)),
+                (at(0x6041), ObjectReading::Mapped(false)),
+                (at(0x6072), ObjectReading::Took(900)),
+                (at(0x6072), ObjectReading::Mapped(true)),
+                (at(0x60c2), ObjectReading::Sent(1)),
+                (at(0x6041), ObjectReading::Sent(4)),
+                (at(0x6041), ObjectReading::Absent),
             ],
             ..Survey::default()
         };
@@ -202,10 +206,10 @@ mod tests {
             mapping_entries: 2,
             has_dummies: true,
             told: vec![
-                (Address::new(0x6007, 0), Told::Took(2)),
-                (Address::new(0x6007, 0), Told::Refused(3, AbortCode::VALUE)),
-                (Address::new(0x6041, 0), Told::Sent(2)),
-                (Address::new(0x6041, 0), Told::Mapped(true)),
+                (Address::new(0x6007, 0), ObjectReading::Took(2)),
+                (Address::new(0x6007, 0), ObjectReading::Refused(3, AbortCode::VALUE)),
+                (Address::new(0x6041, 0), ObjectReading::Sent(2)),
+                (Address::new(0x6041, 0), ObjectReading::Mapped(true)),
             ],
             ..Survey::default()
         };

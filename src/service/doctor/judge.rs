@@ -1,6 +1,6 @@
 //! What follows from the facts of one node, as a chain of questions that ends at the first trouble.
 
-use super::{Asked, NodeFacts};
+use super::{NodeFacts, Probe};
 use yieldwall_fieldbus::canopen::{NmtState, NodeSet, cob};
 use yieldwall_link::SendError;
 use yieldwall_link::checkup::Check;
@@ -257,7 +257,7 @@ fn answers(facts: &NodeFacts, around: &Around) -> Check {
 }
 
 /// Whether two different values came for one object.
-fn differs(asked: &Asked) -> bool {
+fn differs(asked: &Probe) -> bool {
     let mut answers = asked.answers.iter();
     let first = answers.next();
     answers.any(|answer| first.is_some_and(|first| first != answer))

@@ -80,7 +80,7 @@ pub struct NodeFacts {
     /// Frames under the identifier of its SDO answers, before anything was asked.
     pub unasked: u64,
     /// What was read of it, one after the other; empty where nothing was asked.
-    pub asked: Vec<Asked>,
+    pub asked: Vec<Probe>,
     /// Identifiers under which something was sent here.
     pub sent: Vec<u16>,
     bus: BusId,
@@ -103,7 +103,7 @@ pub struct LinkFacts {
 
 /// One read, and what came in answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Asked {
+pub struct Probe {
     /// The object.
     pub at: Address,
     /// Identifier and bytes of each frame that says that it answers for this object.
@@ -149,7 +149,7 @@ fn ask<L: CanLink>(service: &mut Service<L>, facts: &mut NodeFacts) -> Result<()
         if !facts.send(service, Frame::new(cob::sdo_request(node), &[0x40, low, high, sub, 0, 0, 0, 0])) {
             return Ok(());
         }
-        let mut asked = Asked { at, answers: Vec::new() };
+        let mut asked = Probe { at, answers: Vec::new() };
         let mut until = service.now() + PATIENCE;
         let mut has_answer = false;
         while service.now() < until {
@@ -277,7 +277,7 @@ impl NodeFacts {
     }
 }
 
-impl Asked {
+impl Probe {
     /// Takes a frame that says that it answers for this object: the answer to a read of up to four bytes, or a refusal.
     fn hear(&mut self, arrival: &Arrival) {
         let Received::Frame(frame) = &arrival.what else { return };

@@ -108,7 +108,7 @@ fn good(raw: u8) -> NodeFacts {
     let id = cob::sdo_response(node(raw));
     let asked = PATTERN.map(|(index, sub)| {
         let [low, high] = index.to_le_bytes();
-        Asked { at: Address::new(index, sub), answers: vec![(id, [0x43, low, high, sub, 1, 0, 0, 0])] }
+        Probe { at: Address::new(index, sub), answers: vec![(id, [0x43, low, high, sub, 1, 0, 0, 0])] }
     });
     NodeFacts {
         frames: 100,
@@ -120,7 +120,7 @@ fn good(raw: u8) -> NodeFacts {
 }
 
 fn unanswered(raw: u8) -> NodeFacts {
-    let asked = |(index, sub)| Asked { at: Address::new(index, sub), answers: Vec::new() };
+    let asked = |(index, sub)| Probe { at: Address::new(index, sub), answers: Vec::new() };
     NodeFacts { asked: PATTERN.into_iter().take(2).map(asked).collect(), ..good(raw) }
 }
 

@@ -64,12 +64,12 @@ pub struct DriveSettings {
     /// What the drive knows about the angle.
     pub encoder: Encoder,
     /// What it does in a manner of its own.
-    pub manner: Manner,
+    pub manner: DriveQuirks,
 }
 
 /// What a drive does in a manner of its own that no profile says, since a master gets along with all of it. Nothing by default.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Manner {
+pub struct DriveQuirks {
     /// It maps no dummy entries (06040041h), so that no bytes of an RPDO can be skipped.
     pub lacks_dummies: bool,
     /// It refuses a mode (08000022h) in a state in which that cannot change, in place of taking it over later.
@@ -223,7 +223,7 @@ impl Drive {
         self.node.set_reset_time(time);
     }
 
-    /// Has the drive take so long to answer an SDO request; as long as its [`Manner`] says unless set.
+    /// Has the drive take so long to answer an SDO request; as long as its [`DriveQuirks`] says unless set.
     pub fn set_sdo_time(&mut self, time: Duration) {
         self.node.set_sdo_time(time);
     }

@@ -29,7 +29,7 @@ fn settings(direction: Direction) -> DriveSettings {
             integral_n_m_per_rad_s: 200_000.0,
         },
         encoder: Encoder::Quantised,
-        manner: Manner::default(),
+        manner: DriveQuirks::default(),
     }
 }
 
@@ -565,7 +565,7 @@ fn bad_settings_are_refused() {
 #[test]
 fn a_server_of_its_own_manner_sends_segments_alone_and_other_lengths() {
     let lengths = vec![(Address::new(0x60c2, 2), 2), (Address::new(0x6041, 0), 8), (Address::new(0x6065, 0), 1)];
-    let manner = Manner { segments_only: true, lengths: lengths.clone(), ..Manner::default() };
+    let manner = DriveQuirks { segments_only: true, lengths: lengths.clone(), ..DriveQuirks::default() };
     let mut bench = Bench::with(DriveSettings { manner, ..settings(Direction::Same) });
     // 1000h: four bytes, of which an initiate frame tells the number alone.
     assert_eq!(bench.request([0x40, 0x00, 0x10, 0, 0, 0, 0, 0]), [0x41, 0x00, 0x10, 0, 4, 0, 0, 0]);
@@ -580,7 +580,7 @@ fn a_server_of_its_own_manner_sends_segments_alone_and_other_lengths() {
         assert_eq!(bench.request(first), [0x80, low, high, sub, 0x01, 0x00, 0x04, 0x05]);
     }
     // Where small values come at once, those of more than four bytes come in segments.
-    let manner = Manner { lengths, ..Manner::default() };
+    let manner = DriveQuirks { lengths, ..DriveQuirks::default() };
     let mut bench = Bench::with(DriveSettings { manner, ..settings(Direction::Same) });
     assert_eq!(bench.request([0x40, 0x41, 0x60, 0, 0, 0, 0, 0]), [0x41, 0x41, 0x60, 0, 8, 0, 0, 0]);
     assert_eq!(bench.request([0x60, 0, 0, 0, 0, 0, 0, 0])[..3], [0x00, 0x50, 0x02]);
@@ -590,7 +590,7 @@ fn a_server_of_its_own_manner_sends_segments_alone_and_other_lengths() {
 #[test]
 fn a_drive_may_refuse_dummies_and_modes() {
     for is_odd in [false, true] {
-        let manner = Manner { lacks_dummies: is_odd, refuses_mode: is_odd, ..Manner::default() };
+        let manner = DriveQuirks { lacks_dummies: is_odd, refuses_mode: is_odd, ..DriveQuirks::default() };
         let mut bench = Bench::with(DriveSettings { manner, ..settings(Direction::Same) });
         bench.write(0x1400, 1, &0x8000_0201_u32.to_le_bytes());
         bench.write(0x1600, 0, &[0]);

@@ -6,7 +6,7 @@ use serde_json::json;
 use yieldwall_drives::eds::{Eds, Value};
 
 use super::super::place::Place;
-use super::super::reached::Reached;
+use super::super::reached::DeviceHandle;
 use super::super::words::{self, COLUMNS, titled};
 use super::dump::objects;
 use super::{is_file, sheet, sheet_of};
@@ -40,7 +40,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     // Devices are read by the objects of the data sheet, or those of the file; else all are looked for.
     let by = eds.clone().or_else(|| files.iter().flatten().next().cloned());
-    let (mut reached, mut values) = (None::<Reached>, Vec::new());
+    let (mut reached, mut values) = (None::<DeviceHandle>, Vec::new());
     for (word, file) in words.into_iter().zip(files) {
         if let Some(file) = file {
             values.push(file);
@@ -51,7 +51,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
                 there.turn_to(word, output)?;
                 there
             }
-            None => Reached::open(&arguments.place, word, output)?,
+            None => DeviceHandle::open(&arguments.place, word, output)?,
         };
         values.push(objects(&mut device, by.as_ref(), output)?.0);
         reached = Some(device);

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 use yieldwall_drives::eds::{DeviceInfo, Eds, Node as Of, concise};
 
-use super::super::place::{Desk, Node, Place};
-use super::super::reached::Reached;
+use super::super::place::{DeviceSession, Node, Place};
+use super::super::reached::DeviceHandle;
 use super::super::segment::scan::name;
-use super::super::segment::{Device, SegmentDesk};
+use super::super::segment::{Device, SegmentSession};
 use super::super::words;
 use super::sheet_of;
 use crate::failure::{Exit, Failure};
@@ -17,7 +17,7 @@ use crate::progress::Progress;
 use crate::replace::Replace;
 use yieldwall_fieldbus::objects::Address;
 use yieldwall_rig::report::Stage;
-use yieldwall_service::{Missed, downloads, inventory, inventory_of, values_of};
+use yieldwall_service::{UnreadObject, downloads, inventory, inventory_of, values_of};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
@@ -44,7 +44,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         arguments.replace.check_new(path)?;
     }
     let eds = sheet_of(arguments.eds.as_deref(), output)?;
-    let mut reached = Reached::open(&arguments.place, &arguments.node, output)?;
+    let mut reached = DeviceHandle::open(&arguments.place, &arguments.node, output)?;
     if arguments.concise && !reached.is_on_can() {
         let message = "a concise DCF is what a CANopen manager takes, and this place is on EtherCAT";
         return Err(Failure::new(Exit::Usage, message, "leave --concise away"));
@@ -90,18 +90,23 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 
 /// All objects of a device with their values.
 pub(super) fn objects(
-    reached: &mut Reached,
+    reached: &mut DeviceHandle,
     eds: Option<&Eds>,
     output: &Output,
-) -> Result<(Eds, Vec<Missed>), Failure> {
+) -> Result<(Eds, Vec<UnreadObject>), Failure> {
     match reached {
-        Reached::Node(desk, node) => on_can(desk, node, eds, output),
-        Reached::Device(desk, device) => on_segment(desk, device, eds, output),
+        DeviceHandle::Node(desk, node) => on_can(desk, node, eds, output),
+        DeviceHandle::Device(desk, device) => on_segment(desk, device, eds, output),
     }
 }
 
 /// On CAN.
-fn on_can(desk: &mut Desk, node: &Node, eds: Option<&Eds>, output: &Output) -> Result<(Eds, Vec<Missed>), Failure> {
+fn on_can(
+    desk: &mut DeviceSession,
+    node: &Node,
+    eds: Option<&Eds>,
+    output: &Output,
+) -> Result<(Eds, Vec<UnreadObject>), Failure> {
     let progress = Progress::new(output);
     progress.begin("reading");
     let at = |share: f64| progress.at(Stage { time_s: share, end_s: 1.0 });
@@ -115,11 +120,11 @@ fn on_can(desk: &mut Desk, node: &Node, eds: Option<&Eds>, output: &Output) -> R
 
 /// On EtherCAT: by the device's own list of objects, where it has one.
 fn on_segment(
-    desk: &mut SegmentDesk,
+    desk: &mut SegmentSession,
     device: &Device,
     eds: Option<&Eds>,
     output: &Output,
-) -> Result<(Eds, Vec<Missed>), Failure> {
+) -> Result<(Eds, Vec<UnreadObject>), Failure> {
     let present = desk.service.present(device.position);
     let present = present.map_err(|error| desk.failure(device, "reading who it is", error))?;
     let [vendor_number, product_number, revision_number, _] = present.identity;

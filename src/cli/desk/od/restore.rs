@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::super::place::Place;
-use super::super::reached::Reached;
+use super::super::reached::DeviceHandle;
 use super::super::state::refuse_powered;
 use super::super::words::{spaced, titled, wrapped};
 use super::{Done, Saving, is_file, sheet, sheet_of, told, write_all};
@@ -51,7 +51,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             "name a DCF, as `yieldwall od dump` writes it",
         ));
     }
-    let mut reached = Reached::open(&arguments.place, &arguments.node, output)?;
+    let mut reached = DeviceHandle::open(&arguments.place, &arguments.node, output)?;
     refuse_powered(&mut reached)?;
     refuse_exchanging(&mut reached)?;
     refuse_another_kind(&mut reached, &wanted)?;
@@ -79,14 +79,14 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 const KIND: [(u16, u8, &str); 3] = [(0x1000, 0, "device type"), (0x1018, 1, "vendor"), (0x1018, 2, "product code")];
 
 /// Refuses a device whose process data are exchanged, or may be: what they are does not change then.
-fn refuse_exchanging(reached: &mut Reached) -> Result<(), Failure> {
+fn refuse_exchanging(reached: &mut DeviceHandle) -> Result<(), Failure> {
     let state = match reached {
-        Reached::Node(desk, node) => {
+        DeviceHandle::Node(desk, node) => {
             let state = desk.service.state(node.id);
             let state = state.map_err(|error| desk.failure(node, "asking its state", error))?;
             (state == Some(NmtState::Operational)).then(|| (spaced("Operational"), "nmt"))
         }
-        Reached::Device(desk, device) => {
+        DeviceHandle::Device(desk, device) => {
             let state = desk.service.state(device.position);
             let (status, _) = state.map_err(|error| desk.failure(device, "reading its state", error))?;
             let is_at_rest = status == AlStatus::new(AlState::PreOperational, false);
@@ -101,7 +101,7 @@ fn refuse_exchanging(reached: &mut Reached) -> Result<(), Failure> {
 
 /// Refuses the file of a device of another kind, of which some objects would be taken before one is refused. A file that does not say what
 /// it is of, such as a backup of a few objects, is taken.
-fn refuse_another_kind(reached: &mut Reached, wanted: &Eds) -> Result<(), Failure> {
+fn refuse_another_kind(reached: &mut DeviceHandle, wanted: &Eds) -> Result<(), Failure> {
     for (index, sub, what) in KIND {
         let entry = wanted.entry(index, sub);
         let value = entry.and_then(|entry| entry.value.as_ref()?.to_bytes(entry.data_type, reached.named().node_id()));

@@ -3,7 +3,7 @@
 use super::super::errors;
 use super::super::scan::fit_of;
 use super::super::sii::wrong;
-use super::{Device, SegmentDesk};
+use super::{Device, SegmentSession};
 use crate::checkup::Section;
 use crate::failure::{Exit, Failure};
 use yieldwall_fieldbus::ethercat::{AlState, AlStatusCode};
@@ -16,7 +16,7 @@ const DEVICE_TYPE: Address = Address::new(0x1000, 0);
 const ERROR_CODE: Address = Address::new(0x603f, 0);
 
 /// A section for each device, and for each of the rig that is not there; of one alone if a word means it.
-pub(in crate::desk) fn sections(desk: &mut SegmentDesk, word: Option<&str>) -> Result<Vec<Section>, Failure> {
+pub(in crate::desk) fn sections(desk: &mut SegmentSession, word: Option<&str>) -> Result<Vec<Section>, Failure> {
     let mut sections = Vec::new();
     let devices = desk.devices_of(word)?;
     let found = devices.len() as u16;
@@ -36,8 +36,8 @@ pub(in crate::desk) fn sections(desk: &mut SegmentDesk, word: Option<&str>) -> R
     Ok(sections)
 }
 
-pub(super) fn of_device(desk: &mut SegmentDesk, device: &Device) -> Result<Vec<Check>, Failure> {
-    let failed = |desk: &SegmentDesk, error| desk.failure(device, "examining it", error);
+pub(super) fn of_device(desk: &mut SegmentSession, device: &Device) -> Result<Vec<Check>, Failure> {
+    let failed = |desk: &SegmentSession, error| desk.failure(device, "examining it", error);
     let present = desk.service.present(device.position).map_err(|error| failed(desk, error))?;
     let mut checks = vec![state(desk, &present)];
     let wrong = wrong(device, &present);
@@ -69,7 +69,7 @@ pub(super) fn of_device(desk: &mut SegmentDesk, device: &Device) -> Result<Vec<C
     Ok(checks)
 }
 
-fn state(desk: &SegmentDesk, present: &Present) -> Check {
+fn state(desk: &SegmentSession, present: &Present) -> Check {
     let status = present.status;
     let command = |target: &str| format!("yieldwall state {} {target}{}", present.position, desk.arguments);
     match present.code {
@@ -88,7 +88,7 @@ fn state(desk: &SegmentDesk, present: &Present) -> Check {
 }
 
 /// Whether it answers over its mailbox, and the error of a drive. A device in INIT is not brought to PRE-OP for that.
-fn objects(desk: &mut SegmentDesk, device: &Device, present: &Present) -> Result<Vec<Check>, Failure> {
+fn objects(desk: &mut SegmentSession, device: &Device, present: &Present) -> Result<Vec<Check>, Failure> {
     if present.status.state() == Some(AlState::Init) {
         return Ok(vec![
             Check::unknown("objects", "in INIT it has no mailbox, so they were not asked")

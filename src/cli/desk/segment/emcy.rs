@@ -5,7 +5,7 @@ use std::time::Duration;
 use serde_json::{Map, Value, json};
 
 use super::super::emcy::{history, stored, text};
-use super::{Device, SegmentDesk};
+use super::{Device, SegmentSession};
 use crate::explain;
 use crate::failure::Failure;
 use crate::output::Output;
@@ -17,13 +17,13 @@ use yieldwall_service::ObjectAccess;
 const LISTENING: Duration = Duration::from_millis(100);
 
 /// What a device tells of its errors.
-pub(super) struct Told {
+pub(super) struct DeviceErrors {
     device: Device,
     stored: Option<Vec<PastError>>,
     sent: Vec<CoeEmergency>,
 }
 
-pub(in crate::desk) fn run(word: Option<&str>, mut desk: SegmentDesk, output: &mut Output) -> Result<(), Failure> {
+pub(in crate::desk) fn run(word: Option<&str>, mut desk: SegmentSession, output: &mut Output) -> Result<(), Failure> {
     let (mut told, mut end) = (Vec::new(), Ok(()));
     for device in desk.devices_of(word)? {
         match ask(&mut desk, device, output) {
@@ -40,7 +40,7 @@ pub(in crate::desk) fn run(word: Option<&str>, mut desk: SegmentDesk, output: &m
     end
 }
 
-pub(super) fn ask(desk: &mut SegmentDesk, device: Device, output: &Output) -> Result<Told, Failure> {
+pub(super) fn ask(desk: &mut SegmentSession, device: Device, output: &Output) -> Result<DeviceErrors, Failure> {
     desk.reach(&device, output)?;
     let mut objects = desk.objects(&device)?;
     let errors = history(&mut |at| objects.read(at));
@@ -49,11 +49,11 @@ pub(super) fn ask(desk: &mut SegmentDesk, device: Device, output: &Output) -> Re
     heard.map_err(|error| desk.failure(&device, "listening to it", error))?;
     let sent = desk.service.take_emergencies().into_iter();
     let sent = sent.filter(|(position, _)| *position == device.position).map(|(_, emergency)| emergency).collect();
-    Ok(Told { device, stored, sent })
+    Ok(DeviceErrors { device, stored, sent })
 }
 
-pub(super) fn lines(desk: &SegmentDesk, told: &Told) -> String {
-    let Told { device, stored, sent } = told;
+pub(super) fn lines(desk: &SegmentSession, told: &DeviceErrors) -> String {
+    let DeviceErrors { device, stored, sent } = told;
     let mut lines = text(&device.words(), stored.as_deref(), |code| desk.explained(device, code));
     for emergency in sent {
         let explained = desk.explained(device, emergency.code);
@@ -66,8 +66,8 @@ pub(super) fn lines(desk: &SegmentDesk, told: &Told) -> String {
     lines
 }
 
-fn document(desk: &SegmentDesk, told: &Told) -> Value {
-    let Told { device, stored: errors, sent } = told;
+fn document(desk: &SegmentSession, told: &DeviceErrors) -> Value {
+    let DeviceErrors { device, stored: errors, sent } = told;
     let sent = sent.iter().map(|emergency| {
         let mut keys: Map<String, Value> = explain::document(&desk.explained(device, emergency.code));
         keys.insert("error_register".to_owned(), emergency.register.into());

@@ -4,7 +4,7 @@ use serde_json::json;
 
 use super::super::info::{asked, objects};
 use super::super::words::table;
-use super::SegmentDesk;
+use super::SegmentSession;
 use super::scan::{fit, name};
 use crate::failure::Failure;
 use crate::output::Output;
@@ -18,7 +18,7 @@ const PROTOCOLS: [(u16, &str); 3] = [(protocols::COE, "CoE"), (protocols::EOE, "
 /// Registers from the type of the controller to its features.
 const CONTROLLER_LEN: usize = 10;
 
-pub(in crate::desk) fn run(word: &str, mut desk: SegmentDesk, output: &mut Output) -> Result<(), Failure> {
+pub(in crate::desk) fn run(word: &str, mut desk: SegmentSession, output: &mut Output) -> Result<(), Failure> {
     let device = desk.device(word)?;
     let position = device.position;
     // A device that is broken is shown without them.
@@ -29,7 +29,7 @@ pub(in crate::desk) fn run(word: &str, mut desk: SegmentDesk, output: &mut Outpu
         }
         Err(failure) => (Vec::new(), failure.report.diagnostics.into_iter().next().map(|finding| finding.message)),
     };
-    let failed = |desk: &SegmentDesk, error| desk.failure(&device, "reading who it is", error);
+    let failed = |desk: &SegmentSession, error| desk.failure(&device, "reading who it is", error);
     let present = desk.service.present(position).map_err(|error| failed(&desk, error))?;
     let mut read = |register, len| desk.service.read(position, register, len).map_err(|error| failed(&desk, error));
     let controller = read(register::TYPE, CONTROLLER_LEN)?;

@@ -57,7 +57,7 @@ pub(super) struct Device {
 }
 
 /// The devices of a segment, and the rig that they may belong to.
-pub(super) struct SegmentDesk {
+pub(super) struct SegmentSession {
     pub(super) service: SegmentService<AnyWire>,
     pub(super) entries: Vec<Entry>,
     /// Where it is, for a person.
@@ -97,7 +97,7 @@ impl Device {
     }
 }
 
-impl SegmentDesk {
+impl SegmentSession {
     /// The devices of a segment, if the place is one: an Ethernet interface, or a rig on EtherCAT.
     pub(super) fn open(place: &Place, output: &mut Output) -> Result<Option<Self>, Failure> {
         Self::taking_over(place, false, output)

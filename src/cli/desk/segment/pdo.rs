@@ -2,9 +2,9 @@
 
 use serde_json::{Value, json};
 
-use super::super::reached::Reached;
+use super::super::reached::DeviceHandle;
 use super::super::words::mapped;
-use super::SegmentDesk;
+use super::SegmentSession;
 use crate::failure::Failure;
 use crate::output::Output;
 use yieldwall_fieldbus::objects::Address;
@@ -23,8 +23,8 @@ struct Exchange {
 const DIRECTIONS: [(&str, u16, u8, u16); 2] = [("outputs", 0x1c12, 2, 0x1c32), ("inputs", 0x1c13, 3, 0x1c33)];
 const DOING: &str = "reading its process data";
 
-pub(in crate::desk) fn run(word: &str, desk: SegmentDesk, output: &mut Output) -> Result<(), Failure> {
-    let mut reached = Reached::on_segment(desk, word, output)?;
+pub(in crate::desk) fn run(word: &str, desk: SegmentSession, output: &mut Output) -> Result<(), Failure> {
+    let mut reached = DeviceHandle::on_segment(desk, word, output)?;
     let exchanged = read(&mut reached)?;
     if output.is_json() {
         let exchanged: Vec<Value> = exchanged.iter().map(document).collect();
@@ -34,11 +34,11 @@ pub(in crate::desk) fn run(word: &str, desk: SegmentDesk, output: &mut Output) -
 }
 
 #[cfg(test)]
-pub(super) fn shown(reached: &mut Reached) -> Result<String, Failure> {
+pub(super) fn shown(reached: &mut DeviceHandle) -> Result<String, Failure> {
     Ok(text(&reached.words(), &read(reached)?))
 }
 
-fn read(reached: &mut Reached) -> Result<Vec<Exchange>, Failure> {
+fn read(reached: &mut DeviceHandle) -> Result<Vec<Exchange>, Failure> {
     let mut exchanged = Vec::new();
     for (direction, assignment, sync_manager, synchronisation) in DIRECTIONS {
         let mut of = |index, sub| reached.number_of(Address::new(index, sub), DOING);

@@ -4,13 +4,13 @@ use serde_json::{Value, json};
 
 use super::super::scan::{fit_of, identity_words};
 use super::super::words::{table, wrapped, wrapped_behind};
-use super::SegmentDesk;
+use super::SegmentSession;
 use crate::failure::Failure;
 use crate::output::Output;
 use yieldwall_fieldbus::ethercat::AlStatusCode;
 use yieldwall_service::Present;
 
-pub(in crate::desk) fn run(is_listening: bool, mut desk: SegmentDesk, output: &mut Output) -> Result<(), Failure> {
+pub(in crate::desk) fn run(is_listening: bool, mut desk: SegmentSession, output: &mut Output) -> Result<(), Failure> {
     let mut found = Vec::new();
     if !is_listening {
         for position in 0..desk.devices()? {
@@ -29,7 +29,7 @@ pub(in crate::desk) fn run(is_listening: bool, mut desk: SegmentDesk, output: &m
     output.result(&text(&desk, &found))
 }
 
-pub(super) fn text(desk: &SegmentDesk, found: &[Present]) -> String {
+pub(super) fn text(desk: &SegmentSession, found: &[Present]) -> String {
     if let Some(sign) = desk.heard.filter(|_| found.is_empty()) {
         return wrapped(&format!("a master is on this segment: {sign}. Nothing was sent, and no device was asked"));
     }
@@ -69,12 +69,12 @@ pub(in crate::desk) fn name(present: &Present) -> Option<String> {
 }
 
 /// The rig's entry at its position, and whether it is one; without an entry the profile that it fits.
-pub(super) fn fit(desk: &SegmentDesk, present: &Present) -> String {
+pub(super) fn fit(desk: &SegmentSession, present: &Present) -> String {
     let device = desk.at(present.position);
     fit_of(device.of_rig(), present.identity, None)
 }
 
-fn document(desk: &SegmentDesk, present: &Present) -> Value {
+fn document(desk: &SegmentSession, present: &Present) -> Value {
     let [vendor, product, revision, serial] = present.identity;
     json!({
         "position": present.position,

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::{Device, SegmentDesk};
+use super::{Device, SegmentSession};
 use crate::explain;
 use crate::failure::Failure;
 use crate::output::Output;
@@ -49,7 +49,7 @@ pub(in crate::desk) fn run(
     word: &str,
     target: Option<Target>,
     (is_forced, is_dry): (bool, bool),
-    mut desk: SegmentDesk,
+    mut desk: SegmentSession,
     output: &mut Output,
 ) -> Result<(), Failure> {
     let devices = match word {
@@ -77,7 +77,7 @@ pub(in crate::desk) fn run(
 /// Asks a device for a state, if one is wanted; its states, and why it is not where it should be. What keeps all devices from answering is a
 /// failure at once.
 pub(super) fn change(
-    desk: &mut SegmentDesk,
+    desk: &mut SegmentSession,
     device: Device,
     target: Option<Target>,
 ) -> Result<(Seen, Result<(), Failure>), Failure> {

@@ -14,9 +14,9 @@ fn link() -> VirtualSegment {
 }
 
 /// The desk at these devices.
-fn at(link: VirtualSegment) -> SegmentDesk {
+fn at(link: VirtualSegment) -> SegmentSession {
     let rig = config::load_rig(config::builtin("paper-ethercat.yaml")).unwrap();
-    SegmentDesk {
+    SegmentSession {
         service: SegmentService::new(Box::new(link), Arc::new(AtomicBool::new(false))),
         entries: entries(&rig.value).unwrap(),
         place: String::new(),
@@ -27,13 +27,13 @@ fn at(link: VirtualSegment) -> SegmentDesk {
 }
 
 /// The desk at devices to which something was done.
-fn desk(break_it: impl FnOnce(&mut Segment<SimulatedDevice>)) -> SegmentDesk {
+fn desk(break_it: impl FnOnce(&mut Segment<SimulatedDevice>)) -> SegmentSession {
     let mut link = link();
     break_it(link.server_mut().segment_mut().unwrap());
     at(link)
 }
 
-fn scanned(desk: &mut SegmentDesk) -> String {
+fn scanned(desk: &mut SegmentSession) -> String {
     let found: Vec<_> = (0..desk.devices().unwrap()).map(|position| desk.service.present(position).unwrap()).collect();
     scan::text(desk, &found)
 }
@@ -157,7 +157,7 @@ fn a_segment_of_which_nothing_comes_back_is_not_available() {
 }
 
 /// A device by device walk: what was asked, what came of it.
-fn told(desk: &mut SegmentDesk, word: &str, target: state::Target) -> String {
+fn told(desk: &mut SegmentSession, word: &str, target: state::Target) -> String {
     let device = desk.device(word).unwrap();
     let (seen, end) = state::change(desk, device, Some(target)).unwrap();
     let failure = end.err().map(|failure| format!("{:?}: {}\n", failure.exit, failure.report.diagnostics[0].message));
@@ -231,8 +231,8 @@ fn an_sii_is_read_and_checked() {
     insta::assert_snapshot!("segment-sii", text + &checked);
 }
 
-fn reached(word: &str, break_it: impl FnOnce(&mut Segment<SimulatedDevice>)) -> super::super::reached::Reached {
-    super::super::reached::Reached::on_segment(desk(break_it), word, &Output::new(true, false, false)).unwrap()
+fn reached(word: &str, break_it: impl FnOnce(&mut Segment<SimulatedDevice>)) -> super::super::reached::DeviceHandle {
+    super::super::reached::DeviceHandle::on_segment(desk(break_it), word, &Output::new(true, false, false)).unwrap()
 }
 
 #[test]
@@ -263,7 +263,7 @@ fn a_device_with_a_damaged_sii_whose_mailbox_is_set_up_is_still_asked() {
     desk.service.change_state(1, AlState::PreOperational).unwrap();
     desk.service.write(1, 0x0500, &[2]).unwrap();
     let output = Output::new(true, false, false);
-    let mut reached = super::super::reached::Reached::Device(Box::new(desk), device);
+    let mut reached = super::super::reached::DeviceHandle::Device(Box::new(desk), device);
     assert_eq!(reached.read(Address::new(0x1018, 2)), Ok(vec![2, 4, 0, 0]));
     // In INIT with an error nothing is done to it unasked.
     let mut broken = self::desk(|segment| {
@@ -337,7 +337,7 @@ fn doctor_tells_of_each_device_what_is_wrong_with_it() {
 fn a_device_is_put_back_to_the_values_of_a_file() {
     use yieldwall_drives::eds::Eds;
     use yieldwall_fieldbus::objects::Address;
-    use yieldwall_service::{Made, Plan, carry_out, inventory_of, plan};
+    use yieldwall_service::{Plan, WriteOutcome, carry_out, inventory_of, plan};
 
     let mut reached = reached("left", |_| ());
     let mut objects = reached.objects().unwrap();
@@ -366,20 +366,20 @@ fn a_device_is_put_back_to_the_values_of_a_file() {
     ];
     assert_eq!(order, wanted);
     for step in &back.steps {
-        assert_eq!(carry_out(&mut *objects, step), Ok(Made::Written), "{step:?}");
+        assert_eq!(carry_out(&mut *objects, step), Ok(WriteOutcome::Written), "{step:?}");
     }
     assert_eq!(plan_of(&mut *objects), Plan::default());
 }
 
 #[test]
 fn a_drive_in_fault_is_taken_out_of_it_by_its_objects() {
-    use super::super::reached::Reached;
+    use super::super::reached::DeviceHandle;
     use super::super::state::{reset_fault, statusword};
 
     let mut link = link();
     link.server_mut().inject(Injection::new(Kind::DriveFault, 0.01).on(Target::LeftDrive)).unwrap();
     let mut output = Output::new(true, false, false);
-    let mut reached = Reached::on_segment(at(link), "left", &output).unwrap();
+    let mut reached = DeviceHandle::on_segment(at(link), "left", &output).unwrap();
     reached.pause(std::time::Duration::from_millis(50)).unwrap();
     let word = statusword(&mut reached).unwrap();
     assert_eq!(word & 0x4f, 0x08, "{word:04x}: Fault");

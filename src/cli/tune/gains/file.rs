@@ -10,7 +10,7 @@ use yieldwall_config::{Loaded, Rig, Severity, Source, load_rig};
 
 /// Where the gains of a rig stand.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Place {
+pub(super) enum GainsSource {
     /// In its own file: where each number begins and how long it is, bytes.
     Here(Vec<(usize, usize)>),
     /// In the file that it is like.
@@ -36,12 +36,12 @@ pub(super) struct Edit {
 }
 
 /// Where these gains stand.
-pub(super) fn place(rig: &Loaded<Rig>, changes: &[Change]) -> Place {
+pub(super) fn place(rig: &Loaded<Rig>, changes: &[Change]) -> GainsSource {
     let mut spans = Vec::new();
     for (key, old, _) in changes {
         let found = rig.finding(Severity::Warning, key, "", "", &[]);
         if found.file != rig.source.to_string() {
-            return Place::Inherited { from: found.file };
+            return GainsSource::Inherited { from: found.file };
         }
         let written = found.place.zip(found.text.as_ref()).and_then(|(place, text)| {
             let word = text.get(place.offset..place.offset + place.length)?;
@@ -50,20 +50,25 @@ pub(super) fn place(rig: &Loaded<Rig>, changes: &[Change]) -> Place {
         });
         match written {
             Some(span) => spans.push(span),
-            None => return Place::Unclear { key: key.clone() },
+            None => return GainsSource::Unclear { key: key.clone() },
         }
     }
-    Place::Here(spans)
+    GainsSource::Here(spans)
 }
 
 impl Edit {
     /// The file with these changes; nothing is written yet.
-    pub(super) fn of(rig: &Loaded<Rig>, wanted: &Rig, changes: &[Change], place: &Place) -> Result<Self, Failure> {
+    pub(super) fn of(
+        rig: &Loaded<Rig>,
+        wanted: &Rig,
+        changes: &[Change],
+        place: &GainsSource,
+    ) -> Result<Self, Failure> {
         let path = disk_path(rig)?;
         let old = rig.source.read()?;
         let by_hand = || format!("write it yourself:\n{}", lines(changes, "\n"));
         let (text, words) = match place {
-            Place::Here(spans) => {
+            GainsSource::Here(spans) => {
                 let mut text = old.to_string();
                 let mut edits: Vec<_> = spans.iter().zip(changes).collect();
                 // From the end, so that what comes before stays where it is.
@@ -73,7 +78,7 @@ impl Edit {
                 }
                 (text, format!("{} numbers take the place of others", changes.len()))
             }
-            Place::Inherited { from } => {
+            GainsSource::Inherited { from } => {
                 // A group of its own is changed by whoever wrote it.
                 let has_group = ["control:", "\"control\":", "'control':"]
                     .iter()
@@ -90,7 +95,7 @@ impl Edit {
                     format!("gains of its own, in place of those in {from}"),
                 )
             }
-            Place::Unclear { key } => {
+            GainsSource::Unclear { key } => {
                 let message = format!("`{key}` is not a plain number in {}", rig.source);
                 return Err(Failure::new(Exit::Usage, message, by_hand()));
             }

@@ -86,6 +86,8 @@ pub(super) const ROWS: [Row; 15] = [
             "random bits of the datagrams are flipped on the way back, as where nobody looks at the check sequence",
             &[
                 F::PdoMissed,
+                F::SensorInvalid,
+                F::SensorSaturated,
                 F::SensorStale,
                 F::SensorLost,
                 F::PdoLate,
@@ -101,6 +103,9 @@ pub(super) const ROWS: [Row; 15] = [
                 F::DriveIgnoresCommand,
                 F::DriveWarning,
                 F::Intruder,
+                F::ForceStep,
+                F::ForceLimit,
+                F::ForceImplausible,
                 F::PortErrors,
             ],
             (QuickStop, ANY, Restart),

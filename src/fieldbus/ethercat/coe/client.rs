@@ -60,7 +60,7 @@ pub enum CoeAnswer {
 
 /// What a message was.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Heard {
+pub enum CoeEvent {
     /// An emergency; the request goes on.
     Emergency(CoeEmergency),
     /// Part of the answer, or its end.
@@ -256,9 +256,9 @@ impl CoeClient {
     }
 
     /// Takes a message of the device.
-    pub fn on_message(&mut self, now: Time, message: &[u8]) -> Heard {
+    pub fn on_message(&mut self, now: Time, message: &[u8]) -> CoeEvent {
         if let Some(emergency) = CoeEmergency::decode(message) {
-            return Heard::Emergency(emergency);
+            return CoeEvent::Emergency(emergency);
         }
         let is_heard = match (Service::of(message), self.kind) {
             _ if !self.is_busy() => false,
@@ -275,12 +275,12 @@ impl CoeClient {
             _ => false,
         };
         if !is_heard {
-            return Heard::Foreign;
+            return CoeEvent::Foreign;
         }
         if self.is_busy() {
             self.deadline = now + self.timeout;
         }
-        Heard::Answer
+        CoeEvent::Answer
     }
 
     fn end(&mut self, answer: CoeAnswer) -> bool {

@@ -23,7 +23,7 @@ mod server;
 mod tests;
 mod wire;
 
-pub use client::{CoeAnswer, CoeClient, CoeRequest, Heard};
+pub use client::{CoeAnswer, CoeClient, CoeEvent, CoeRequest};
 pub use emergency::CoeEmergency;
 pub use information::{EntryDescription, ListKind, ObjectCode, ObjectDescription};
 pub use server::CoeServer;

@@ -158,7 +158,7 @@ fn talk(od: &mut ObjectDictionary, room: usize, request: CoeRequest<'_>) -> CoeA
     for _ in 0..1000 {
         let (mut message, mut answer, mut alarm) = (vec![0; room], vec![0; room], [0; 10]);
         CoeEmergency { code: 0x2310, register: 2, vendor: [0; 5] }.encode(&mut alarm);
-        assert!(matches!(client.on_message(Time(1), &alarm), Heard::Emergency(CoeEmergency { code: 0x2310, .. })));
+        assert!(matches!(client.on_message(Time(1), &alarm), CoeEvent::Emergency(CoeEmergency { code: 0x2310, .. })));
         let len = client.message(&mut message);
         if len == 0 && !server.has_more() {
             break;
@@ -167,7 +167,7 @@ fn talk(od: &mut ObjectDictionary, room: usize, request: CoeRequest<'_>) -> CoeA
             0 => server.poll(&mut answer),
             len => server.on_message(&message[..len], od, &mut answer).unwrap(),
         };
-        assert_eq!(client.on_message(Time(1), &answer[..len]), Heard::Answer);
+        assert_eq!(client.on_message(Time(1), &answer[..len]), CoeEvent::Answer);
     }
     client.answer().clone()
 }
@@ -201,10 +201,10 @@ fn what_stays_away_or_is_foreign_does_not_hang() {
     client.start(Time(0), request).unwrap();
     assert_eq!(client.start(Time(0), request), Err(crate::ethercat::EthercatError::Busy));
     let late = [0, 0x30, 0x4b, 0x64, 0x60, 0, 1, 2, 3, 4];
-    assert_eq!(client.on_message(Time(0), &late), Heard::Foreign, "nothing was sent yet");
+    assert_eq!(client.on_message(Time(0), &late), CoeEvent::Foreign, "nothing was sent yet");
     client.message(&mut [0; 64]);
-    assert_eq!(client.on_message(Time(0), &late), Heard::Foreign, "another object");
-    assert_eq!(client.on_message(Time(0), &[0, 0x10]), Heard::Foreign);
+    assert_eq!(client.on_message(Time(0), &late), CoeEvent::Foreign, "another object");
+    assert_eq!(client.on_message(Time(0), &[0, 0x10]), CoeEvent::Foreign);
     client.poll(Time(9_999_999));
     assert!(client.is_busy());
     client.poll(client.next_deadline());
@@ -227,7 +227,7 @@ fn a_request_that_comes_back_is_no_answer_and_an_abort_is_one() {
         client.start(Time(0), request).unwrap();
         let mut message = [0; 64];
         let len = client.message(&mut message);
-        assert_eq!(client.on_message(Time(0), &message[..len]), Heard::Foreign, "{request:?}");
+        assert_eq!(client.on_message(Time(0), &message[..len]), CoeEvent::Foreign, "{request:?}");
         client.poll(client.next_deadline());
         assert_eq!(*client.answer(), CoeAnswer::Failed(ObjectError::NoAnswer), "{request:?}");
     }
@@ -235,7 +235,7 @@ fn a_request_that_comes_back_is_no_answer_and_an_abort_is_one() {
     client.start(Time(0), requests[0]).unwrap();
     client.message(&mut [0; 64]);
     let abort = [0, 0x20, 0x80, 0x40, 0x60, 0, 0, 0, 2, 6];
-    assert_eq!(client.on_message(Time(0), &abort), Heard::Answer);
+    assert_eq!(client.on_message(Time(0), &abort), CoeEvent::Answer);
     assert_eq!(*client.answer(), CoeAnswer::Failed(ObjectError::Aborted(AbortCode::NO_OBJECT)));
 }
 
@@ -248,7 +248,7 @@ fn parts_without_data_that_are_not_the_last_end_the_request() {
         for part in parts {
             assert!(client.is_busy());
             client.message(&mut [0; 64]);
-            assert_eq!(client.on_message(Time(1), part), Heard::Answer);
+            assert_eq!(client.on_message(Time(1), part), CoeEvent::Answer);
         }
         client.answer().clone()
     };

@@ -10,7 +10,7 @@
 //! once more by the repeat bit of sync manager 1.
 
 use super::{Counter, HEADER, MailboxError, Protocol, SHORTEST, decode, seal};
-use crate::ethercat::coe::{CoeAnswer, CoeClient, CoeEmergency, CoeRequest, Heard, ListKind};
+use crate::ethercat::coe::{CoeAnswer, CoeClient, CoeEmergency, CoeEvent, CoeRequest, ListKind};
 use crate::ethercat::frame::{Ask, Command, address};
 use crate::ethercat::registers as register;
 use crate::ethercat::sii::MailboxArea;
@@ -326,14 +326,14 @@ impl MailboxClient {
             Some(Protocol::Error) if self.client.is_busy() => {
                 self.refused = MailboxError::decode(message).or(Some(MailboxError::SYNTAX));
                 self.client.give_up(ObjectError::Aborted(AbortCode::GENERAL));
-                Heard::Answer
+                CoeEvent::Answer
             }
-            _ => Heard::Foreign,
+            _ => CoeEvent::Foreign,
         };
         match heard {
-            Heard::Emergency(emergency) => return Some(emergency),
-            Heard::Foreign => self.unexpected = self.unexpected.saturating_add(1),
-            Heard::Answer => {}
+            CoeEvent::Emergency(emergency) => return Some(emergency),
+            CoeEvent::Foreign => self.unexpected = self.unexpected.saturating_add(1),
+            CoeEvent::Answer => {}
         }
         None
     }

@@ -6,7 +6,7 @@ use crate::{AxisSettings, Encoder, EthercatDrive, ForceTorqueSensor, ForceTorque
 use yieldwall_config::shipped_profile;
 use yieldwall_drives::cia402::State;
 use yieldwall_drives::scaling::{AxisScaling, Direction};
-use yieldwall_fieldbus::ethercat::coe::{CoeAnswer, CoeClient, CoeRequest, Heard};
+use yieldwall_fieldbus::ethercat::coe::{CoeAnswer, CoeClient, CoeEvent, CoeRequest};
 use yieldwall_fieldbus::ethercat::frame::Command;
 use yieldwall_fieldbus::ethercat::mailbox::{self, Counter, Protocol};
 use yieldwall_fieldbus::ethercat::sii::Sii;
@@ -99,7 +99,7 @@ impl Bench {
             let (bytes, counter) = self.ask(Command::Aprd, place, 0x1400, &[0; 128]);
             if counter == 1 {
                 let (_, message) = mailbox::decode(&bytes).unwrap();
-                if let Heard::Emergency(emergency) = client.on_message(self.now, message) {
+                if let CoeEvent::Emergency(emergency) = client.on_message(self.now, message) {
                     self.emergencies.push(emergency.code);
                 }
             }

@@ -42,20 +42,20 @@ pub trait Peer: Send {
 const SILENT: Answer = Answer { torque_n_m: 0.0, state: cia402::State::NotReadyToSwitchOn, next: Time::NEVER };
 
 /// A device that is elsewhere, or not there at all: then a joint has no torque.
-pub(super) struct Away {
+pub(super) struct RemoteDevice {
     peer: Option<Box<dyn Peer>>,
     felt: [f64; 6],
     answer: Answer,
     ask_at: Time,
 }
 
-impl std::fmt::Debug for Away {
+impl std::fmt::Debug for RemoteDevice {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Away").field("is_there", &self.peer.is_some()).field("answer", &self.answer).finish()
     }
 }
 
-impl Away {
+impl RemoteDevice {
     fn ask(&mut self, now: Time, is_sync: bool) {
         let Some(peer) = &mut self.peer else { return };
         match peer.call(&Call { now, is_sync, felt: self.felt }) {
@@ -67,90 +67,90 @@ impl Away {
 
 /// A place for a device.
 #[derive(Debug)]
-pub(super) enum Seat<D> {
+pub(super) enum DeviceSlot<D> {
     /// It is simulated here.
-    Here(Box<D>),
+    Local(Box<D>),
     /// It is elsewhere.
-    Away(Away),
+    Remote(RemoteDevice),
 }
 
-impl<D> Seat<D> {
+impl<D> DeviceSlot<D> {
     /// Nobody.
     pub(super) fn empty() -> Self {
-        Self::Away(Away { peer: None, felt: [0.0; 6], answer: SILENT, ask_at: Time::NEVER })
+        Self::Remote(RemoteDevice { peer: None, felt: [0.0; 6], answer: SILENT, ask_at: Time::NEVER })
     }
 
     /// Somebody elsewhere, from now on.
     pub(super) fn attach(&mut self, now: Time, peer: Box<dyn Peer>) {
-        *self = Self::Away(Away { peer: Some(peer), felt: [0.0; 6], answer: SILENT, ask_at: now });
+        *self = Self::Remote(RemoteDevice { peer: Some(peer), felt: [0.0; 6], answer: SILENT, ask_at: now });
     }
 
     /// The device that is simulated here.
     pub(super) fn here(&self) -> Option<&D> {
         match self {
-            Seat::Here(device) => Some(device),
-            Seat::Away(_) => None,
+            DeviceSlot::Local(device) => Some(device),
+            DeviceSlot::Remote(_) => None,
         }
     }
 
     /// The same, to change it.
-    pub(super) fn here_mut(&mut self) -> Option<&mut D> {
+    pub(super) fn local_mut(&mut self) -> Option<&mut D> {
         match self {
-            Seat::Here(device) => Some(device),
-            Seat::Away(_) => None,
+            DeviceSlot::Local(device) => Some(device),
+            DeviceSlot::Remote(_) => None,
         }
     }
 }
 
-impl<D: Device> Device for Seat<D> {
+impl<D: Device> Device for DeviceSlot<D> {
     fn boot(&mut self, now: Time, out: &mut impl Outbox) {
-        if let Seat::Here(device) = self {
+        if let DeviceSlot::Local(device) = self {
             device.boot(now, out);
         }
     }
 
     fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) {
         match self {
-            Seat::Here(device) => device.on_frame(now, frame, out),
-            Seat::Away(away) if frame.id() == cob::SYNC => away.ask(now, true),
-            Seat::Away(_) => {}
+            DeviceSlot::Local(device) => device.on_frame(now, frame, out),
+            DeviceSlot::Remote(remote) if frame.id() == cob::SYNC => remote.ask(now, true),
+            DeviceSlot::Remote(_) => {}
         }
     }
 
     fn poll(&mut self, now: Time, out: &mut impl Outbox) {
         match self {
-            Seat::Here(device) => device.poll(now, out),
-            Seat::Away(away) => away.ask(now, false),
+            DeviceSlot::Local(device) => device.poll(now, out),
+            DeviceSlot::Remote(remote) => remote.ask(now, false),
         }
     }
 
     fn next_deadline(&self) -> Time {
         match self {
-            Seat::Here(device) => device.next_deadline(),
-            Seat::Away(away) => away.ask_at,
+            DeviceSlot::Local(device) => device.next_deadline(),
+            DeviceSlot::Remote(remote) => remote.ask_at,
         }
     }
 }
 
-impl<D: Actuator> Actuator for Seat<D> {
+impl<D: Actuator> Actuator for DeviceSlot<D> {
     fn measure(&mut self, angle_rad: f64, rate_rad_per_s: f64) {
         match self {
-            Seat::Here(device) => device.measure(angle_rad, rate_rad_per_s),
-            Seat::Away(away) => away.felt = [angle_rad, rate_rad_per_s, 0.0, 0.0, 0.0, 0.0],
+            DeviceSlot::Local(device) => device.measure(angle_rad, rate_rad_per_s),
+            DeviceSlot::Remote(remote) => remote.felt = [angle_rad, rate_rad_per_s, 0.0, 0.0, 0.0, 0.0],
         }
     }
 
     fn torque_n_m(&self) -> f64 {
         match self {
-            Seat::Here(device) => device.torque_n_m(),
-            Seat::Away(away) => away.answer.torque_n_m,
+            DeviceSlot::Local(device) => device.torque_n_m(),
+            DeviceSlot::Remote(remote) => remote.answer.torque_n_m,
         }
     }
 
     fn state(&self) -> cia402::State {
         match self {
-            Seat::Here(device) => device.state(),
-            Seat::Away(away) => away.answer.state,
+            DeviceSlot::Local(device) => device.state(),
+            DeviceSlot::Remote(remote) => remote.answer.state,
         }
     }
 
@@ -160,11 +160,11 @@ impl<D: Actuator> Actuator for Seat<D> {
     }
 }
 
-impl<D: Transducer> Transducer for Seat<D> {
+impl<D: Transducer> Transducer for DeviceSlot<D> {
     fn measure(&mut self, now: Time, counts: [i32; 6]) {
         match self {
-            Seat::Here(device) => device.measure(now, counts),
-            Seat::Away(away) => away.felt = counts.map(f64::from),
+            DeviceSlot::Local(device) => device.measure(now, counts),
+            DeviceSlot::Remote(remote) => remote.felt = counts.map(f64::from),
         }
     }
 }

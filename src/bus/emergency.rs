@@ -9,7 +9,7 @@ const EMERGENCIES: usize = 8;
 
 /// What a device has told by an emergency message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Told {
+pub struct EmergencyReport {
     /// When the message came.
     pub time: Time,
     /// The device. Its address alone does not tell which: each bus has its own.
@@ -25,7 +25,7 @@ pub struct Told {
 /// What the devices told last: a ring, and where the next one goes.
 #[derive(Clone, Debug, Default)]
 pub(super) struct LastTold {
-    ring: [Option<Told>; EMERGENCIES],
+    ring: [Option<EmergencyReport>; EMERGENCIES],
     next: usize,
 }
 
@@ -33,7 +33,7 @@ impl LastTold {
     /// Remembers a message in place of the oldest one.
     ///
     /// Real-time: yes.
-    pub(super) fn note(&mut self, told: Told) {
+    pub(super) fn note(&mut self, told: EmergencyReport) {
         if let Some(place) = self.ring.get_mut(self.next) {
             *place = Some(told);
         }
@@ -46,7 +46,7 @@ impl LastTold {
     }
 
     /// The last eight, the oldest first.
-    pub(super) fn iter(&self) -> impl Iterator<Item = Told> {
+    pub(super) fn iter(&self) -> impl Iterator<Item = EmergencyReport> {
         let (newer, older) = self.ring.split_at(self.next);
         older.iter().chain(newer).copied().flatten()
     }
