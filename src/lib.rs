@@ -53,7 +53,7 @@ pub use yieldwall_soak as soak;
 pub use yieldwall_study as study;
 
 pub mod record {
-    //! What a run leaves: a record of every cycle, traces, recordings and figures.
+    //! Records of every cycle, traces, recordings and figures of a run.
 
     #[cfg(feature = "figures")]
     #[doc(inline)]

@@ -129,7 +129,7 @@ impl Master {
         &self.cycle
     }
 
-    /// Has the joints be led in place of the fixture, as [`Cycle::lead`].
+    /// Guides the joints in place of the fixture, as [`Cycle::lead`].
     pub fn lead(&mut self, limits: Option<LeadLimits>) {
         self.cycle.lead(limits);
     }

@@ -29,7 +29,7 @@ impl Renderer {
     }
 
     /// As wide as a message may be.
-    #[cfg(feature = "full")]
+    #[cfg(any(test, feature = "full"))]
     pub(super) fn new(in_color: bool) -> Self {
         Self::with_width(in_color, WIDTH)
     }

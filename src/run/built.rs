@@ -1,4 +1,4 @@
-//! How this program was built.
+//! Compiler, profile and target of this program.
 
 /// The compiler and its version, as `rustc --version` prints them; empty if that was not to be had.
 pub const RUSTC: &str = env!("YIELDWALL_RUSTC");

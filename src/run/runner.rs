@@ -319,7 +319,7 @@ impl<P: Place> Runner<P> {
         self.master.forget_told();
     }
 
-    /// Has the joints be led in place of the fixture, as [`Cycle::lead`](yieldwall_motion::cycle::Cycle::lead).
+    /// Guides the joints in place of the fixture, as [`Cycle::lead`](yieldwall_motion::cycle::Cycle::lead).
     pub(super) fn lead(&mut self, limits: Option<LeadLimits>) {
         self.leads = limits.is_some();
         self.master.lead(limits);

@@ -105,7 +105,7 @@ impl EmbeddedRig {
     }
 
     /// Switches everything on, boots the network, tells the drives how little torque they may make, enables them, leads the joints and
-    /// stops, as [`Runner::jog`](yieldwall_run::Runner::jog). No hand takes the tool. `each` gets the record of every cycle in which they are led.
+    /// stops, as [`Runner::jog`](yieldwall_run::Runner::jog). No hand takes the tool. `each` gets the record of every cycle in which the joints are guided.
     ///
     /// # Errors
     /// [`RigError::Boot`] if a node is missing or is not what it should be, and if the simulated arm cannot go on; what kept the joints from

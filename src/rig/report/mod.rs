@@ -1,4 +1,4 @@
-//! What a run shows: its trace, the measures taken from it, and a recording run again.
+//! The trace of a run, the measures taken from it, and a recording run again.
 
 pub mod measures;
 #[cfg(feature = "recording")]

@@ -170,7 +170,7 @@ pub struct Outcome<T = Played> {
     pub standstill: Option<Standstill>,
 }
 
-/// What a drill leaves. [`Subject::store`](crate::Subject::store) keeps it for the runs with these drives.
+/// The findings of a drill. [`Subject::store`](crate::Subject::store) keeps it for the runs with these drives.
 #[derive(Debug)]
 pub struct DrillOutcome {
     /// What the drives say that they are, and what their watchdogs do.

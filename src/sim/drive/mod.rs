@@ -223,7 +223,7 @@ impl Drive {
         self.node.set_reset_time(time);
     }
 
-    /// Has the drive take so long to answer an SDO request; as long as its [`DriveQuirks`] says unless set.
+    /// Sets how long the drive takes to answer an SDO request, in place of the time of its [`DriveQuirks`].
     pub fn set_sdo_time(&mut self, time: Duration) {
         self.node.set_sdo_time(time);
     }

@@ -8,7 +8,7 @@
 //! ```
 //! The servo is that of the cycle in torque mode ([`TorqueServo`](yieldwall_motion::cycle::TorqueServo)): joint or Cartesian gains, with or without feed-forward.
 //! Angles, forces and torques are exact: no counts, no noise, and the proxy is not drawn back from a torque at its limit.
-//! What a whole rig does besides is the business of [`run_rig`](yieldwall_rig::report::run_rig).
+//! [`run_rig`](yieldwall_rig::report::run_rig) measures a whole rig.
 
 mod computer;
 
