@@ -125,13 +125,18 @@ pub(super) fn is_a_register(kind: Kind) -> bool {
 }
 
 /// Time in s within which the first sign of an injection comes, beyond its first cycle.
-pub(super) fn shows_within_s(kind: Kind) -> f64 {
-    if kind == Kind::HiddenRegisterWrite { HIDDEN_S } else { 0.0 }
+pub(super) fn shows_within_s(injection: &Injection) -> f64 {
+    match injection.kind {
+        Kind::HiddenRegisterWrite => HIDDEN_S,
+        // It waits for the next request.
+        Kind::EmergencyInSdo => injection.end_s() - injection.start_s,
+        _ => 0.0,
+    }
 }
 
 /// Moment at which an injection is over and has shown, in s since the scene began.
 pub(super) fn over_s(injection: &Injection) -> f64 {
-    injection.end_s() + shows_within_s(injection.kind)
+    injection.end_s().max(injection.start_s + shows_within_s(injection))
 }
 
 /// When what an injection does has settled, in s since the scene began.

@@ -65,8 +65,11 @@ pub(super) const RESET_CYCLES: u32 = 2;
 pub(super) const BUS_SHARE: f64 = 1.0;
 
 /// bounded-queues: frames that may wait in one port: the master's two set-points, a heartbeat and SYNC, or what a node answers to SYNC
-/// with a heartbeat and an emergency, twice over.
+/// with a heartbeat and an emergency, twice over: another SYNC may come in the same cycle.
 pub(super) const QUEUED_FRAMES: usize = 8;
+
+/// bounded-queues: SYNCs in a cycle beyond which the bus carries no more of what they ask for: queues grow as long as they come.
+pub(super) const SYNCS: usize = 2;
 
 /// Watchdog: cycles from the last set-point to the drives' own reaction: the deadline of the RPDO is five cycles, and the
 /// drive notices it with the next tick of its own clock.

@@ -337,7 +337,8 @@ fn shows_by_s(clock: &Clock, injection: &Injection, wanted: &Wanted) -> f64 {
 fn pre_empted(clock: &Clock, injection: &Injection, wanted: &Wanted, window: &[&Event]) -> Option<Excuse> {
     let faults = &wanted.faults;
     let bounds = faults.iter().flat_map(|fault| fault.row().steps).map(|step| clock.cycles(step.bound));
-    let due_s = injection.start_s + f64::from(bounds.max()?) * clock.period_s;
+    let shows_s = injection.start_s + nature::shows_within_s(injection);
+    let due_s = shows_s + f64::from(bounds.max()?) * clock.period_s;
     let first = window.iter().find(|event| event.from == State::Running && event.cause.is_some())?;
     let cause = first.cause.filter(|cause| !faults.contains(cause))?;
     clock.nature_of(first, cause).filter(|_| clock.time_s(first) <= due_s)
@@ -363,7 +364,7 @@ fn measure(
     let cycles = since.round().max(0.0) as u32 + 1;
     // What a cycle reads of a device on a segment was taken before the cycle began.
     let before = u32::from(wanted.medium == Medium::Ethercat);
-    let within = (nature::shows_within_s(injection.kind) / clock.period_s).ceil() as u32;
+    let within = (nature::shows_within_s(injection) / clock.period_s).ceil() as u32;
     Some((cycles, clock.cycles(step.bound) + before + within))
 }
 

@@ -11,7 +11,7 @@ use yieldwall_motion::guard::{Request, State};
 use yieldwall_sim::can::frame_bits;
 
 /// SYNC.
-const SYNC: u16 = 0x080;
+pub(super) const SYNC: u16 = 0x080;
 /// Emergencies of nodes 1 to 127.
 const EMERGENCIES: std::ops::RangeInclusive<u16> = 0x081..=0x0ff;
 

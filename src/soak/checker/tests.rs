@@ -529,6 +529,12 @@ fn i20_a_queue_that_grows_and_one_that_is_full() {
     let at = run.moving();
     run.seen[at].queue_high_water = 9;
     expect_found(&run, Invariant::BoundedQueues, at);
+    // Two strangers with a SYNC each ask for more than the bus carries.
+    let sync = Sighting { time_ns: 0, sender: Some(Sender::Stranger), frame: Frame::new(0x080, &[]) };
+    run.seen[at].frames.extend([sync; 2]);
+    expect_found(&run, Invariant::BoundedQueues, at);
+    run.seen[at].falsified.timing = true;
+    assert!(run.found().iter().all(|found| found.invariant != Invariant::BoundedQueues));
     let mut run = torque();
     for seen in &mut run.seen[at..] {
         seen.queue_lost += 1;

@@ -36,11 +36,15 @@ fn stopping(time_s: f64, fault: Fault) -> Event {
 
 /// What is found of a rig that runs from the begin of the scene on.
 fn verdict(injections: &[Injection], events: Vec<Event>) -> Verdict {
+    verdict_on(&machine(), injections, events)
+}
+
+fn verdict_on(machine: &Machine, injections: &[Injection], events: Vec<Event>) -> Verdict {
     let cycles = events.last().map_or(0, |event| event.cycle + 1);
     let events = [vec![event(0.0, [State::Enabling, State::Running], None)], events].concat();
     // The run goes on for long after the last of them.
     let syncs_ns: Vec<u64> = (0..u64::from(cycles) + 5000).map(|cycle| 4_000_000 * cycle).collect();
-    judged(&machine(), injections, Play { cycles, ..played(syncs_ns, events) })
+    judged(machine, injections, Play { cycles, ..played(syncs_ns, events) })
 }
 
 /// A run with cycles at these moments.
@@ -100,12 +104,17 @@ fn a_jump_that_could_be_motion_has_no_bound() {
     }
 }
 
-/// Heartbeats are missed after tens of milliseconds. A hand that stops the rig before that decides where it ends.
+/// Heartbeats are missed after tens of milliseconds, and an emergency that waits for a request comes within its 3 s. A hand that
+/// stops the rig before that decides where it ends.
 #[test]
 fn a_hand_that_stops_the_rig_before_the_injection_shows() {
-    for (after_s, is_early) in [(0.02, true), (0.4, false)] {
-        let silent = usual(Kind::HeartbeatSilent, 1.0, 4e-3);
-        let found = verdict(&[silent], vec![stopping(1.0 + after_s, Fault::OverSpeed)]);
+    let silent = (machine(), Kind::HeartbeatSilent);
+    let emergency = (on_ethercat(), Kind::EmergencyInSdo);
+    for ((machine, kind), after_s, is_early) in
+        [(&silent, 0.02, true), (&silent, 0.4, false), (&emergency, 2.9, true), (&emergency, 3.1, false)]
+    {
+        let injection = usual(*kind, 1.0, machine.period_s());
+        let found = verdict_on(machine, &[injection], vec![stopping(1.0 + after_s, Fault::OverSpeed)]);
         if is_early {
             assert_eq!(found.excused.by_name().get("reaction hand"), Some(&1));
             assert_eq!(found.injections[0].as_expected, None);
