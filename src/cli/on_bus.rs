@@ -99,7 +99,9 @@ pub(super) fn live_failure(error: &RunError) -> Failure {
             "nobody acknowledges: look whether a device is switched on, at the cable, its termination and the bit rate",
         ),
         RunError::NotBooted => Failure::new(Exit::Internal, error.to_string(), "please report what was printed above"),
-        RunError::OldPermit => Failure::new(Exit::Internal, error.to_string(), "please report what was printed above"),
+        RunError::OldPermit | RunError::NotVirtual => {
+            Failure::new(Exit::Internal, error.to_string(), "please report what was printed above")
+        }
         RunError::NotEnabled { cause, .. } | RunError::NotTried { cause, .. } => {
             let exit = cause.map_or(Exit::DeviceFault, exit_of);
             let help = cause

@@ -207,14 +207,14 @@ impl<L: CanLink + ?Sized> CanLink for Box<L> {
 /// After the first frame that could not be sent on a bus the rest for that bus is dropped: an order that arrives without what
 /// led to it is worse than none. What is for other buses is sent all the same, such as the quick stop of the drive there.
 #[derive(Debug)]
-pub struct LinkOutbox<'a, L> {
+pub struct LinkOutbox<'a, L: ?Sized> {
     link: &'a mut L,
     /// The buses on which something could not be sent, a bit each.
     failed: u8,
     failure: Option<(BusId, SendError)>,
 }
 
-impl<'a, L: CanLink> LinkOutbox<'a, L> {
+impl<'a, L: CanLink + ?Sized> LinkOutbox<'a, L> {
     /// Sends over `link`.
     pub fn new(link: &'a mut L) -> Self {
         Self { link, failed: 0, failure: None }
@@ -234,7 +234,7 @@ impl<'a, L: CanLink> LinkOutbox<'a, L> {
     }
 }
 
-impl<L: CanLink> LinkOutbox<'_, L> {
+impl<L: CanLink + ?Sized> LinkOutbox<'_, L> {
     /// Why a frame could not be sent now; nothing on a bus on which something could not be sent before.
     fn try_send(&mut self, frame: &Frame) -> Option<Result<(), SendError>> {
         let is_failed = self.failed & frame.bus().bit() != 0;
@@ -247,7 +247,7 @@ impl<L: CanLink> LinkOutbox<'_, L> {
     }
 }
 
-impl<L: CanLink> Outbox for LinkOutbox<'_, L> {
+impl<L: CanLink + ?Sized> Outbox for LinkOutbox<'_, L> {
     fn push(&mut self, frame: Frame) {
         if let Some(Err(error)) = self.try_send(&frame) {
             self.fail(&frame, error);

@@ -28,7 +28,7 @@ pub enum Task {
 }
 
 /// Somebody at the arm; whether it was done.
-pub type Helper<'a, P> = &'a mut dyn FnMut(&mut P, Task) -> bool;
+pub type Helper<'a> = &'a mut dyn FnMut(&mut dyn Place, Task) -> bool;
 
 /// What a force sensor has shown under a known force.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,7 +41,7 @@ pub struct Pulled {
     pub shown: Wrenches,
 }
 
-impl<P: Place> Runner<P> {
+impl Runner<dyn Place> {
     /// Has this force pull at the tool along x and y of the base frame, both ways, and listens to the force sensor at rest and under each.
     /// Nothing is enabled.
     ///
@@ -51,7 +51,7 @@ impl<P: Place> Runner<P> {
         &mut self,
         rig: &config::Rig,
         force_n: f64,
-        help: Helper<'_, P>,
+        help: Helper<'_>,
         is_interrupted: &AtomicBool,
     ) -> Result<Vec<Pulled>, RunError> {
         let (_, mounting) = calibration(rig)?;
@@ -87,7 +87,7 @@ impl<P: Place> Runner<P> {
     pub fn visit(
         &mut self,
         points: &[TipPoint],
-        help: Helper<'_, P>,
+        help: Helper<'_>,
         is_interrupted: &AtomicBool,
     ) -> Result<Vec<JointAngles>, RunError> {
         let mut all = Vec::with_capacity(points.len());

@@ -103,7 +103,7 @@ impl Watched {
     }
 }
 
-impl<P: Place> Runner<P> {
+impl Runner<dyn Place> {
     /// Drills all watchdogs of the drives: for each the network is booted, the rig enabled with its joints held where they are, whatever the
     /// fixture would do, and then one thing stays away while all others are repeated. The rig is stopped in the end. Nobody may hold the
     /// handle. `found` gets each finding once
@@ -214,7 +214,7 @@ impl<P: Place> Runner<P> {
         loop {
             self.sleep_until(moment);
             self.watch(drives);
-            if !P::IS_VIRTUAL || self.now() >= moment {
+            if !self.is_virtual || self.now() >= moment {
                 return;
             }
         }

@@ -79,6 +79,9 @@ pub enum RunError {
         "the network was booted anew since it was proved that its drives stop by themselves: they may be others, prove it again"
     )]
     OldPermit,
+    /// A rig on a computer was asked for a permit that only one in virtual time has.
+    #[error("this rig is not in virtual time: prove that its drives stop by themselves")]
+    NotVirtual,
     /// The drives did not reach Operation Enabled.
     #[error("the rig was not enabled within {waited_s:.1} s{}", because(.cause))]
     NotEnabled {

@@ -156,7 +156,7 @@ struct Seen<'a> {
     trace: &'a mut HomingTrace,
 }
 
-impl<P: Place> Runner<P> {
+impl Runner<dyn Place> {
     /// Enables a rig that was booted for homing ([`Runner::prepare_homing`]), has each drive that is asked for find its reference, and stops
     /// it. The other drive holds its joint meanwhile. A joint that goes farther than it may, whatever holds the rig, and a fault at either
     /// drive quick-stop both. A drive that pushes against its torque limit and does not move takes the torque off both: its torque is asked

@@ -79,7 +79,7 @@ impl Inquiry {
     }
 }
 
-impl<P: Place> Runner<P> {
+impl<P: Place + ?Sized> Runner<P> {
     /// Has `watch` be told what each drive says of a fault, from now on.
     pub fn set_error_watch(&mut self, watch: ErrorWatch) {
         self.error_watch = Some(watch);

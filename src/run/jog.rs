@@ -98,7 +98,7 @@ impl Way<'_> {
     }
 }
 
-impl<P: Place> Runner<P> {
+impl Runner<dyn Place> {
     /// Enables a booted rig, leads its joints from where they are to other angles, both at once, or as keys say, watches them there and
     /// stops it. A fault
     /// at either drive stops both, and so does whatever holds the rig: it does not go on by itself. A joint that is pushed and does not move

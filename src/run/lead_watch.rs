@@ -51,8 +51,8 @@ struct Watched {
 
 impl LeadWatch {
     /// A watch of joints that are led within limits, by a permit. `are_asked` tells which drives are asked for their torque.
-    pub(super) fn new<P: Place>(
-        runner: &Runner<P>,
+    pub(super) fn new(
+        runner: &Runner<dyn Place>,
         rig: &config::Rig,
         permit: &Permit,
         limits: LeadLimits,
@@ -71,9 +71,9 @@ impl LeadWatch {
     /// Looks at a cycle, whose time began `cycles` periods after the first one. Gives what a drive has told.
     ///
     /// Real-time: yes.
-    pub(super) fn step<P: Place>(
+    pub(super) fn step(
         &mut self,
-        runner: &mut Runner<P>,
+        runner: &mut Runner<dyn Place>,
         record: &CycleRecord,
         cycles: u32,
     ) -> Option<ToldTorque> {
@@ -106,9 +106,9 @@ impl LeadWatch {
     }
 
     /// Takes what the drive has told whose turn it is, and asks the next one. `counts` tells that the torque is known no other way.
-    fn hear<P: Place>(
+    fn hear(
         &mut self,
-        runner: &mut Runner<P>,
+        runner: &mut Runner<dyn Place>,
         stands: [Stand; 2],
         are_steady: [bool; 2],
         counts: bool,
@@ -143,7 +143,7 @@ impl LeadWatch {
     }
 
     /// Waits for what was asked last.
-    pub(super) fn finish<P: Place>(&mut self, runner: &mut Runner<P>) {
+    pub(super) fn finish(&mut self, runner: &mut Runner<dyn Place>) {
         self.joints.iter_mut().filter_map(|joint| joint.meter.as_mut()).for_each(|meter| meter.finish(runner));
     }
 }

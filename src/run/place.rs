@@ -2,11 +2,13 @@
 
 use std::time::Duration;
 
+use super::calibration::Task;
 use super::metronome::Metronome;
 use yieldwall_fieldbus::canopen::Frame;
 use yieldwall_fieldbus::time::Time;
 use yieldwall_link::{Arrival, CanLink, EthernetArrival, SendError, Wires};
 use yieldwall_motion::cycle::Outputs;
+use yieldwall_motion::quantity::JointAngles;
 use yieldwall_record::Truth;
 
 /// Whether the process that runs the loop can run a cycle.
@@ -24,10 +26,6 @@ pub enum Process {
 
 /// A clock and the buses of a rig: those of a computer ([`OnLink`]), or simulated ones.
 pub trait Place: Wires {
-    /// Whether its time is simulated. Then nobody else is on its buses, no time passes while the loop computes, and the loop takes
-    /// every frame at the moment of its arrival; elsewhere it looks at two moments of a cycle.
-    const IS_VIRTUAL: bool;
-
     /// Lets time pass up to a moment of [`CanLink::now`]; returns at once if that has passed. In virtual time it ends before, where
     /// something has come to be received, or at `deadline`, each when all that happens up to then has happened.
     ///
@@ -68,10 +66,26 @@ pub trait Place: Wires {
     fn truth(&self) -> Option<Truth> {
         None
     }
+
+    /// Somebody at a simulated arm does this; whether it was done. Nobody does at a computer.
+    fn attend(&mut self, _task: Task) -> bool {
+        false
+    }
+
+    /// Somebody at a simulated arm switches the drives off and on again; whether it was done.
+    fn power_cycle(&mut self) -> bool {
+        false
+    }
+
+    /// The angles of the joints as somebody at a simulated arm sees them.
+    fn seen_angles(&self) -> Option<JointAngles> {
+        None
+    }
 }
 
-/// A place in which time is simulated and no real drive listens. A [`Permit`](super::Permit) for it needs no proof, so nothing that
-/// reaches a bus may be one: a place by the wall clock is refused when it is compiled.
+/// A place in which time is simulated and no real drive listens: nobody else is on its buses, no time passes while the loop computes, and
+/// the loop takes every frame at the moment of its arrival; elsewhere it looks at two moments of a cycle. A [`Permit`](super::Permit) for
+/// it needs no proof, so nothing that reaches a bus may be one: a place by the wall clock is refused when it is compiled.
 ///
 /// ```compile_fail
 /// use yieldwall_run::{OnLink, VirtualPlace};
@@ -122,8 +136,6 @@ impl<L: Wires, M> Wires for OnLink<L, M> {
 }
 
 impl<L: Wires, M: Metronome> Place for OnLink<L, M> {
-    const IS_VIRTUAL: bool = false;
-
     fn sleep_until(&mut self, moment: Time, _: Time) {
         self.metronome.sleep_until(moment);
     }

@@ -12,7 +12,7 @@ use super::drilled::{Demands, Drilled, Finding, Unsafe};
 use super::error::RunError;
 use super::pace::Pace;
 use super::permit::{Bounds, Permit};
-use super::place::{Place, VirtualPlace};
+use super::place::Place;
 use super::runner::Runner;
 use crate::assembly::torque_limits_per_mille;
 use yieldwall_config as config;
@@ -98,7 +98,7 @@ pub enum NotProven {
     Unproven(#[from] Unproven),
 }
 
-impl<P: Place> Runner<P> {
+impl<P: Place + ?Sized> Runner<P> {
     /// Asks the drives of a booted network what they are, and looks for the proof that such drives stop by themselves. The
     /// permit is of this boot.
     ///
@@ -121,7 +121,7 @@ impl<P: Place> Runner<P> {
     }
 }
 
-impl<P: Place> Runner<P> {
+impl<P: Place + ?Sized> Runner<P> {
     /// As [`Runner::prove`], for a rig that is moved for the first time: the permit is for a small motion with little torque. Each
     /// drive is told its torque limit, which holds in every command mode and until the network is booted anew, so that no
     /// other permit of this boot allows more torque. A drive that stops has no more either.
@@ -182,12 +182,16 @@ impl<P: Place> Runner<P> {
     }
 }
 
-impl<P: VirtualPlace> Runner<P> {
+impl<P: Place + ?Sized> Runner<P> {
     /// As [`Runner::prove_for_bring_up`], where no real drive moves and nothing has to be proved.
     ///
     /// # Errors
-    /// [`RunError::NoTorqueLimit`] for a drive that takes no limit.
+    /// [`RunError::NotVirtual`] if the rig was not made [in virtual time](Runner::in_virtual_time); [`RunError::NoTorqueLimit`] for a drive that
+    /// takes no limit.
     pub fn bring_up_in_virtual_time(&mut self, rig: &config::Rig, bounds: Bounds) -> Result<Permit, RunError> {
+        if !self.is_virtual {
+            return Err(RunError::NotVirtual);
+        }
         self.limit_torque(rig, bounds.torque_n_m)?;
         Ok(Permit::bounded(self, bounds))
     }

@@ -34,7 +34,7 @@ impl Restarts {
     ///
     /// # Errors
     /// If a drive is on a bus that the rig does not have.
-    pub fn of(rig: &config::Rig, wires: &mut impl Wires) -> Result<Self, AssemblyError> {
+    pub fn of(rig: &config::Rig, wires: &mut (impl Wires + ?Sized)) -> Result<Self, AssemblyError> {
         let sign = |drive: &config::Drive| -> Result<Sign, AssemblyError> {
             Ok(match drive.address {
                 config::Address::Canopen(node) => Sign::BootUp { bus: bus_id(rig, &drive.bus)?, node_id: node.node_id },
@@ -49,7 +49,7 @@ impl Restarts {
     }
 
     /// Takes what has come since the look before, and asks the devices of a segment anew, for the next look. Which drives have restarted.
-    pub fn look(&mut self, wires: &mut impl Wires) -> [bool; 2] {
+    pub fn look(&mut self, wires: &mut (impl Wires + ?Sized)) -> [bool; 2] {
         self.take(wires);
         for (joint, sign) in self.signs.into_iter().enumerate() {
             let Sign::NoAddress { position } = sign else { continue };
@@ -68,7 +68,7 @@ impl Restarts {
         self.seen
     }
 
-    fn take(&mut self, wires: &mut impl Wires) {
+    fn take(&mut self, wires: &mut (impl Wires + ?Sized)) {
         for arrival in (0..ARRIVALS).map_while(|_| wires.receive()) {
             if let Received::Frame(frame) = arrival.what {
                 self.on_frame(&frame);

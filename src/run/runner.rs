@@ -71,9 +71,10 @@ pub struct LinkCounts {
 /// [`Runner::boot`] brings the network up, and every [`Runner::run_cycle`] is one period. Under [`Pace::Free`] the
 /// periods are those of the place's clock; under [`Pace::Lockstep`] a cycle waits for its process data, however long they take, and
 /// time advances by one period: for simulated devices on a computer of any speed.
-pub struct Runner<P> {
+pub struct Runner<P: ?Sized> {
     master: Master,
-    pub(super) place: P,
+    /// Whether its place is a [`VirtualPlace`].
+    pub(super) is_virtual: bool,
     pace: Pace,
     pub(super) period: Duration,
     pub(super) compute_at: Duration,
@@ -133,6 +134,8 @@ pub struct Runner<P> {
     listening: Duration,
     /// Whether that was done, and nobody was heard since.
     has_listened: bool,
+    /// Last, so that a runner of any place is one type: [`Runner::anywhere`].
+    pub(super) place: P,
 }
 
 /// A master at a pace.
@@ -151,11 +154,19 @@ impl<L: Wires, M: Metronome> Runner<OnLink<L, M>> {
     /// # Errors
     /// Where parts of the configuration do not fit together.
     pub fn on_link(rig: &config::Rig, link: L, metronome: M, pace: Pace) -> Result<Self, RunError> {
-        Self::new(rig, &rig.fixture, OnLink { link, metronome }, pace)
+        Self::assembled(rig, &rig.fixture, OnLink { link, metronome }, pace, false)
     }
 }
 
 impl<P: VirtualPlace> Runner<P> {
+    /// A rig in virtual time that has sent nothing yet, with a fixture that is the file's or another.
+    ///
+    /// # Errors
+    /// Where parts of the configuration do not fit together.
+    pub fn in_virtual_time(rig: &config::Rig, fixture: &config::Fixture, place: P) -> Result<Self, RunError> {
+        Self::assembled(rig, fixture, place, Pace::Free, true)
+    }
+
     /// The place, to change it.
     pub fn place_mut(&mut self) -> &mut P {
         &mut self.place
@@ -168,18 +179,20 @@ impl<P: VirtualPlace> Runner<P> {
 }
 
 impl<P: Place> Runner<P> {
-    /// A rig that has sent nothing yet. `fixture` stands in place of the rig's own.
-    ///
-    /// # Errors
-    /// Where parts of the configuration do not fit together.
-    pub fn new(rig: &config::Rig, fixture: &config::Fixture, place: P, pace: Pace) -> Result<Self, RunError> {
+    fn assembled(
+        rig: &config::Rig,
+        fixture: &config::Fixture,
+        place: P,
+        pace: Pace,
+        is_virtual: bool,
+    ) -> Result<Self, RunError> {
         let (started, suspended) = (place.now(), place.suspended());
         let mut master = paced(master(rig, fixture)?, pace);
         master.set_source(place.source());
         let listening = master.listening();
         Ok(Self {
             master,
-            place,
+            is_virtual,
             pace,
             period: Duration::from_micros(rig.cycle.period_us.into()),
             compute_at: Duration::from_micros(rig.cycle.compute_at_us.into()),
@@ -222,9 +235,20 @@ impl<P: Place> Runner<P> {
             panic: None,
             listening,
             has_listened: false,
+            place,
         })
     }
 
+    /// This rig, wherever it runs: what is done seldom, such as a drill or a commissioning, is compiled once for all places.
+    pub fn anywhere(&mut self) -> &mut Runner<dyn Place>
+    where
+        P: 'static,
+    {
+        self
+    }
+}
+
+impl<P: Place + ?Sized> Runner<P> {
     /// Has the boots from now on bring the drives up in homing mode, for [`Runner::home`]. Nothing is sent.
     ///
     /// # Errors

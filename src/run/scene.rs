@@ -62,7 +62,7 @@ pub struct Played {
     pub came_back: u32,
 }
 
-impl<P: Place> Runner<P> {
+impl<P: Place + ?Sized> Runner<P> {
     /// Enables a booted rig, runs its scene and stops it. `each` gets every record of the scene. A rig that a fault stops
     /// goes on for [`AROUND_FAULT_S`], in which its drives stop, for those who watch.
     ///

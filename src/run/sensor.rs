@@ -137,7 +137,7 @@ impl Tared {
     }
 }
 
-impl<P: Place> Runner<P> {
+impl<P: Place + ?Sized> Runner<P> {
     /// Tares the force sensor of a booted rig that idles: what it shows within half a second is its zero from then on, until the next
     /// tare. Nobody may touch the handle. The wrench that is the zero now, in the sensor's frame.
     ///

@@ -8,7 +8,7 @@ use yieldwall_drives::objects;
 use yieldwall_drives::watchdog::{Clock, Watchdog};
 use yieldwall_motion::guard::Device;
 
-impl<P: Place> Runner<P> {
+impl<P: Place + ?Sized> Runner<P> {
     /// Asks the drives of a booted network whether they are simulated, by their object 2012h, and if so, whether for this pace. In
     /// lockstep they have to be simulated and have all watchdogs: there time stands still without SYNC, so that no drill is possible.
     ///

@@ -49,7 +49,7 @@ impl TorqueMeter {
     /// Takes an answer that has come, and asks again. `at` is where the joint is, or when it is asked, if that counts.
     ///
     /// Real-time: yes.
-    pub(super) fn step<P: Place>(&mut self, runner: &mut Runner<P>, at: Option<f64>) -> Metered {
+    pub(super) fn step(&mut self, runner: &mut Runner<dyn Place>, at: Option<f64>) -> Metered {
         let answer = self.take(runner);
         if answer != Metered::Pending {
             self.ask(runner, at);
@@ -60,7 +60,7 @@ impl TorqueMeter {
     /// Takes an answer that has come.
     ///
     /// Real-time: yes.
-    pub(super) fn take<P: Place>(&mut self, runner: &Runner<P>) -> Metered {
+    pub(super) fn take(&mut self, runner: &Runner<dyn Place>) -> Metered {
         if !self.is_pending {
             return Metered::Nothing;
         }
@@ -82,7 +82,7 @@ impl TorqueMeter {
     /// Asks. `at` is where the joint is, or when it is asked, if that counts.
     ///
     /// Real-time: yes.
-    pub(super) fn ask<P: Place>(&mut self, runner: &mut Runner<P>, at: Option<f64>) {
+    pub(super) fn ask(&mut self, runner: &mut Runner<dyn Place>, at: Option<f64>) {
         self.asked_at = at;
         let request = ObjectRequest::Read(Address::new(TORQUE_ACTUAL.index, TORQUE_ACTUAL.sub));
         self.is_pending = runner.send(|master, now, out| master.ask(now, self.drive, request, out)).is_ok();
@@ -94,7 +94,7 @@ impl TorqueMeter {
     }
 
     /// Waits for what was asked last, so that the drive can be asked for something else.
-    pub(super) fn finish<P: Place>(&mut self, runner: &mut Runner<P>) {
+    pub(super) fn finish(&mut self, runner: &mut Runner<dyn Place>) {
         for _ in 0..LAST_CYCLES {
             if !matches!(runner.master().answer(self.drive), ObjectAnswer::Pending) {
                 break;

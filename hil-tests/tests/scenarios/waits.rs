@@ -102,7 +102,7 @@ fn a_person_can_end_a_boot_that_waits_and_sees_what_it_waits_for() {
 fn a_drive_that_answers_slowly_is_drilled_as_finely_as_it_answers() {
     let scenario = Scenario::position();
     let (_cable, mut rig) = wired(&scenario, Pace::Free, [700, 600]);
-    let drilled = rig.drill(50, &AtomicBool::new(false), |_| ()).unwrap();
+    let drilled = rig.anywhere().drill(50, &AtomicBool::new(false), |_| ()).unwrap();
     let demands = Demands::of(&scenario.rig);
     drilled.judge(demands).unwrap();
     assert!(drilled.judge(Demands { is_torque: true, ..demands }).is_err(), "nobody knows that it stops within 10 ms");

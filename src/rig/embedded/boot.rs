@@ -3,7 +3,6 @@
 use std::sync::atomic::AtomicBool;
 
 use super::buses::DEVICES;
-use super::simulation::Simulation;
 use super::{EmbeddedRig, RigError};
 use crate::line::Line;
 use yieldwall_config as config;
@@ -12,8 +11,8 @@ use yieldwall_motion::quantity::{JointAngles, TipPoint};
 use yieldwall_motion::sensing::Wrench;
 use yieldwall_record::CycleRecord;
 use yieldwall_run::{
-    Bounds, Enabling, HomePlan, Homed, Jog, Jogged, LoopPlan, LoopTraced, NotProven, Permit, Pulled, Repeated,
-    RunError, Runner, STOP_LIMIT_S, Task, Wrenches, has_torque, settling_cycles,
+    Bounds, Enabling, HomePlan, Homed, Jog, Jogged, LoopPlan, LoopTraced, NotProven, Permit, Place, Pulled, Repeated,
+    RunError, Runner, STOP_LIMIT_S, Wrenches, has_torque, settling_cycles,
 };
 use yieldwall_sim::Drive;
 
@@ -128,7 +127,9 @@ impl EmbeddedRig {
         self.place_mut().far.world.let_go();
         let settling = jog.settling.max(settling_cycles(self.runner.period(), self.sample_period));
         let jogged =
-            self.runner.jog(rig, &Jog { settling, ..*jog }, &self.permit, is_interrupted, |record, _| each(record));
+            self.runner
+                .anywhere()
+                .jog(rig, &Jog { settling, ..*jog }, &self.permit, is_interrupted, |record, _| each(record));
         self.go_on()?;
         Ok(jogged)
     }
@@ -157,7 +158,7 @@ impl EmbeddedRig {
         // Injections count their time from here.
         self.take_tool();
         self.place_mut().far.world.let_go();
-        let homed = self.runner.home(rig, plan, &self.permit, is_interrupted);
+        let homed = self.runner.anywhere().home(rig, plan, &self.permit, is_interrupted);
         self.go_on()?;
         Ok(homed)
     }
@@ -182,7 +183,7 @@ impl EmbeddedRig {
         // Each homing has a boot of its own, of another master.
         let runner = &mut self.runner;
         runner.leave();
-        let repeated = runner.home_repeatedly(rig, plan, times, bounds, &mut bring_up, is_interrupted, told);
+        let repeated = runner.anywhere().home_repeatedly(rig, plan, times, bounds, &mut bring_up, is_interrupted, told);
         self.go_on()?;
         Ok(repeated)
     }
@@ -234,7 +235,12 @@ impl EmbeddedRig {
         is_interrupted: &AtomicBool,
     ) -> Result<Result<Vec<Pulled>, RunError>, RigError> {
         self.settle_in()?;
-        let pulls = self.runner.pulls(rig, force_n, &mut help, is_interrupted);
+        let pulls = self.runner.anywhere().pulls(
+            rig,
+            force_n,
+            &mut |place: &mut dyn Place, task| place.attend(task),
+            is_interrupted,
+        );
         self.go_on()?;
         Ok(pulls)
     }
@@ -250,7 +256,8 @@ impl EmbeddedRig {
         is_interrupted: &AtomicBool,
     ) -> Result<Result<Vec<JointAngles>, RunError>, RigError> {
         self.settle_in()?;
-        let angles = self.runner.visit(points, &mut help, is_interrupted);
+        let angles =
+            self.runner.anywhere().visit(points, &mut |place: &mut dyn Place, task| place.attend(task), is_interrupted);
         self.go_on()?;
         Ok(angles)
     }
@@ -286,7 +293,7 @@ impl EmbeddedRig {
         // Injections count their time from here.
         self.take_tool();
         self.place_mut().far.world.let_go();
-        let traced = self.runner.tune_loop(rig, plan, &mut bring_up, is_interrupted);
+        let traced = self.runner.anywhere().tune_loop(rig, plan, &mut bring_up, is_interrupted);
         self.go_on()?;
         Ok(traced)
     }
@@ -343,26 +350,8 @@ impl EmbeddedRig {
 }
 
 /// The permit for a small motion with little torque: where time is virtual nothing has to be proved.
-pub(super) fn bring_up(
-    runner: &mut Runner<Simulation>,
-    rig: &config::Rig,
-    bounds: Bounds,
-) -> Result<Permit, NotProven> {
+pub(super) fn bring_up(runner: &mut Runner<dyn Place>, rig: &config::Rig, bounds: Bounds) -> Result<Permit, NotProven> {
     Ok(runner.bring_up_in_virtual_time(rig, bounds)?)
-}
-
-/// Somebody at the simulated arm.
-fn help(place: &mut Simulation, task: Task) -> bool {
-    let world = &mut place.far.world;
-    let led = match task {
-        Task::Pull(force) => {
-            world.weight = force;
-            Ok(())
-        }
-        Task::LeadTo(_, point) => world.put(point),
-    };
-    place.failure = place.failure.take().or(led.err());
-    place.failure.is_none()
 }
 
 fn not_run(error: RunError) -> RigError {

@@ -4,12 +4,11 @@ use std::sync::atomic::AtomicBool;
 
 use super::EmbeddedRig;
 use super::boot::bring_up;
-use super::simulation::Simulation;
 use crate::error::RigError;
 use yieldwall_config as config;
 use yieldwall_motion::quantity::{Force, JointAngles};
 use yieldwall_run::commission::{Attendant, Begin, Commissioned, StepReport};
-use yieldwall_run::{Bounds, Drilled, DriveIdentity, NotProven, Permit, Runner};
+use yieldwall_run::{Bounds, Drilled, DriveIdentity, NotProven, Permit, Place, Runner, Task};
 
 /// A person at a simulated arm.
 #[derive(Default)]
@@ -18,10 +17,10 @@ struct Onlooker {
     seen: JointAngles,
 }
 
-impl Attendant<Simulation> for Onlooker {
+impl Attendant for Onlooker {
     fn prove(
         &mut self,
-        runner: &mut Runner<Simulation>,
+        runner: &mut Runner<dyn Place>,
         rig: &config::Rig,
         bounds: Bounds,
     ) -> Result<Permit, NotProven> {
@@ -33,24 +32,20 @@ impl Attendant<Simulation> for Onlooker {
         Ok(None)
     }
 
-    fn look(&mut self, place: &Simulation, _: usize) {
-        self.seen = place.far.world.seen_angles();
+    fn look(&mut self, place: &dyn Place, _: usize) {
+        self.seen = place.seen_angles().unwrap_or_default();
     }
 
-    fn turned(&mut self, place: &Simulation, joint: usize) -> Option<f64> {
-        (place.far.world.seen_angles() - self.seen).to_array().get(joint).copied()
+    fn turned(&mut self, place: &dyn Place, joint: usize) -> Option<f64> {
+        (place.seen_angles()? - self.seen).to_array().get(joint).copied()
     }
 
-    fn power_cycle(&mut self, _: &config::Rig, place: &mut Simulation) -> bool {
-        for drive in 0..2 {
-            place.far.switch_on(drive, place.now, &mut place.wires);
-        }
-        true
+    fn power_cycle(&mut self, _: &config::Rig, place: &mut dyn Place) -> bool {
+        place.power_cycle()
     }
 
-    fn pull(&mut self, place: &mut Simulation, force: Force) -> bool {
-        place.far.world.weight = force;
-        true
+    fn pull(&mut self, place: &mut dyn Place, force: Force) -> bool {
+        place.attend(Task::Pull(force))
     }
 }
 
@@ -71,7 +66,8 @@ impl EmbeddedRig {
         // Injections count their time from here.
         self.take_tool();
         self.place_mut().far.world.let_go();
-        let commissioned = self.runner.commission(rig, begin, &mut Onlooker::default(), is_interrupted, told);
+        let commissioned =
+            self.runner.anywhere().commission(rig, begin, &mut Onlooker::default(), is_interrupted, told);
         self.go_on()?;
         Ok(commissioned)
     }

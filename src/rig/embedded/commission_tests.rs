@@ -96,7 +96,7 @@ fn what_drives_say_of_a_watchdog_that_was_tried_is_no_part_of_a_later_step() {
     let scene = loaded.scene().unwrap().value;
     let mut machine = EmbeddedRig::new(&loaded.value, &scene, &loaded.value.fixture, scene.seed).unwrap();
     machine.boot().unwrap();
-    machine.runner.drill(20, &AtomicBool::new(false), |_| ()).unwrap();
+    machine.runner.anywhere().drill(20, &AtomicBool::new(false), |_| ()).unwrap();
     assert!(machine.master().told().count() > 0);
     machine.commission(&loaded.value, Step::Admittance.into(), &AtomicBool::new(false), |_| ()).unwrap();
     assert_eq!(machine.master().told().count(), 0);

@@ -133,7 +133,7 @@ fn a_drive_that_knows_its_reference_is_not_sent_the_wrong_way_for_it() {
         runner.boot().unwrap();
         let bounds = Bounds { motion_rad: config::Positive::new(plan.bound_rad()).unwrap(), torque_n_m };
         let permit = super::boot::bring_up(runner, &rig, bounds).unwrap();
-        let again = runner.home(&rig, &plan, &permit, &is_interrupted);
+        let again = runner.anywhere().home(&rig, &plan, &permit, &is_interrupted);
         assert!(matches!(again, Err(RunError::BehindHome { by_rad, .. }) if by_rad.abs() < 0.02), "{again:?}");
         assert_eq!(*enabled.lock().unwrap(), before, "nothing was enabled");
     }

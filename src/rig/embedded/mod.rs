@@ -111,7 +111,7 @@ impl EmbeddedRig {
         }
         let place =
             Simulation::new(InjectableBuses::new(rig, seed)?, cable, far, (period, assembly::sampled_before(rig)));
-        let runner = Runner::new(rig, fixture, place, Pace::Free).map_err(|error| match error {
+        let runner = Runner::in_virtual_time(rig, fixture, place).map_err(|error| match error {
             RunError::Assembly(error) => error.into(),
             other => RigError::Mismatch(other.to_string()),
         })?;

@@ -22,7 +22,7 @@ use yieldwall_link::{
 use yieldwall_motion::cycle::Outputs;
 use yieldwall_motion::quantity::{JointAngles, JointTorques};
 use yieldwall_record as record;
-use yieldwall_run::{Place, Process, Tap, VirtualPlace};
+use yieldwall_run::{Place, Process, Tap, Task, VirtualPlace};
 use yieldwall_sim::EthercatDrive;
 use yieldwall_sim::can::Passage;
 
@@ -262,8 +262,6 @@ impl Wires for Simulation {
 impl VirtualPlace for Simulation {}
 
 impl Place for Simulation {
-    const IS_VIRTUAL: bool = true;
-
     fn sleep_until(&mut self, moment: Time, deadline: Time) {
         self.run_until((moment + self.computer.late(moment)).min(deadline));
     }
@@ -306,6 +304,29 @@ impl Place for Simulation {
     fn drop_queue(&mut self) {
         self.wires.buses.clear();
         self.cable.iter_mut().for_each(|(_, cable)| cable.outward.clear());
+    }
+
+    fn attend(&mut self, task: Task) -> bool {
+        let led = match task {
+            Task::Pull(force) => {
+                self.far.world.weight = force;
+                Ok(())
+            }
+            Task::LeadTo(_, point) => self.far.world.put(point),
+        };
+        self.failure = self.failure.take().or(led.err());
+        self.failure.is_none()
+    }
+
+    fn power_cycle(&mut self) -> bool {
+        for drive in 0..2 {
+            self.far.switch_on(drive, self.now, &mut self.wires);
+        }
+        true
+    }
+
+    fn seen_angles(&self) -> Option<JointAngles> {
+        Some(self.far.world.seen_angles())
     }
 
     fn truth(&self) -> Option<record::Truth> {

@@ -109,10 +109,10 @@ pub(super) fn with_restored<T>(done: Result<T, Halt>, restored: Result<(), Halt>
 }
 
 /// A rig that is commissioned, and who is at it.
-pub(super) struct Bench<'a, P: Place> {
-    pub(super) runner: &'a mut Runner<P>,
+pub(super) struct Bench<'a> {
+    pub(super) runner: &'a mut Runner<dyn Place>,
     pub(super) rig: &'a config::Rig,
-    pub(super) attendant: &'a mut dyn Attendant<P>,
+    pub(super) attendant: &'a mut dyn Attendant,
     pub(super) is_interrupted: &'a AtomicBool,
     pub(super) settling: u32,
     /// The drives that these have to be, if that is known.
@@ -121,11 +121,11 @@ pub(super) struct Bench<'a, P: Place> {
     pub(super) drives: Option<[DriveIdentity; 2]>,
 }
 
-impl<'a, P: Place> Bench<'a, P> {
+impl<'a> Bench<'a> {
     pub(super) fn new(
-        runner: &'a mut Runner<P>,
+        runner: &'a mut Runner<dyn Place>,
         rig: &'a config::Rig,
-        attendant: &'a mut dyn Attendant<P>,
+        attendant: &'a mut dyn Attendant,
         is_interrupted: &'a AtomicBool,
     ) -> Self {
         Self { runner, rig, attendant, is_interrupted, settling: settling_on_bus(rig), wanted: None, drives: None }

@@ -218,12 +218,13 @@ impl StepReport {
 }
 
 /// Who is at the arm while it is commissioned, and does there what no drive can do.
-pub trait Attendant<P: Place> {
+pub trait Attendant {
     /// The permit for a small motion with little torque, of the present boot.
     ///
     /// # Errors
     /// Why the rig may not be enabled.
-    fn prove(&mut self, runner: &mut Runner<P>, rig: &config::Rig, bounds: Bounds) -> Result<Permit, NotProven>;
+    fn prove(&mut self, runner: &mut Runner<dyn Place>, rig: &config::Rig, bounds: Bounds)
+    -> Result<Permit, NotProven>;
 
     /// Keeps what a drill has found; where.
     ///
@@ -237,16 +238,16 @@ pub trait Attendant<P: Place> {
     ) -> Result<Option<String>, String>;
 
     /// Looks where the link of a joint (0 the left one) is, to tell later by how much it has turned. Nothing is booted.
-    fn look(&mut self, place: &P, joint: usize);
+    fn look(&mut self, place: &dyn Place, joint: usize);
 
     /// By how much that link has turned since, counter-clockwise, in rad; `None` if nobody looked. Nothing is booted.
-    fn turned(&mut self, place: &P, joint: usize) -> Option<f64>;
+    fn turned(&mut self, place: &dyn Place, joint: usize) -> Option<f64>;
 
     /// Has the drives be switched off and on again; whether both were, for certain. Nothing is booted.
-    fn power_cycle(&mut self, rig: &config::Rig, place: &mut P) -> bool;
+    fn power_cycle(&mut self, rig: &config::Rig, place: &mut dyn Place) -> bool;
 
     /// Has this force in N, in the base frame, pull at the tool until it is taken away by a force of zero; whether it does.
-    fn pull(&mut self, place: &mut P, force: Force) -> bool;
+    fn pull(&mut self, place: &mut dyn Place, force: Force) -> bool;
 }
 
 /// A commissioning that came to its end.
@@ -283,7 +284,7 @@ impl Commissioned {
     }
 }
 
-impl<P: Place> Runner<P> {
+impl Runner<dyn Place> {
     /// Takes the steps of a commissioning up to the first that fails, from where it is to begin; those before are skipped, but for
     /// [`Step::Identity`] where the drives have to be those of an earlier one. Whatever happens, no drive makes torque in the end, and torque
     /// limits are what they were. `told` gets each report when the step is over.
@@ -291,7 +292,7 @@ impl<P: Place> Runner<P> {
         &mut self,
         rig: &config::Rig,
         begin: Begin,
-        attendant: &mut dyn Attendant<P>,
+        attendant: &mut dyn Attendant,
         is_interrupted: &AtomicBool,
         mut told: impl FnMut(&StepReport),
     ) -> Commissioned {

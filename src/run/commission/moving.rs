@@ -6,7 +6,6 @@ use super::{Curve, Figure};
 use crate::drilled::{DRILL_LIMIT, Demands, TORQUE_LIMIT};
 use crate::jog::Jogged;
 use crate::pace::Pace;
-use crate::place::Place;
 use crate::scene::Ended;
 use yieldwall_motion::guard::{Cause, Fault, State};
 use yieldwall_motion::quantity::{Force, JointAngles};
@@ -48,7 +47,7 @@ struct Gentle {
     way_rad: f64,
 }
 
-impl<P: Place> Bench<'_, P> {
+impl Bench<'_> {
     /// Drills the watchdogs of the drives.
     pub(super) fn watchdogs(&mut self, found: &mut Found) -> Result<(), Halt> {
         if self.runner.pace() == Pace::Lockstep {

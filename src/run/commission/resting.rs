@@ -3,7 +3,6 @@
 use super::bench::{Bench, Found, Halt, with_restored};
 use super::{Curve, Figure};
 use crate::assembly::torque_limits_per_mille;
-use crate::place::Place;
 use crate::proof::DriveIdentity;
 use yieldwall_config::{self as config, Positive};
 use yieldwall_drives::objects::{self, DEVICE_TYPE, Object};
@@ -54,7 +53,7 @@ fn signed(value: u32, bits: u8) -> i64 {
     }
 }
 
-impl<P: Place> Bench<'_, P> {
+impl Bench<'_> {
     /// Reads an object of each drive again and again.
     pub(super) fn communication(&mut self, found: &mut Found) -> Result<(), Halt> {
         self.boot()?;

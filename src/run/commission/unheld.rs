@@ -5,7 +5,6 @@ use super::moving::{LED_BEYOND_RAD, TORQUE_SHARES, TRAVEL_RAD};
 use super::resting::unsigned_zero;
 use super::{Curve, Figure};
 use crate::permit::{Ask, Bounds};
-use crate::place::Place;
 use crate::scene::Ended;
 use yieldwall_config::FixtureLaw;
 use yieldwall_motion::guard::{Cause, Fault, State};
@@ -115,7 +114,7 @@ impl Way {
     }
 }
 
-impl<P: Place> Bench<'_, P> {
+impl Bench<'_> {
     /// Runs the rig with its own fixture and nobody at the handle: it has to stay where it is.
     pub(super) fn admittance(&mut self, found: &mut Found) -> Result<(), Halt> {
         let fixture = &self.rig.fixture;

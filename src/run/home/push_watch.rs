@@ -32,8 +32,8 @@ struct Watched {
 
 impl PushWatch {
     /// A watch of joints that go at these rates, rad/s. Reads each drive's torque and torque limit.
-    pub(super) fn new<P: Place>(
-        runner: &mut Runner<P>,
+    pub(super) fn new(
+        runner: &mut Runner<dyn Place>,
         rig: &config::Rig,
         rates_rad_per_s: [f64; 2],
     ) -> Result<Self, RunError> {
@@ -52,7 +52,7 @@ impl PushWatch {
     /// rest.
     ///
     /// Real-time: yes.
-    pub(super) fn step<P: Place>(&mut self, runner: &mut Runner<P>, time_s: f64, rests: [bool; 2]) -> Option<NotHome> {
+    pub(super) fn step(&mut self, runner: &mut Runner<dyn Place>, time_s: f64, rests: [bool; 2]) -> Option<NotHome> {
         let angles = runner.angles().to_array();
         let (joint, angle_rad) = (self.turn, angles.get(self.turn).copied().unwrap_or_default());
         if let Some(asked) = self.joints.get_mut(joint) {
@@ -74,7 +74,7 @@ impl PushWatch {
     }
 
     /// Waits for what was asked last.
-    pub(super) fn finish<P: Place>(&mut self, runner: &mut Runner<P>) {
+    pub(super) fn finish(&mut self, runner: &mut Runner<dyn Place>) {
         self.joints.iter_mut().for_each(|joint| joint.meter.finish(runner));
     }
 }

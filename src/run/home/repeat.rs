@@ -40,7 +40,7 @@ pub struct Repeated {
     pub shifts_rad: [Vec<f64>; 2],
 }
 
-impl<P: Place> Runner<P> {
+impl Runner<dyn Place> {
     /// Homes the joints of a plan `times` times as [`Runner::home`], and leads them back between as [`Runner::jog`]: each as far as it had
     /// gone the first time, at the rate of its homing. The network is booted for each, and `prove` gives the permit. `told` gets each homing
     /// when it is over. The first homing that does not end well is the last.
@@ -54,7 +54,7 @@ impl<P: Place> Runner<P> {
         plan: &HomePlan,
         times: u32,
         bounds: Bounds,
-        prove: Prove<'_, P>,
+        prove: Prove<'_>,
         is_interrupted: &AtomicBool,
         mut told: impl FnMut(&Homed),
     ) -> Result<Repeated, NotProven> {
@@ -116,7 +116,7 @@ impl<P: Place> Runner<P> {
         plan: &HomePlan,
         way_rad: JointAngles,
         bounds: Bounds,
-        prove: Prove<'_, P>,
+        prove: Prove<'_>,
         is_interrupted: &AtomicBool,
     ) -> Result<Jogged, NotProven> {
         self.leave();

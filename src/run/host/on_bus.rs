@@ -20,8 +20,8 @@ use crate::assembly::{bus_plan, segment};
 use crate::commission::{Begin, Commissioned, StepReport};
 use crate::{
     Bounds, Drilled, DriveError, DriveIdentity, ErrorWatch, Finding, HomePlan, Homed, Jog, Jogged, LinkCounts,
-    LoopPlan, LoopTraced, NotProven, Observer, OnLink, Orders, Pace, Play, Played, Proof, Pulled, Repeated, RunError,
-    Runner, Tap, Task, Unproven, Wrenches, settling_on_bus,
+    LoopPlan, LoopTraced, NotProven, Observer, OnLink, Orders, Pace, Place, Play, Played, Proof, Pulled, Repeated,
+    RunError, Runner, Tap, Task, Unproven, Wrenches, settling_on_bus,
 };
 use bench::OnTheBench;
 pub use bench::Person;
@@ -286,7 +286,7 @@ impl RigOnBus {
             runner.boot()?;
             let permit = runner.prove_for_bring_up(rig, &terms.proof(), bounds)?;
             let _ = news.send(News::Proved);
-            Ok(runner.jog(rig, jog, &permit, is_interrupted, |_, _| ())?)
+            Ok(runner.anywhere().jog(rig, jog, &permit, is_interrupted, |_, _| ())?)
         })
     }
 
@@ -304,11 +304,11 @@ impl RigOnBus {
         tell: impl FnMut(News),
     ) -> Result<Outcome<Repeated>, ThreadError> {
         self.under(terms, is_interrupted, tell, |runner, rig, news| {
-            let mut prove = |runner: &mut OnInterfaces, rig: &config::Rig, bounds: Bounds| {
+            let mut prove = |runner: &mut Runner<dyn Place>, rig: &config::Rig, bounds: Bounds| {
                 runner.prove_for_bring_up(rig, &terms.proof(), bounds)
             };
             let told = |homed: &Homed| drop(news.send(News::Homed(*homed)));
-            Ok(runner.home_repeatedly(rig, plan, times, bounds, &mut prove, is_interrupted, told)?)
+            Ok(runner.anywhere().home_repeatedly(rig, plan, times, bounds, &mut prove, is_interrupted, told)?)
         })
     }
 
@@ -326,12 +326,12 @@ impl RigOnBus {
     ) -> Result<Outcome<Vec<LoopTraced>>, ThreadError> {
         self.under(terms, is_interrupted, tell, |runner, rig, _| {
             let proof = terms.proof();
-            let mut prove = |runner: &mut OnInterfaces, rig: &config::Rig, bounds: Bounds| {
+            let mut prove = |runner: &mut Runner<dyn Place>, rig: &config::Rig, bounds: Bounds| {
                 runner.prove_for_bring_up(rig, &proof, bounds)
             };
             let mut traced: Vec<LoopTraced> = Vec::with_capacity(plans.len());
             for plan in plans {
-                traced.push(runner.tune_loop(rig, plan, &mut prove, is_interrupted)?);
+                traced.push(runner.anywhere().tune_loop(rig, plan, &mut prove, is_interrupted)?);
                 if traced.last().is_none_or(|last| last.found.is_none()) {
                     break;
                 }
@@ -357,7 +357,7 @@ impl RigOnBus {
             let mut attendant = OnTheBench { person, proof: terms.proof() };
             // Somebody listens for as long as this thread lives.
             let told = |report: &StepReport| drop(news.send(News::Stepped(Box::new(report.clone()))));
-            Ok(runner.commission(rig, begin, &mut attendant, is_interrupted, told))
+            Ok(runner.anywhere().commission(rig, begin, &mut attendant, is_interrupted, told))
         })
     }
 
@@ -410,7 +410,7 @@ impl RigOnBus {
         tell: impl FnMut(News),
     ) -> Result<Outcome<Vec<Pulled>>, ThreadError> {
         self.under(terms, is_interrupted, tell, |runner, rig, _| {
-            Ok(runner.pulls(rig, force_n, &mut |_, task| help(task), is_interrupted)?)
+            Ok(runner.anywhere().pulls(rig, force_n, &mut |_, task| help(task), is_interrupted)?)
         })
     }
 
@@ -428,7 +428,7 @@ impl RigOnBus {
         tell: impl FnMut(News),
     ) -> Result<Outcome<Vec<JointAngles>>, ThreadError> {
         self.under(terms, is_interrupted, tell, |runner, _, _| {
-            Ok(runner.visit(points, &mut |_, task| help(task), is_interrupted)?)
+            Ok(runner.anywhere().visit(points, &mut |_, task| help(task), is_interrupted)?)
         })
     }
 
@@ -533,7 +533,7 @@ fn drill(
     let identities = runner.identities()?;
     // Somebody listens for as long as this thread lives.
     let found = |finding: &Finding| drop(news.send(News::Found(*finding)));
-    Ok((identities, runner.drill(settling_on_bus(rig), is_interrupted, found)?))
+    Ok((identities, runner.anywhere().drill(settling_on_bus(rig), is_interrupted, found)?))
 }
 
 /// Has a thread of its own with real-time priority, if that is granted, do the work; what the work leaves.

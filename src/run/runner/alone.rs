@@ -13,7 +13,7 @@ use yieldwall_link::LinkOutbox;
 /// How long a master that has sent its first heartbeat listens for that of another one, before it resets its nodes.
 pub const ANNOUNCED: Duration = Duration::from_millis(50);
 
-impl<P: Place> Runner<P> {
+impl<P: Place + ?Sized> Runner<P> {
     /// Listens for another master, and the first time for long, before anything is sent that could disturb it. What comes
     /// meanwhile says nothing of what comes after the reset.
     pub(super) fn make_sure_to_be_alone(&mut self) -> Result<(), RunError> {

@@ -18,7 +18,7 @@ const ARRIVALS: usize = 256;
 /// process was stopped, and devices that are left alone follow the wall.
 const ABSENCE: Duration = Duration::from_millis(500);
 
-impl<P: Place> Runner<P> {
+impl<P: Place + ?Sized> Runner<P> {
     /// Takes what comes for [`LISTEN`]. The drives wait for heartbeats already.
     pub(super) fn listen(&mut self) {
         let until = self.now() + LISTEN;

@@ -20,7 +20,7 @@ const IMPATIENCE: Duration = Duration::from_millis(2);
 /// Time by which the clock that counts suspended time has to have gained on the other since the last cycle. Less may be the
 /// time that passed between reading the one and the other.
 const SUSPENDED: Duration = Duration::from_millis(50);
-impl<P: Place> Runner<P> {
+impl<P: Place + ?Sized> Runner<P> {
     /// One period: SYNC, process data, the cycle, set-points. Nothing comes of it once a cycle has panicked, and in a period in which
     /// the process does not run; in virtual time the periods go on all the same. A rig that is led farther than
     /// its permit allows is stopped. A permit of another boot asks for nothing.
@@ -38,7 +38,7 @@ impl<P: Place> Runner<P> {
             Ask::Nothing if self.is_led_away() => Request::Stop,
             _ => ask.request(),
         };
-        if self.has_panicked && !P::IS_VIRTUAL {
+        if self.has_panicked && !self.is_virtual {
             return None;
         }
         if self.next_sync == Time::NEVER {
@@ -46,7 +46,7 @@ impl<P: Place> Runner<P> {
             self.begin(2);
         }
         self.repeat_outputs();
-        if P::IS_VIRTUAL {
+        if self.is_virtual {
             self.attend_until(self.next_sync);
             self.process = self.place.begin_cycle(self.next_sync);
             if self.process != Process::Runs {
@@ -186,7 +186,7 @@ impl<P: Place> Runner<P> {
             self.place.sleep_until(on_clock(moment), on_clock(deadline));
             let woke = self.now();
             let has_come = self.drain();
-            if !P::IS_VIRTUAL {
+            if !self.is_virtual {
                 return woke;
             }
             if has_come {

@@ -22,7 +22,7 @@ const FAREWELL: Duration = Duration::from_millis(50);
 pub const END_OF_WATCH: (Address, u32) =
     (Address::new(objects::CONSUMER_HEARTBEAT.index, objects::CONSUMER_HEARTBEAT.sub), 0);
 
-impl<P: Place> Runner<P> {
+impl<P: Place + ?Sized> Runner<P> {
     /// Resets, configures and starts the rig's nodes, up to the exchange of process data. Nothing is enabled, and permits of
     /// earlier boots are void.
     ///
@@ -45,13 +45,13 @@ impl<P: Place> Runner<P> {
         (self.motion_bound, self.process) = (None, Process::Runs);
         self.boot = Boot::another();
         self.forget_errors();
-        if !P::IS_VIRTUAL {
+        if !self.is_virtual {
             self.make_sure_to_be_alone()?;
         }
         self.send_or_fail(|master, now, out| master.start(now, out))?;
         loop {
             let has_come = self.drain();
-            if !(P::IS_VIRTUAL && has_come) {
+            if !(self.is_virtual && has_come) {
                 self.send_or_fail(|master, now, out| master.poll(now, out))?;
             }
             match self.master.phase() {
@@ -73,14 +73,14 @@ impl<P: Place> Runner<P> {
                     return Err(RunError::Interrupted);
                 }
                 // In virtual time nobody waits, and who looks on changes nothing.
-                next = if P::IS_VIRTUAL { next } else { next.min(now + LOOK_UP) };
+                next = if self.is_virtual { next } else { next.min(now + LOOK_UP) };
             }
             self.wait_until(self.started + next.since(Time(0)));
         }
         if self.pace == Pace::Lockstep {
             self.listen();
         }
-        if P::IS_VIRTUAL {
+        if self.is_virtual {
             self.begin(1);
         }
         Ok(())
@@ -115,7 +115,7 @@ impl<P: Place> Runner<P> {
             }
             let next = self.master.next_deadline().min(limit);
             self.wait_until(self.started + next.since(Time(0)));
-            if !(self.drain() && P::IS_VIRTUAL) {
+            if !(self.drain() && self.is_virtual) {
                 self.send(|master, now, out| master.poll(now, out));
             }
         }

@@ -15,7 +15,7 @@ use yieldwall_motion::guard::Device;
 /// How long a device is waited for beyond what its own time-outs allow.
 const BEYOND_PATIENCE: Duration = Duration::from_secs(5);
 
-impl<P: Place> Runner<P> {
+impl<P: Place + ?Sized> Runner<P> {
     /// Reads an unsigned object of a device of a booted network, before the rig is enabled. Cycles of a segment that run already go on
     /// meanwhile; no other may run.
     ///

@@ -7,22 +7,22 @@ use crate::place::{Place, VirtualPlace};
 impl Permit {
     /// Without proof, for a reason that [`Permit::unproved`] tells: the drives may go on when their master dies. No command of the
     /// program uses it. Who does has to keep the reason with what is recorded. It is of the present boot of the rig.
-    pub fn without_proof<P: Place>(rig: &Runner<P>, why: &str) -> Self {
+    pub fn without_proof<P: Place + ?Sized>(rig: &Runner<P>, why: &str) -> Self {
         Self::of(rig.boot, Scope::Whole(Some(why.to_owned())))
     }
 
     /// What is proved.
-    pub(crate) fn proved<P: Place>(rig: &Runner<P>) -> Self {
+    pub(crate) fn proved<P: Place + ?Sized>(rig: &Runner<P>) -> Self {
         Self::of(rig.boot, Scope::Whole(None))
     }
 
     /// What is proved, within bounds that the drives were told.
-    pub(crate) fn bounded<P: Place>(rig: &Runner<P>, bounds: Bounds) -> Self {
+    pub(crate) fn bounded<P: Place + ?Sized>(rig: &Runner<P>, bounds: Bounds) -> Self {
         Self::of(rig.boot, Scope::BringUp(bounds))
     }
 
     /// For the watchdog drill, which enables before there is any proof.
-    pub(crate) fn at_rest<P: Place>(rig: &Runner<P>) -> Self {
+    pub(crate) fn at_rest<P: Place + ?Sized>(rig: &Runner<P>) -> Self {
         Self::of(rig.boot, Scope::Rest)
     }
 

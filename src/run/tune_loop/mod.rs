@@ -136,9 +136,9 @@ pub struct LoopTraced {
 }
 
 /// Who says that a rig which was booted may be moved within bounds.
-pub type Prove<'a, P> = &'a mut dyn FnMut(&mut Runner<P>, &config::Rig, Bounds) -> Result<Permit, NotProven>;
+pub type Prove<'a> = &'a mut dyn FnMut(&mut Runner<dyn Place>, &config::Rig, Bounds) -> Result<Permit, NotProven>;
 
-impl<P: Place> Runner<P> {
+impl Runner<dyn Place> {
     /// Boots, leads a joint along its course, stops the rig, and identifies the joint from that; again with more torque where it does not
     /// follow. A fault at either drive takes the torque off both in the same cycle. The torque limits stay lowered until the next boot.
     ///
@@ -149,7 +149,7 @@ impl<P: Place> Runner<P> {
         &mut self,
         rig: &config::Rig,
         plan: &LoopPlan,
-        prove: Prove<'_, P>,
+        prove: Prove<'_>,
         is_interrupted: &AtomicBool,
     ) -> Result<LoopTraced, NotProven> {
         let rated = rig.drives.iter().map(|drive| drive.rated_torque_n_m.get()).fold(f64::INFINITY, f64::min);
@@ -184,7 +184,7 @@ impl<P: Place> Runner<P> {
         rig: &config::Rig,
         joint: usize,
         torque_n_m: f64,
-        prove: Prove<'_, P>,
+        prove: Prove<'_>,
         is_interrupted: &AtomicBool,
     ) -> Result<LoopTraced, NotProven> {
         self.boot()?;

@@ -1,13 +1,9 @@
 //! A rig on the interfaces of this computer that is commissioned.
 
-use super::OnInterfaces;
 use crate::commission::Attendant;
-use crate::{Bounds, Drilled, DriveIdentity, NotProven, OnLink, Permit, Proof, Restarts, Subject};
+use crate::{Bounds, Drilled, DriveIdentity, NotProven, Permit, Place, Proof, Restarts, Runner, Subject};
 use yieldwall_config as config;
-use yieldwall_link::Interfaces;
 use yieldwall_motion::quantity::Force;
-
-use super::super::system::SystemMetronome;
 
 /// Somebody at the arm of a rig that is commissioned. They are asked while the network is left: nothing is enabled, and nothing has to be
 /// in time.
@@ -32,10 +28,13 @@ pub(super) struct OnTheBench<'a> {
     pub(super) proof: Proof,
 }
 
-type Computer = OnLink<Interfaces, SystemMetronome>;
-
-impl Attendant<Computer> for OnTheBench<'_> {
-    fn prove(&mut self, runner: &mut OnInterfaces, rig: &config::Rig, bounds: Bounds) -> Result<Permit, NotProven> {
+impl Attendant for OnTheBench<'_> {
+    fn prove(
+        &mut self,
+        runner: &mut Runner<dyn Place>,
+        rig: &config::Rig,
+        bounds: Bounds,
+    ) -> Result<Permit, NotProven> {
         runner.prove_for_bring_up(rig, &self.proof, bounds)
     }
 
@@ -50,21 +49,21 @@ impl Attendant<Computer> for OnTheBench<'_> {
         kept.map(|path| Some(path.display().to_string())).map_err(|error| format!("{}: {error}", folder.display()))
     }
 
-    fn look(&mut self, _: &Computer, joint: usize) {
+    fn look(&mut self, _: &dyn Place, joint: usize) {
         self.person.look(joint);
     }
 
-    fn turned(&mut self, _: &Computer, joint: usize) -> Option<f64> {
+    fn turned(&mut self, _: &dyn Place, joint: usize) -> Option<f64> {
         self.person.turned(joint)
     }
 
-    fn power_cycle(&mut self, rig: &config::Rig, place: &mut Computer) -> bool {
+    fn power_cycle(&mut self, rig: &config::Rig, place: &mut dyn Place) -> bool {
         // A rig that was booted has its buses.
         let Ok(mut restarts) = Restarts::of(rig, place) else { return false };
         self.person.power_cycle(&mut || restarts.look(place))
     }
 
-    fn pull(&mut self, _: &mut Computer, force: Force) -> bool {
+    fn pull(&mut self, _: &mut dyn Place, force: Force) -> bool {
         self.person.pull(force)
     }
 }
