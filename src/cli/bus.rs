@@ -10,10 +10,11 @@ use serde_json::{Value, json};
 
 use self::can::CanPlan;
 use self::segment::SegmentPlan;
+use super::ending::rig_failure;
 use super::failure::{Exit, Failure};
 use super::output::Output;
 use yieldwall_bus::budget::{Advice, Budget, Conditions};
-use yieldwall_config::{self as config, Bus, Diagnostic, Loaded, Rig, Source};
+use yieldwall_config::{self as config, Bus, Diagnostic, Loaded, Report, Rig, Severity, Source};
 use yieldwall_rig::RigError;
 use yieldwall_run::assembly::{bus_id, bus_plan, segment};
 
@@ -186,6 +187,21 @@ impl Plan<'_> {
             Plan::Segment(plan) => plan.to_json(),
         }
     }
+}
+
+/// Whether the buses keep the cycle: of a bus with timing an error, unless it is to be ignored; `None` if it cannot be.
+pub(super) fn check_buses(rig: &Loaded<Rig>, is_ignored: Option<bool>, output: &mut Output) -> Result<(), Failure> {
+    for plan in plans(&rig.value).map_err(|error| rig_failure(&error))? {
+        let Some(mut finding) = plan.finding(rig) else { continue };
+        if finding.severity == Severity::Error && is_ignored != Some(true) {
+            let more = is_ignored.map_or("", |_| ", --ignore-bus-budget runs the rig all the same");
+            finding.help = finding.help.map(|help| help + more);
+            return Err(Report::from(finding).into());
+        }
+        finding.severity = Severity::Warning;
+        output.configuration(&[finding])?;
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -6,13 +6,13 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
+use super::bus::check_buses;
 use super::ending::rig_failure;
 use super::failure::{Exit, Failure};
 use super::interrupt::on_interrupt;
 use super::on_bus::live_failure;
 use super::output::Output;
 use super::replace::Replace;
-use super::run::check_buses;
 use yieldwall_config::{self as config, Loaded, Source};
 use yieldwall_motion::elementary::sin_cos;
 use yieldwall_motion::identification::{Estimate, Kinematics, Mistaken, Visited, kinematics, mistaken};

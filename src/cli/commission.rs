@@ -9,13 +9,13 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
+use super::bus::check_buses;
+use super::clock::now_unix_s;
 use super::ending::rig_failure;
 use super::failure::{Exit, Failure, both};
 use super::interrupt::on_interrupt;
-use super::latency::now_unix_s;
 use super::output::Output;
 use super::replace::Replace;
-use super::run::check_buses;
 use earlier::Earlier;
 use yieldwall_config::injection::{DEFECTS, Defect, DefectError};
 use yieldwall_config::{self as config, Source};

@@ -6,11 +6,11 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::checkup::{Section, finish};
+use super::clock::now_unix_s;
 use super::desk;
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
 use super::keep::state_folder;
-use super::latency::now_unix_s;
 use super::output::Output;
 use yieldwall_config::{self as config, Rig, Source};
 use yieldwall_link::checkup::Check;

@@ -4,6 +4,7 @@ use std::io;
 
 use serde_json::json;
 
+use super::bus::check_buses;
 use super::desk::journal::refuse_open;
 use super::desk::plan::{self, Sender};
 use super::events::{Events, Listening, Stream};
@@ -16,7 +17,7 @@ use super::on_bus::{
     with_told,
 };
 use super::output::Output;
-use super::run::{check_buses, judge, settled_json, settled_text, watchdogs_json, watchdogs_text};
+use super::run::{judge, settled_json, settled_text, watchdogs_json, watchdogs_text};
 use yieldwall_config::{self as config, Source};
 use yieldwall_record::trusted;
 use yieldwall_run::host::{News, RigOnBus};

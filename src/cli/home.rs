@@ -4,13 +4,13 @@ mod repeated;
 
 use serde_json::json;
 
+use super::bus::check_buses;
 use super::commission::add_defects;
 use super::ending::{rig_failure, stopped_by};
 use super::failure::{Exit, Failure, both};
 use super::interrupt::{interrupted, on_interrupt};
 use super::on_bus::live_failure;
 use super::output::Output;
-use super::run::check_buses;
 use yieldwall_config::{self as config, Positive, Source};
 use yieldwall_motion::guard::Cause;
 use yieldwall_rig::EmbeddedRig;

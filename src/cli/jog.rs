@@ -8,13 +8,13 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 
+use super::bus::check_buses;
 use super::ending::{rig_failure, stopped_by};
 use super::failure::{Exit, Failure, both};
 use super::faults::FaultArgument;
 use super::interrupt::{interrupted, on_interrupt};
 use super::on_bus::live_failure;
 use super::output::Output;
-use super::run::check_buses;
 use keys::{KEYS, Reader, Shown};
 use yieldwall_config::{self as config, Positive, Source};
 use yieldwall_motion::cycle::LeadLimits;

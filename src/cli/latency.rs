@@ -4,10 +4,11 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
 use serde_json::{Value, json};
 
+use super::clock::now_unix_s;
 use super::events::{Event, Events, Stream};
 use super::failure::{Exit, Failure};
 use super::interrupt::{on_interrupt, unless};
@@ -202,11 +203,6 @@ fn keep(
     let computer = computer(has_priority, has_locked_memory);
     let measured = Measured::new(computer, arguments.period_us, latency.lateness(), now_unix_s()).under(load);
     measured.store(folder).map_err(|error| cannot_keep(folder, &error))
-}
-
-/// Seconds since 1970 by the clock on the wall.
-pub(super) fn now_unix_s() -> u64 {
-    SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default().as_secs()
 }
 
 /// The failure that what was measured cannot be written.

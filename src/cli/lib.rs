@@ -11,6 +11,7 @@ mod bus;
 mod calibrate;
 #[cfg(target_os = "linux")]
 mod checkup;
+mod clock;
 mod commission;
 mod compare;
 mod config;

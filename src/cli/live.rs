@@ -5,6 +5,7 @@ mod proof;
 
 use std::sync::Arc;
 
+use super::bus::check_buses;
 use super::desk::journal::refuse_open;
 use super::desk::plan::{self, Sender};
 use super::ending::{ended_held, stopped_by};
@@ -19,7 +20,7 @@ use super::on_bus::{
 };
 use super::output::Output;
 use super::pace::PaceArgument;
-use super::run::{Arguments, check, check_buses, check_candump, check_loop, draw, dry_run_on_can, view, with_files};
+use super::run::{Arguments, check, check_candump, check_loop, draw, dry_run_on_can, view, with_files};
 use super::tui::Screen;
 use facts::Facts;
 use proof::{check_measured_loop, measured_masses, unproven, untimely};

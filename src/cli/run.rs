@@ -16,7 +16,7 @@ pub(super) use self::words::{
     counted_json, counted_text, finding_json, finding_text, measures_text, mode_text, settled_json, settled_text,
     tool_text, watchdogs_json, watchdogs_text,
 };
-use super::bus::plans;
+use super::bus::check_buses;
 use super::desk::plan::{self, Sender};
 use super::ending::{self, above_bound, rig_failure};
 use super::events::{Events, Listening, Stream};
@@ -33,7 +33,7 @@ use super::replace::{Replace, Written};
 use super::tui::{Screen, View, check_terminal};
 use super::tune::{Masses, advice};
 use yieldwall_config::injection::{Injection, Kind};
-use yieldwall_config::{self as config, Diagnostic, Document, Loaded, Report, Severity, Source};
+use yieldwall_config::{self as config, Diagnostic, Document, Loaded, Severity, Source};
 use yieldwall_record::Trace;
 use yieldwall_rig::report::{Overrides, RunReport, replay, run_rig};
 use yieldwall_rig::{self as rig, RigError};
@@ -306,25 +306,6 @@ pub(super) fn check(arguments: &Arguments) -> Result<(), Failure> {
 pub(super) fn view(rig: &config::Rig, place: &str, duration_s: f64) -> Arc<Mutex<View>> {
     let names = rig.drives.each_ref().map(|drive| drive.name.as_str());
     Arc::new(Mutex::new(View::new(&rig.rig.name, names, place, duration_s)))
-}
-
-/// Whether the buses keep the cycle: of a bus with timing an error, unless it is to be ignored; `None` if it cannot be.
-pub(super) fn check_buses(
-    rig: &Loaded<config::Rig>,
-    is_ignored: Option<bool>,
-    output: &mut Output,
-) -> Result<(), Failure> {
-    for plan in plans(&rig.value).map_err(|error| rig_failure(&error))? {
-        let Some(mut finding) = plan.finding(rig) else { continue };
-        if finding.severity == Severity::Error && is_ignored != Some(true) {
-            let more = is_ignored.map_or("", |_| ", --ignore-bus-budget runs the rig all the same");
-            finding.help = finding.help.map(|help| help + more);
-            return Err(Report::from(finding).into());
-        }
-        finding.severity = Severity::Warning;
-        output.configuration(&[finding])?;
-    }
-    Ok(())
 }
 
 /// Whether the rig's own loop is stable with enough margin, and with the hand of its scene where that is on the tool; its margins.

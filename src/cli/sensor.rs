@@ -6,13 +6,13 @@ use std::sync::atomic::Ordering;
 
 use serde_json::{Value, json};
 
+use super::bus::check_buses;
 use super::ending::rig_failure;
 use super::failure::{Exit, Failure};
 use super::first_motion::at_rest;
 use super::interrupt::on_interrupt;
 use super::on_bus::live_failure;
 use super::output::Output;
-use super::run::check_buses;
 use yieldwall_config::{self as config, Loaded, Positive, Source};
 use yieldwall_motion::sensing::Wrench;
 use yieldwall_rig::EmbeddedRig;

@@ -8,13 +8,13 @@ use serde_json::json;
 
 use super::{Arguments, Machine, Taken, begin, end, told};
 use crate::at_the_arm::Typed;
+use crate::clock::now_unix_s;
 use crate::confirm::agreed;
 use crate::desk::journal::Journal;
 use crate::events::Events;
 use crate::failure::{Exit, Failure, both};
 use crate::first_motion::{Opened, concluded};
 use crate::interfaces::Interfaces;
-use crate::latency::now_unix_s;
 use crate::live::not_run;
 use crate::on_bus::{warn, with_told};
 use crate::output::Output;

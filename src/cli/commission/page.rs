@@ -3,8 +3,8 @@
 use chrono::DateTime;
 
 use super::earlier::rig_hash;
+use crate::clock::now_unix_s;
 use crate::escaped::escaped;
-use crate::latency::now_unix_s;
 use yieldwall_config as config;
 use yieldwall_figures::chart::{Axis, Chart, Color, Mark, Panel, Series, svg};
 use yieldwall_run::DriveIdentity;

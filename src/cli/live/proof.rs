@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::clock::now_unix_s;
 use crate::ending::rig_failure;
 use crate::failure::{Exit, Failure};
 use crate::keep::state_folder;
-use crate::latency::now_unix_s;
 use crate::pace::PaceArgument;
 use crate::run::{NOTHING_ENABLED, judge};
 use crate::tune::Masses;

@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 
 use super::gains::{Proposal, file, nothing, set};
 use super::masses::Masses;
+use crate::bus::check_buses;
 use crate::commission::add_defects;
 use crate::ending::{rig_failure, stopped_by};
 use crate::failure::{Exit, Failure, both};
@@ -16,7 +17,6 @@ use crate::interrupt::{interrupted, on_interrupt};
 use crate::margins::Margins;
 use crate::output::Output;
 use crate::replace::Replace;
-use crate::run::check_buses;
 use yieldwall_config::{self as config, CommandMode, ControlLaw, Loaded, Positive, Rig, Source};
 use yieldwall_motion::control::Grip;
 use yieldwall_motion::guard::Fault;
