@@ -2,13 +2,12 @@
 
 use std::time::Duration;
 
-use super::calibration::Task;
 use super::metronome::Metronome;
 use yieldwall_fieldbus::canopen::Frame;
 use yieldwall_fieldbus::time::Time;
 use yieldwall_link::{Arrival, CanLink, EthernetArrival, SendError, Wires};
 use yieldwall_motion::cycle::Outputs;
-use yieldwall_motion::quantity::JointAngles;
+use yieldwall_motion::quantity::{Force, JointAngles, TipPoint};
 use yieldwall_record::Truth;
 
 /// Whether the process that runs the loop can run a cycle.
@@ -22,6 +21,15 @@ pub enum Process {
     Suspended,
     /// It never runs again.
     Dead,
+}
+
+/// What somebody at the arm is asked to do. The network is left meanwhile.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Task {
+    /// Have this force in N, in the base frame, pull at the tool, or with a force of zero none.
+    Pull(Force),
+    /// Lead the tool to this point of the base frame; the first number counts from 0.
+    LeadTo(usize, TipPoint),
 }
 
 /// A clock and the buses of a rig: those of a computer ([`OnLink`]), or simulated ones.

@@ -134,7 +134,7 @@ pub struct Runner<P: ?Sized> {
     listening: Duration,
     /// Whether that was done, and nobody was heard since.
     has_listened: bool,
-    /// Last, so that a runner of any place is one type: [`Runner::anywhere`].
+    /// Last, so that a runner of any place can be a `Runner<dyn Place>`.
     pub(super) place: P,
 }
 
@@ -238,18 +238,10 @@ impl<P: Place> Runner<P> {
             place,
         })
     }
-
-    /// This rig, wherever it runs: what is done seldom, such as a drill or a commissioning, is compiled once for all places.
-    pub fn anywhere(&mut self) -> &mut Runner<dyn Place>
-    where
-        P: 'static,
-    {
-        self
-    }
 }
 
 impl<P: Place + ?Sized> Runner<P> {
-    /// Has the boots from now on bring the drives up in homing mode, for [`Runner::home`]. Nothing is sent.
+    /// Has the boots from now on bring the drives up in homing mode, for [`bringup::home`](fn@crate::bringup::home). Nothing is sent.
     ///
     /// # Errors
     /// If a drive has no homing.
@@ -415,6 +407,16 @@ impl<P: Place + ?Sized> Runner<P> {
     /// What the last cycle gave.
     pub fn last_outputs(&self) -> Option<&Outputs> {
         self.last.as_ref()
+    }
+
+    /// The angles that were measured last.
+    pub(super) fn angles(&self) -> JointAngles {
+        self.last.as_ref().map_or(JointAngles::default(), |outputs| outputs.signals.measured_angles)
+    }
+
+    /// Where the joints are led.
+    pub(super) fn led_angles(&self) -> JointAngles {
+        self.last.as_ref().map_or(JointAngles::default(), |outputs| outputs.signals.target_angles)
     }
 
     /// Has the scene begin with the next cycle; records count their time from there.

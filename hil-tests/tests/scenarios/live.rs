@@ -19,6 +19,7 @@ use yieldwall::elementary;
 use yieldwall::guard::{Device, DeviceSet, Fault, State};
 use yieldwall::record::Row;
 use yieldwall::rig::{self, DeviceServer, SegmentServer};
+use yieldwall::run::bringup;
 use yieldwall::run::{
     Ask, DRILL_LIMIT, Demands, Enable, Enabling, Ended, NotProven, OnLink, Orders, Pace, Play, Played, Proof, RunError,
     Runner, Unproven, Unsafe, Which,
@@ -347,7 +348,7 @@ fn the_drill_on_a_bus_finds_what_the_one_in_virtual_time_finds() {
     for scenario in [Scenario::torque(), Scenario::position()] {
         let demands = Demands::of(&scenario.rig);
         let (_, mut live) = wired(&scenario, Pace::Free);
-        let on_bus = live.anywhere().drill(50, &AtomicBool::new(false), |_| ()).unwrap();
+        let on_bus = bringup::drill(&mut live, 50, &AtomicBool::new(false), |_| ()).unwrap();
         let virtually = rig::drill(&scenario.rig, &scenario.scene, |_| ()).unwrap();
         on_bus.judge(demands).unwrap();
         virtually.judge(demands).unwrap();
@@ -370,7 +371,7 @@ fn a_drive_without_a_watchdog_is_found_on_the_bus_and_in_virtual_time() {
         server.ignore(watchdog);
         let cable = Cable::new(server);
         let mut live = Runner::on_link(&scenario.rig, cable.clone(), cable.clone(), Pace::Free).unwrap();
-        let on_bus = live.anywhere().drill(50, &AtomicBool::new(false), |_| ()).unwrap();
+        let on_bus = bringup::drill(&mut live, 50, &AtomicBool::new(false), |_| ()).unwrap();
         let virtually = rig::drill(&scenario.rig, &scenario.scene, |machine| machine.ignore(watchdog)).unwrap();
         for drilled in [on_bus, virtually] {
             assert_eq!(
@@ -710,7 +711,7 @@ fn a_rig_on_ethercat_follows_the_hand_and_stops_in_both_paces() {
 #[test]
 fn drives_on_ethercat_stop_by_themselves_without_outputs_and_without_op() {
     let (cable, config, mut rig) = on_segment(Pace::Free);
-    let drilled = rig.anywhere().drill(50, &AtomicBool::new(false), |_| ()).unwrap();
+    let drilled = bringup::drill(&mut rig, 50, &AtomicBool::new(false), |_| ()).unwrap();
     drilled.judge(Demands::of(&config)).unwrap();
     let [outputs, op] = drilled.findings.as_slice() else { panic!("{drilled:?}") };
     assert_eq!([outputs.watchdog, op.watchdog], [Watchdog::Outputs, Watchdog::Operational]);

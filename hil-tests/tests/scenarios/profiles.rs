@@ -8,6 +8,7 @@ use hil_tests::{Scenario, cable::Cable};
 use yieldwall::config::{self, CommandMode, ProfileName, Report, Source};
 use yieldwall::guard::State;
 use yieldwall::rig::{self, DeviceServer, EmbeddedRig};
+use yieldwall::run::bringup;
 use yieldwall::run::{Demands, Pace, Runner, TORQUE_LIMIT, Unsafe};
 use yieldwall_drives::cia402;
 use yieldwall_drives::profiles::{EncoderKind, Tried};
@@ -51,7 +52,7 @@ fn a_drive_of_another_vendor_boots_drills_and_runs_by_its_file_alone() {
         let server = DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, Pace::Free).unwrap();
         let cable = Cable::new(server);
         let mut live = Runner::on_link(&scenario.rig, cable.clone(), cable.clone(), Pace::Free).unwrap();
-        let on_bus = live.anywhere().drill(50, &AtomicBool::new(false), |_| ()).unwrap();
+        let on_bus = bringup::drill(&mut live, 50, &AtomicBool::new(false), |_| ()).unwrap();
         let virtually = rig::drill(&scenario.rig, &scenario.scene, |_| ()).unwrap();
         for drilled in [on_bus, virtually] {
             drilled.judge(Demands::of(&scenario.rig)).unwrap_or_else(|error| panic!("{error}: {drilled:?}"));

@@ -12,6 +12,7 @@ use yieldwall::bus::BootFailure;
 use yieldwall::config::Waits;
 use yieldwall::guard::{Fault, State};
 use yieldwall::rig::{DeviceServer, EmbeddedRig, RigError};
+use yieldwall::run::bringup;
 use yieldwall::run::{Ask, Demands, Enable, Enabling, OnLink, Pace, RunError, Runner};
 
 /// How slow the drives are: reset and SDO, in ms.
@@ -102,7 +103,7 @@ fn a_person_can_end_a_boot_that_waits_and_sees_what_it_waits_for() {
 fn a_drive_that_answers_slowly_is_drilled_as_finely_as_it_answers() {
     let scenario = Scenario::position();
     let (_cable, mut rig) = wired(&scenario, Pace::Free, [700, 600]);
-    let drilled = rig.anywhere().drill(50, &AtomicBool::new(false), |_| ()).unwrap();
+    let drilled = bringup::drill(&mut rig, 50, &AtomicBool::new(false), |_| ()).unwrap();
     let demands = Demands::of(&scenario.rig);
     drilled.judge(demands).unwrap();
     assert!(drilled.judge(Demands { is_torque: true, ..demands }).is_err(), "nobody knows that it stops within 10 ms");

@@ -10,6 +10,7 @@ use yieldwall_motion::guard::{Request, State};
 use yieldwall_motion::quantity::{JointAngles, TipPoint};
 use yieldwall_motion::sensing::Wrench;
 use yieldwall_record::CycleRecord;
+use yieldwall_run::bringup;
 use yieldwall_run::{
     Bounds, Enabling, HomePlan, Homed, Jog, Jogged, LoopPlan, LoopTraced, NotProven, Permit, Place, Pulled, Repeated,
     RunError, Runner, STOP_LIMIT_S, Wrenches, has_torque, settling_cycles,
@@ -104,7 +105,7 @@ impl EmbeddedRig {
     }
 
     /// Switches everything on, boots the network, tells the drives how little torque they may make, enables them, leads the joints and
-    /// stops, as [`Runner::jog`](yieldwall_run::Runner::jog). No hand takes the tool. `each` gets the record of every cycle in which the joints are guided.
+    /// stops, as [`bringup::jog`](fn@bringup::jog). No hand takes the tool. `each` gets the record of every cycle in which the joints are guided.
     ///
     /// # Errors
     /// [`RigError::Boot`] if a node is missing or is not what it should be, and if the simulated arm cannot go on; what kept the joints from
@@ -126,16 +127,20 @@ impl EmbeddedRig {
         self.take_tool();
         self.place_mut().far.world.let_go();
         let settling = jog.settling.max(settling_cycles(self.runner.period(), self.sample_period));
-        let jogged =
-            self.runner
-                .anywhere()
-                .jog(rig, &Jog { settling, ..*jog }, &self.permit, is_interrupted, |record, _| each(record));
+        let jogged = bringup::jog(
+            &mut self.runner,
+            rig,
+            &Jog { settling, ..*jog },
+            &self.permit,
+            is_interrupted,
+            |record, _| each(record),
+        );
         self.go_on()?;
         Ok(jogged)
     }
 
     /// Switches everything on, boots the network for homing, tells the drives how little torque they may make, enables them and has each find
-    /// its reference, as [`Runner::home`](yieldwall_run::Runner::home). No hand takes the tool.
+    /// its reference, as [`bringup::home`](fn@bringup::home). No hand takes the tool.
     ///
     /// # Errors
     /// As [`EmbeddedRig::jog`].
@@ -158,13 +163,13 @@ impl EmbeddedRig {
         // Injections count their time from here.
         self.take_tool();
         self.place_mut().far.world.let_go();
-        let homed = self.runner.anywhere().home(rig, plan, &self.permit, is_interrupted);
+        let homed = bringup::home(&mut self.runner, rig, plan, &self.permit, is_interrupted);
         self.go_on()?;
         Ok(homed)
     }
 
     /// Switches everything on and homes the joints again and again, as
-    /// [`Runner::home_repeatedly`](yieldwall_run::Runner::home_repeatedly). No hand takes the tool.
+    /// [`bringup::home_repeatedly`](fn@bringup::home_repeatedly). No hand takes the tool.
     ///
     /// # Errors
     /// As [`EmbeddedRig::jog`].
@@ -183,7 +188,7 @@ impl EmbeddedRig {
         // Each homing has a boot of its own, of another master.
         let runner = &mut self.runner;
         runner.leave();
-        let repeated = runner.anywhere().home_repeatedly(rig, plan, times, bounds, &mut bring_up, is_interrupted, told);
+        let repeated = bringup::home_repeatedly(runner, rig, plan, times, bounds, &mut bring_up, is_interrupted, told);
         self.go_on()?;
         Ok(repeated)
     }
@@ -223,7 +228,7 @@ impl EmbeddedRig {
         Ok(tared)
     }
 
-    /// Switches everything on and measures forces that somebody has pull at the tool, as [`Runner::pulls`](yieldwall_run::Runner::pulls). No hand
+    /// Switches everything on and measures forces that somebody has pull at the tool, as [`bringup::pulls`](fn@bringup::pulls). No hand
     /// takes the tool.
     ///
     /// # Errors
@@ -235,7 +240,8 @@ impl EmbeddedRig {
         is_interrupted: &AtomicBool,
     ) -> Result<Result<Vec<Pulled>, RunError>, RigError> {
         self.settle_in()?;
-        let pulls = self.runner.anywhere().pulls(
+        let pulls = bringup::pulls(
+            &mut self.runner,
             rig,
             force_n,
             &mut |place: &mut dyn Place, task| place.attend(task),
@@ -245,7 +251,7 @@ impl EmbeddedRig {
         Ok(pulls)
     }
 
-    /// Switches everything on and has somebody lead the tool to points, as [`Runner::visit`](yieldwall_run::Runner::visit): the angles of the
+    /// Switches everything on and has somebody lead the tool to points, as [`bringup::visit`](fn@bringup::visit): the angles of the
     /// joints at each.
     ///
     /// # Errors
@@ -256,8 +262,12 @@ impl EmbeddedRig {
         is_interrupted: &AtomicBool,
     ) -> Result<Result<Vec<JointAngles>, RunError>, RigError> {
         self.settle_in()?;
-        let angles =
-            self.runner.anywhere().visit(points, &mut |place: &mut dyn Place, task| place.attend(task), is_interrupted);
+        let angles = bringup::visit(
+            &mut self.runner,
+            points,
+            &mut |place: &mut dyn Place, task| place.attend(task),
+            is_interrupted,
+        );
         self.go_on()?;
         Ok(angles)
     }
@@ -279,7 +289,7 @@ impl EmbeddedRig {
     }
 
     /// Switches everything on, leads a joint along its course and identifies its loop, as
-    /// [`Runner::tune_loop`](yieldwall_run::Runner::tune_loop). No hand takes the tool.
+    /// [`bringup::tune_loop`](fn@bringup::tune_loop). No hand takes the tool.
     ///
     /// # Errors
     /// As [`EmbeddedRig::jog`].
@@ -293,7 +303,7 @@ impl EmbeddedRig {
         // Injections count their time from here.
         self.take_tool();
         self.place_mut().far.world.let_go();
-        let traced = self.runner.anywhere().tune_loop(rig, plan, &mut bring_up, is_interrupted);
+        let traced = bringup::tune_loop(&mut self.runner, rig, plan, &mut bring_up, is_interrupted);
         self.go_on()?;
         Ok(traced)
     }

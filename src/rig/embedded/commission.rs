@@ -7,6 +7,7 @@ use super::boot::bring_up;
 use crate::error::RigError;
 use yieldwall_config as config;
 use yieldwall_motion::quantity::{Force, JointAngles};
+use yieldwall_run::bringup;
 use yieldwall_run::commission::{Attendant, Begin, Commissioned, StepReport};
 use yieldwall_run::{Bounds, Drilled, DriveIdentity, NotProven, Permit, Place, Runner, Task};
 
@@ -51,7 +52,7 @@ impl Attendant for Onlooker {
 
 impl EmbeddedRig {
     /// Switches everything on and takes the steps of a commissioning, as
-    /// [`Runner::commission`](yieldwall_run::Runner::commission). No hand takes the tool.
+    /// [`bringup::commission`](fn@bringup::commission). No hand takes the tool.
     ///
     /// # Errors
     /// [`RigError::Boot`] if a node is missing or is not what it should be, and if the simulated arm cannot go on.
@@ -67,7 +68,7 @@ impl EmbeddedRig {
         self.take_tool();
         self.place_mut().far.world.let_go();
         let commissioned =
-            self.runner.anywhere().commission(rig, begin, &mut Onlooker::default(), is_interrupted, told);
+            bringup::commission(&mut self.runner, rig, begin, &mut Onlooker::default(), is_interrupted, told);
         self.go_on()?;
         Ok(commissioned)
     }

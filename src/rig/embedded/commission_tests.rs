@@ -8,6 +8,7 @@ use crate::sample::{self, share};
 use proptest::prelude::*;
 use yieldwall_config::injection::{DEFECTS, Defect, DefectKind, DefectRow, FoundBy, Kind, Target};
 use yieldwall_motion::quantity::JointAngles;
+use yieldwall_run::bringup;
 use yieldwall_run::commission::{Begin, Commissioned, STEPS, Step, StepReport, Verdict};
 
 const RIGS: [&str; 5] = [
@@ -96,7 +97,7 @@ fn what_drives_say_of_a_watchdog_that_was_tried_is_no_part_of_a_later_step() {
     let scene = loaded.scene().unwrap().value;
     let mut machine = EmbeddedRig::new(&loaded.value, &scene, &loaded.value.fixture, scene.seed).unwrap();
     machine.boot().unwrap();
-    machine.runner.anywhere().drill(20, &AtomicBool::new(false), |_| ()).unwrap();
+    bringup::drill(&mut machine.runner, 20, &AtomicBool::new(false), |_| ()).unwrap();
     assert!(machine.master().told().count() > 0);
     machine.commission(&loaded.value, Step::Admittance.into(), &AtomicBool::new(false), |_| ()).unwrap();
     assert_eq!(machine.master().told().count(), 0);

@@ -7,6 +7,7 @@ use super::*;
 use proptest::prelude::*;
 use yieldwall_config::injection::{Defect, DefectKind, Kind, Target};
 use yieldwall_motion::quantity::JointAngles;
+use yieldwall_run::bringup;
 use yieldwall_run::{Bounds, Ended, HOMING_BEYOND_RAD, HomePlan, Homed, NotHome, NotProven, Repeated, RunError};
 
 const RIG: &str = "paper-incremental.yaml";
@@ -133,7 +134,7 @@ fn a_drive_that_knows_its_reference_is_not_sent_the_wrong_way_for_it() {
         runner.boot().unwrap();
         let bounds = Bounds { motion_rad: config::Positive::new(plan.bound_rad()).unwrap(), torque_n_m };
         let permit = super::boot::bring_up(runner, &rig, bounds).unwrap();
-        let again = runner.anywhere().home(&rig, &plan, &permit, &is_interrupted);
+        let again = bringup::home(runner, &rig, &plan, &permit, &is_interrupted);
         assert!(matches!(again, Err(RunError::BehindHome { by_rad, .. }) if by_rad.abs() < 0.02), "{again:?}");
         assert_eq!(*enabled.lock().unwrap(), before, "nothing was enabled");
     }

@@ -11,7 +11,7 @@ use proptest::prelude::*;
 use yieldwall_config::{Source, load_rig};
 use yieldwall_motion::elementary;
 use yieldwall_motion::quantity::Force;
-use yieldwall_run::Bounds;
+use yieldwall_run::{Bounds, bringup};
 
 fn shipped(permit: fn(&Runner<Simulation>) -> Permit) -> EmbeddedRig {
     let loaded = config::load_rig(config::Source::named("builtin:paper-admittance.yaml")).unwrap();
@@ -50,7 +50,7 @@ fn drives_on_ethercat_stop_without_outputs_and_without_op() {
     let loaded = config::load_rig(config::builtin("paper-ethercat.yaml")).unwrap();
     let (rig, scene) = (&loaded.value, loaded.scene().unwrap().value);
     let mut machine = EmbeddedRig::new(rig, &scene, &rig.fixture, scene.seed).unwrap();
-    let by_frames = machine.runner.anywhere().drill(50, &AtomicBool::new(false), |_| ()).unwrap();
+    let by_frames = bringup::drill(&mut machine.runner, 50, &AtomicBool::new(false), |_| ()).unwrap();
     let virtually = crate::drill(rig, &scene, |_| ()).unwrap();
     for drilled in [by_frames, virtually] {
         let of = |finding: &yieldwall_run::Finding| (finding.watchdog.name(), finding.stopped_in.map(Option::unwrap));

@@ -17,6 +17,7 @@ use thiserror::Error;
 use super::system::{Refusal, SystemMetronome, computer, lock_memory, run_first};
 use super::timing::{ProvenTiming, Untimely};
 use crate::assembly::{bus_plan, segment};
+use crate::bringup;
 use crate::commission::{Begin, Commissioned, StepReport};
 use crate::{
     Bounds, Drilled, DriveError, DriveIdentity, ErrorWatch, Finding, HomePlan, Homed, Jog, Jogged, LinkCounts,
@@ -286,12 +287,12 @@ impl RigOnBus {
             runner.boot()?;
             let permit = runner.prove_for_bring_up(rig, &terms.proof(), bounds)?;
             let _ = news.send(News::Proved);
-            Ok(runner.anywhere().jog(rig, jog, &permit, is_interrupted, |_, _| ())?)
+            Ok(bringup::jog(runner, rig, jog, &permit, is_interrupted, |_, _| ())?)
         })
     }
 
     /// Boots for homing, proves, tells the drives how little torque they may make, enables them and has each find its reference, so many times
-    /// as [`Runner::home_repeatedly`], on a thread of its own; each is told ([`News::Homed`]). Nobody may hold the handle.
+    /// as [`bringup::home_repeatedly`](fn@bringup::home_repeatedly), on a thread of its own; each is told ([`News::Homed`]). Nobody may hold the handle.
     ///
     /// # Errors
     /// If there is no such thread; what kept the drives from being homed is in the outcome.
@@ -308,12 +309,12 @@ impl RigOnBus {
                 runner.prove_for_bring_up(rig, &terms.proof(), bounds)
             };
             let told = |homed: &Homed| drop(news.send(News::Homed(*homed)));
-            Ok(runner.anywhere().home_repeatedly(rig, plan, times, bounds, &mut prove, is_interrupted, told)?)
+            Ok(bringup::home_repeatedly(runner, rig, plan, times, bounds, &mut prove, is_interrupted, told)?)
         })
     }
 
     /// Boots, proves, tells the drives how little torque they may make, and leads one joint after the other along its course, as
-    /// [`Runner::tune_loop`], on a thread of its own, up to the first that does not go its whole course. Nobody may hold the handle.
+    /// [`bringup::tune_loop`](fn@bringup::tune_loop), on a thread of its own, up to the first that does not go its whole course. Nobody may hold the handle.
     ///
     /// # Errors
     /// If there is no such thread; what kept the joints from being led is in the outcome.
@@ -331,7 +332,7 @@ impl RigOnBus {
             };
             let mut traced: Vec<LoopTraced> = Vec::with_capacity(plans.len());
             for plan in plans {
-                traced.push(runner.anywhere().tune_loop(rig, plan, &mut prove, is_interrupted)?);
+                traced.push(bringup::tune_loop(runner, rig, plan, &mut prove, is_interrupted)?);
                 if traced.last().is_none_or(|last| last.found.is_none()) {
                     break;
                 }
@@ -340,7 +341,7 @@ impl RigOnBus {
         })
     }
 
-    /// Takes the steps of a commissioning, as [`Runner::commission`], on a thread of its own. Reports are told as they come
+    /// Takes the steps of a commissioning, as [`bringup::commission`](fn@bringup::commission), on a thread of its own. Reports are told as they come
     /// ([`News::Stepped`]).
     ///
     /// # Errors
@@ -357,7 +358,7 @@ impl RigOnBus {
             let mut attendant = OnTheBench { person, proof: terms.proof() };
             // Somebody listens for as long as this thread lives.
             let told = |report: &StepReport| drop(news.send(News::Stepped(Box::new(report.clone()))));
-            Ok(runner.anywhere().commission(rig, begin, &mut attendant, is_interrupted, told))
+            Ok(bringup::commission(runner, rig, begin, &mut attendant, is_interrupted, told))
         })
     }
 
@@ -397,7 +398,7 @@ impl RigOnBus {
         })
     }
 
-    /// Measures forces that somebody has pull at the tool, as [`Runner::pulls`], on a thread of its own; nothing is enabled.
+    /// Measures forces that somebody has pull at the tool, as [`bringup::pulls`](fn@bringup::pulls), on a thread of its own; nothing is enabled.
     ///
     /// # Errors
     /// If there is no such thread; what kept the sensor from being measured is in the outcome.
@@ -410,11 +411,11 @@ impl RigOnBus {
         tell: impl FnMut(News),
     ) -> Result<Outcome<Vec<Pulled>>, ThreadError> {
         self.under(terms, is_interrupted, tell, |runner, rig, _| {
-            Ok(runner.anywhere().pulls(rig, force_n, &mut |_, task| help(task), is_interrupted)?)
+            Ok(bringup::pulls(runner, rig, force_n, &mut |_, task| help(task), is_interrupted)?)
         })
     }
 
-    /// Has somebody lead the tool to points, as [`Runner::visit`], on a thread of its own; nothing is enabled. The angles of the joints at
+    /// Has somebody lead the tool to points, as [`bringup::visit`](fn@bringup::visit), on a thread of its own; nothing is enabled. The angles of the joints at
     /// each.
     ///
     /// # Errors
@@ -428,7 +429,7 @@ impl RigOnBus {
         tell: impl FnMut(News),
     ) -> Result<Outcome<Vec<JointAngles>>, ThreadError> {
         self.under(terms, is_interrupted, tell, |runner, _, _| {
-            Ok(runner.anywhere().visit(points, &mut |_, task| help(task), is_interrupted)?)
+            Ok(bringup::visit(runner, points, &mut |_, task| help(task), is_interrupted)?)
         })
     }
 
@@ -533,7 +534,7 @@ fn drill(
     let identities = runner.identities()?;
     // Somebody listens for as long as this thread lives.
     let found = |finding: &Finding| drop(news.send(News::Found(*finding)));
-    Ok((identities, runner.anywhere().drill(settling_on_bus(rig), is_interrupted, found)?))
+    Ok((identities, bringup::drill(runner, settling_on_bus(rig), is_interrupted, found)?))
 }
 
 /// Has a thread of its own with real-time priority, if that is granted, do the work; what the work leaves.

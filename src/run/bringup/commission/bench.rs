@@ -3,9 +3,9 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::{Attendant, Curve, Figure, Step, StepReport, Verdict};
+use crate::bringup::jog::{Jog, Jogged, jog};
 use crate::conduct::{has_torque, settling_on_bus};
 use crate::error::RunError;
-use crate::jog::{Jog, Jogged};
 use crate::permit::{Ask, Bounds};
 use crate::place::Place;
 use crate::proof::{DriveIdentity, NotProven};
@@ -260,9 +260,9 @@ impl<'a> Bench<'a> {
         let mut by = [0.0; 2];
         by.iter_mut().skip(joint).take(1).for_each(|by| *by = by_rad);
         let limits = LeadLimits { rate_rad_per_s: RATE, acceleration_rad_per_s2: RATE / COMES_UP_S };
-        let jog = Jog { by: by.into(), keys: None, limits, settling: self.settling, is_metered: true };
+        let asked = Jog { by: by.into(), keys: None, limits, settling: self.settling, is_metered: true };
         let mut torques = Vec::with_capacity(self.cycles_in(by_rad.abs() / RATE + 1.0) as usize);
-        let jogged = self.runner.jog(self.rig, &jog, &permit, self.is_interrupted, |_, told| {
+        let jogged = jog(self.runner, self.rig, &asked, &permit, self.is_interrupted, |_, told| {
             if let Some(told) = told.filter(|told| told.is_steady && torques.len() < torques.capacity()) {
                 torques.push([told.angle_rad, told.torque_n_m]);
             }

@@ -2,11 +2,11 @@
 //! still. Position tells neither from a drive that rests.
 
 use super::NotHome;
+use crate::bringup::push::{Push, Stand};
+use crate::bringup::torque_meter::{Metered, TorqueMeter};
 use crate::error::RunError;
 use crate::place::Place;
-use crate::push::{Push, Stand};
 use crate::runner::Runner;
-use crate::torque_meter::{Metered, TorqueMeter};
 use yieldwall_config as config;
 use yieldwall_drives::objects::TORQUE_ACTUAL;
 use yieldwall_motion::guard::Device;

@@ -1,12 +1,12 @@
 //! Whether joints that are led are pushed and do not move: what blocks a joint looks so, and an encoder that stands still. A following error
 //! tells neither once a joint is near where it is led.
 
-use super::error::RunError;
-use super::permit::Permit;
-use super::place::Place;
 use super::push::{Push, Stand};
-use super::runner::Runner;
 use super::torque_meter::{Metered, TorqueMeter};
+use crate::error::RunError;
+use crate::permit::Permit;
+use crate::place::Place;
+use crate::runner::Runner;
 use yieldwall_config as config;
 use yieldwall_motion::cycle::LeadLimits;
 use yieldwall_motion::guard::JointCommand;

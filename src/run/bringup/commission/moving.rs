@@ -3,8 +3,9 @@
 use super::bench::{Bench, Found, Halt, RATE, Travel};
 use super::resting::{NOBODY_PULLS, PULL_N};
 use super::{Curve, Figure};
+use crate::bringup::drill::drill;
+use crate::bringup::jog::Jogged;
 use crate::drilled::{DRILL_LIMIT, Demands, TORQUE_LIMIT};
-use crate::jog::Jogged;
 use crate::pace::Pace;
 use crate::scene::Ended;
 use yieldwall_motion::guard::{Cause, Fault, State};
@@ -55,7 +56,7 @@ impl Bench<'_> {
         }
         self.boot()?;
         let identities = self.runner.identities()?;
-        let drilled = self.runner.drill(self.settling, self.is_interrupted, |_| ())?;
+        let drilled = drill(self.runner, self.settling, self.is_interrupted, |_| ())?;
         let demands = Demands::of(self.rig);
         let limit = if demands.is_torque { TORQUE_LIMIT } else { DRILL_LIMIT };
         // The one that is fastest when the master dies counts.

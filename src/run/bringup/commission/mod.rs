@@ -12,11 +12,11 @@ mod unheld;
 use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
-use super::drilled::Drilled;
-use super::permit::{Bounds, Permit};
-use super::place::Place;
-use super::proof::{DriveIdentity, NotProven};
-use super::runner::Runner;
+use crate::drilled::Drilled;
+use crate::permit::{Bounds, Permit};
+use crate::place::Place;
+use crate::proof::{DriveIdentity, NotProven};
+use crate::runner::Runner;
 use bench::Bench;
 use yieldwall_config as config;
 use yieldwall_motion::quantity::Force;
@@ -284,41 +284,39 @@ impl Commissioned {
     }
 }
 
-impl Runner<dyn Place> {
-    /// Takes the steps of a commissioning up to the first that fails, from where it is to begin; those before are skipped, but for
-    /// [`Step::Identity`] where the drives have to be those of an earlier one. Whatever happens, no drive makes torque in the end, and torque
-    /// limits are what they were. `told` gets each report when the step is over.
-    pub fn commission(
-        &mut self,
-        rig: &config::Rig,
-        begin: Begin,
-        attendant: &mut dyn Attendant,
-        is_interrupted: &AtomicBool,
-        mut told: impl FnMut(&StepReport),
-    ) -> Commissioned {
-        let mut interrupted_in = None;
-        let mut steps: Vec<StepReport> = Vec::with_capacity(STEPS.len());
-        let mut bench = Bench::new(self, rig, attendant, is_interrupted);
-        bench.wanted = begin.drives;
-        let first = STEPS.iter().position(|step| *step == begin.from).unwrap_or(0);
-        for (at, step) in STEPS.into_iter().enumerate() {
-            let failed = steps.iter().find(|report| report.verdict == Verdict::Fail).map(|report| report.step);
-            let report = match failed {
-                Some(failed) => skipped(step, format!("{} has failed", failed.name())),
-                None if interrupted_in.is_some() => skipped(step, INTERRUPTED.to_owned()),
-                None if at < first && !(step == Step::Identity && begin.drives.is_some()) => {
-                    skipped(step, format!("it was asked to begin with {}", begin.from.name()))
-                }
-                None => bench.report(step).unwrap_or_else(|| {
-                    interrupted_in = Some(step);
-                    skipped(step, INTERRUPTED.to_owned())
-                }),
-            };
-            told(&report);
-            steps.push(report);
-        }
-        Commissioned { steps, interrupted_in, drives: bench.drives }
+/// Takes the steps of a commissioning up to the first that fails, from where it is to begin; those before are skipped, but for
+/// [`Step::Identity`] where the drives have to be those of an earlier one. Whatever happens, no drive makes torque in the end, and torque
+/// limits are what they were. `told` gets each report when the step is over.
+pub fn commission(
+    runner: &mut Runner<dyn Place>,
+    rig: &config::Rig,
+    begin: Begin,
+    attendant: &mut dyn Attendant,
+    is_interrupted: &AtomicBool,
+    mut told: impl FnMut(&StepReport),
+) -> Commissioned {
+    let mut interrupted_in = None;
+    let mut steps: Vec<StepReport> = Vec::with_capacity(STEPS.len());
+    let mut bench = Bench::new(runner, rig, attendant, is_interrupted);
+    bench.wanted = begin.drives;
+    let first = STEPS.iter().position(|step| *step == begin.from).unwrap_or(0);
+    for (at, step) in STEPS.into_iter().enumerate() {
+        let failed = steps.iter().find(|report| report.verdict == Verdict::Fail).map(|report| report.step);
+        let report = match failed {
+            Some(failed) => skipped(step, format!("{} has failed", failed.name())),
+            None if interrupted_in.is_some() => skipped(step, INTERRUPTED.to_owned()),
+            None if at < first && !(step == Step::Identity && begin.drives.is_some()) => {
+                skipped(step, format!("it was asked to begin with {}", begin.from.name()))
+            }
+            None => bench.report(step).unwrap_or_else(|| {
+                interrupted_in = Some(step);
+                skipped(step, INTERRUPTED.to_owned())
+            }),
+        };
+        told(&report);
+        steps.push(report);
     }
+    Commissioned { steps, interrupted_in, drives: bench.drives }
 }
 
 /// Why steps are skipped after a person has asked for the end.

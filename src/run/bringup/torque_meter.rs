@@ -1,10 +1,10 @@
 //! The torque that a drive tells (6077h) while its joint is led, asked for over SDO beside the cycles, in every command mode.
 
-use super::error::RunError;
-use super::permit::Ask;
-use super::place::Place;
-use super::runner::Runner;
 use crate::assembly::{AssemblyError, scaling};
+use crate::error::RunError;
+use crate::permit::Ask;
+use crate::place::Place;
+use crate::runner::Runner;
 use yieldwall_config as config;
 use yieldwall_drives::objects::TORQUE_ACTUAL;
 use yieldwall_drives::scaling::AxisScaling;

@@ -1,0 +1,235 @@
+//! Moving the joints of a rig by an angle, or while keys are pressed, with no hand on it.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::keys::{Keys, Led};
+use super::lead_watch::{LeadWatch, ToldTorque};
+use crate::error::RunError;
+use crate::permit::{Ask, Permit};
+use crate::place::Place;
+use crate::runner::Runner;
+use crate::scene::Ended;
+use yieldwall_config::{self as config, CommandMode};
+use yieldwall_motion::cycle::LeadLimits;
+use yieldwall_motion::guard::{Cause, State};
+use yieldwall_motion::quantity::JointAngles;
+use yieldwall_record::{AROUND_FAULT_S, CycleRecord};
+
+/// How long the joints are watched at their targets, s. One whose encoder stands still just short of it is pushed on more and more meanwhile.
+const REST_S: f64 = 0.05;
+/// How long a way may take beyond what its rate and its acceleration need, s.
+const PATIENCE_S: f64 = 1.0;
+/// How much farther than it takes to come to rest a joint is led while a key holds, in periods.
+const AHEAD_PERIODS: f64 = 2.0;
+
+/// What is asked of the joints.
+#[derive(Clone, Copy, Debug)]
+pub struct Jog<'a> {
+    /// How far each joint goes from where it is, rad; with keys at most and to either side. One of which it is zero holds.
+    pub by: JointAngles,
+    /// Keys of a person who leads the joints; a joint rests [`Keys::HOLDS_S`] after the last one.
+    pub keys: Option<&'a Keys>,
+    /// How fast.
+    pub limits: LeadLimits,
+    /// Cycles of process data before the rig is enabled, as of [`Play::settling`](crate::Play::settling).
+    pub settling: u32,
+    /// Whether the drives of joints that are led are asked for their torque (6077h) in torque mode too.
+    pub is_metered: bool,
+}
+
+/// What a jog has shown.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Jogged {
+    /// How it ended; [`Ended::Whole`] if the joints came to their targets.
+    pub ended: Ended,
+    /// State of the supervisor before the rig was stopped.
+    pub state: State,
+    /// The fault that led to it.
+    pub cause: Option<Cause>,
+    /// Time from enabling to the end, s.
+    pub time_s: f64,
+    /// Angles measured before, rad.
+    pub from: JointAngles,
+    /// Angles measured at the end, rad.
+    pub to: JointAngles,
+    /// Greatest distance of each measured angle from where it was led, rad.
+    pub deviation: JointAngles,
+}
+
+/// Where the joints go.
+enum Way<'a> {
+    /// To these targets, then the end.
+    To(JointAngles),
+    /// As keys say, as far as [`Jog::by`] to either side.
+    Keys { led: Led<'a>, from: JointAngles, is_over: bool },
+}
+
+impl Way<'_> {
+    /// Where the joints are led in the next cycle, from where they are led now.
+    fn targets(&mut self, now: JointAngles, jog: &Jog<'_>, period_s: f64) -> Option<JointAngles> {
+        let (led, from, is_over) = match self {
+            Way::To(_) => return None,
+            Way::Keys { led, from, is_over } => (led, from, is_over),
+        };
+        let Some(way) = led.way() else {
+            *is_over = true;
+            return None;
+        };
+        let LeadLimits { rate_rad_per_s: rate, acceleration_rad_per_s2: most } = jog.limits;
+        // Without a key the joint comes to rest where it was led last.
+        (way != 0.0).then(|| {
+            let ahead = rate * rate / (2.0 * most) + AHEAD_PERIODS * period_s * rate;
+            let mut targets = now.to_array();
+            for ((target, from), by) in targets.iter_mut().zip(from.to_array()).zip(jog.by.to_array()) {
+                if by != 0.0 {
+                    *target = (*target + way * ahead).clamp(from - by.abs(), from + by.abs());
+                }
+            }
+            targets.into()
+        })
+    }
+
+    /// Whether joints that rest have come to their end.
+    fn is_over(&self) -> bool {
+        match self {
+            Way::To(_) => true,
+            Way::Keys { is_over, .. } => *is_over,
+        }
+    }
+}
+
+/// Enables a booted rig, leads its joints from where they are to other angles, both at once, or as keys say, watches them there and
+/// stops it. A fault
+/// at either drive stops both, and so does whatever holds the rig: it does not go on by itself. A joint that is pushed and does not move
+/// takes the torque off both, as a following error. `each` gets the record of every cycle in which the joints are led, and what a drive
+/// has told of its torque; in torque mode drives are asked for it only if `is_metered`.
+///
+/// # Errors
+/// [`RunError::WayBlocked`], before anything is enabled, if the linkage does not go that way, with keys either way; as [`Runner::enable`].
+pub fn jog(
+    runner: &mut Runner<dyn Place>,
+    rig: &config::Rig,
+    jog: &Jog<'_>,
+    permit: &Permit,
+    is_interrupted: &AtomicBool,
+    each: impl FnMut(&CycleRecord, Option<ToldTorque>),
+) -> Result<Jogged, RunError> {
+    runner.check_permit(permit)?;
+    let is_asked = jog.is_metered || rig.rig.command_mode != CommandMode::Torque;
+    let are_asked = jog.by.to_array().map(|by| is_asked && by != 0.0);
+    let mut watch = LeadWatch::new(runner, rig, permit, jog.limits, are_asked)?;
+    runner.lead(Some(jog.limits));
+    let jogged = led(runner, jog, permit, &mut watch, is_interrupted, each);
+    watch.finish(runner);
+    runner.lead(None);
+    jogged
+}
+
+fn led(
+    runner: &mut Runner<dyn Place>,
+    jog: &Jog<'_>,
+    permit: &Permit,
+    watch: &mut LeadWatch,
+    is_interrupted: &AtomicBool,
+    mut each: impl FnMut(&CycleRecord, Option<ToldTorque>),
+) -> Result<Jogged, RunError> {
+    idle_before_lead(runner, jog.settling.max(1), is_interrupted)?;
+    let measured =
+        |rig: &Runner<dyn Place>| rig.last_outputs().map_or(JointAngles::default(), |it| it.signals.measured_angles);
+    let from = measured(runner);
+    let ways = [Some(jog.by), jog.keys.map(|_| -jog.by)];
+    let share = ways.into_iter().flatten().map(|by| runner.master().cycle().free_share(from + by));
+    let share = share.fold(1.0, f64::min);
+    if share < 1.0 {
+        return Err(RunError::WayBlocked { share });
+    }
+    if jog.keys.is_some_and(Keys::has_ended) {
+        return Err(RunError::Interrupted);
+    }
+    let holds = runner.cycles_in(Keys::HOLDS_S);
+    runner.enable(0, permit, is_interrupted)?;
+    runner.begin_scene();
+    let mut way = match jog.keys {
+        Some(keys) => Way::Keys { led: Led::new(keys, holds), from: runner.led_angles(), is_over: false },
+        None => Way::To(runner.led_angles() + jog.by),
+    };
+    if let Way::To(targets) = way {
+        runner.lead_to(targets);
+    }
+    let LeadLimits { rate_rad_per_s, acceleration_rad_per_s2 } = jog.limits;
+    let [left, right] = jog.by.to_array();
+    let longest_s = left.abs().max(right.abs()) / rate_rad_per_s + rate_rad_per_s / acceleration_rad_per_s2;
+    let limit = match way {
+        Way::To(_) => runner.cycles_in(longest_s + PATIENCE_S + REST_S),
+        Way::Keys { .. } => u32::MAX,
+    };
+    let period_s = runner.period().as_secs_f64();
+    let rest = runner.cycles_in(REST_S);
+    let (mut ended, mut cycles, mut rested) = (Ended::Stopped, 0, 0);
+    let mut deviation = [0.0_f64; 2];
+    while cycles < limit {
+        if is_interrupted.load(Ordering::Relaxed) {
+            ended = Ended::Interrupted;
+            break;
+        }
+        if let Some(targets) = way.targets(runner.led_angles(), jog, period_s) {
+            runner.lead_to(targets);
+        }
+        let record = runner.run_cycle(Ask::Nothing);
+        cycles += 1;
+        if runner.has_panicked() {
+            ended = Ended::Panicked;
+            break;
+        }
+        if let Some(record) = &record {
+            let told = watch.step(runner, record, cycles);
+            each(record, told);
+        }
+        if runner.state() != State::Running {
+            break;
+        }
+        if let Some(joint) = watch.blocked() {
+            runner.report_blocked(joint);
+            continue;
+        }
+        let now = (measured(runner) - runner.led_angles()).to_array();
+        deviation.iter_mut().zip(now).for_each(|(most, now)| *most = most.max(now.abs()));
+        rested = if runner.master().cycle().is_there() { rested + 1 } else { 0 };
+        if rested >= rest && way.is_over() {
+            ended = Ended::Whole;
+            break;
+        }
+    }
+    let (state, cause, to) = (runner.state(), runner.cause(), measured(runner));
+    let ended = end_lead(runner, ended);
+    let time_s = f64::from(cycles) * runner.period().as_secs_f64();
+    Ok(Jogged { ended, state, cause, time_s, from, to, deviation: deviation.into() })
+}
+
+/// Runs cycles of process data before joints are led, so that it is known where they are.
+pub(super) fn idle_before_lead(
+    runner: &mut Runner<dyn Place>,
+    cycles: u32,
+    is_interrupted: &AtomicBool,
+) -> Result<(), RunError> {
+    for _ in 0..cycles {
+        if is_interrupted.load(Ordering::Relaxed) {
+            return Err(RunError::Interrupted);
+        }
+        runner.run_cycle(Ask::Nothing);
+    }
+    Ok(())
+}
+
+/// Asks the drives what is wrong if a fault has stopped joints that were led, or else stops them; how it ended.
+pub(super) fn end_lead(runner: &mut Runner<dyn Place>, ended: Ended) -> Ended {
+    if ended == Ended::Stopped && runner.state().is_latched() {
+        for _ in 0..runner.cycles_in(AROUND_FAULT_S) {
+            runner.ask_for_errors();
+            runner.run_cycle(Ask::Nothing);
+        }
+    } else if ended != Ended::Panicked && !runner.stop() {
+        return Ended::StillMoving;
+    }
+    ended
+}
