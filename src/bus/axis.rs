@@ -9,11 +9,11 @@ use yieldwall_motion::sensing::RawSample;
 
 /// What a drive has sent since the last cycle: raw words, as any fieldbus carries them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct DriveWords {
+pub struct DriveWords {
     /// Statusword, if it has come.
-    pub(super) statusword: Option<u16>,
+    pub statusword: Option<u16>,
     /// Position in counts modulo 2^32, if it has come.
-    pub(super) position: Option<i32>,
+    pub position: Option<i32>,
 }
 
 impl DriveWords {
@@ -24,24 +24,24 @@ impl DriveWords {
 
 /// What a drive is sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct DriveOrders {
+pub struct DriveOrders {
     /// Controlword.
-    pub(super) controlword: u16,
+    pub controlword: u16,
     /// Target in the unit of the command mode: counts modulo 2^32, counts/s, or per mille of the rated torque.
-    pub(super) target: i32,
+    pub target: i32,
     /// Whether a brake that the master holds is released.
-    pub(super) releases: bool,
+    pub releases: bool,
 }
 
 /// What has come over the networks since the last cycle.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Arrived {
+pub struct Arrived {
     /// Words of the left and of the right drive.
-    pub(super) drives: [DriveWords; 2],
+    pub drives: [DriveWords; 2],
     /// The newest sample of the force sensor, if one has come.
-    pub(super) sample: Option<RawSample>,
+    pub sample: Option<RawSample>,
     /// What happened on the networks.
-    pub(super) link: LinkEvents,
+    pub link: LinkEvents,
 }
 
 impl Arrived {

@@ -5,11 +5,11 @@
 //!                       |                                        |
 //!                       +----------------> Failed <--------------+      nothing is enabled
 //! ```
-//! [`Master`] is sans-I/O: the caller brings frames and moments and carries away what it puts into the outbox. Two
-//! moments a cycle are its own: [`Master::on_sync`] at 0 and [`Master::on_compute`] when all process data are in.
-//! [`budget`] proves beforehand that they are.
+//! [`Master`] is sans-I/O: the caller brings frames and moments and carries away what it puts into the outbox. A cycle has two
+//! moments: [`Network::open`] at 0 and [`Master::on_compute`] when all process data are in. [`budget`] proves beforehand that they are.
 //!
-//! `can` knows frames and nodes and brings raw words, [`ethercat`] does so of a segment. `script` is what a device is asked and told over
+//! `can` knows frames and nodes and brings raw words, [`ethercat`] does so of a segment: each is a [`Network`], and [`Networks`] are all
+//! of a rig. `script` is what a device is asked and told over
 //! either. `axis` stands once for all buses: words to SI and back, the walk to
 //! Operation Enabled, and what a command that the guard has allowed becomes.
 
@@ -19,22 +19,25 @@ mod emergency;
 mod error;
 pub mod ethercat;
 mod master;
+mod network;
 mod phase;
 mod script;
 mod setup;
 mod signs;
 
-pub use axis::{AxisSetup, HomingState, words_to_enable};
+pub use axis::{Arrived, AxisSetup, DriveOrders, DriveWords, HomingState, words_to_enable};
 pub use can::{BootPlan, NodePlan, PlannedWrite, Waiting, budget};
 pub use emergency::EmergencyReport;
 pub use error::{BootError, BootFailure, Others, Said};
-pub use master::{Master, SEGMENT_LISTENING};
+pub use ethercat::SEGMENT_LISTENING;
+pub use master::Master;
+pub use network::{Network, Networks};
 pub use phase::Phase;
 pub use script::Written;
 pub use setup::{BrakeWords, DriveSetup, HomingOrder, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
 pub use signs::{HeardFrame, LISTENING, Sign, Signs};
 pub use yieldwall_drives::cia402::CommandMode;
-pub use yieldwall_fieldbus::LinkEvent;
+pub use yieldwall_fieldbus::{LinkEvent, Packet};
 
 // The cycle that tests of the master share with those of the cycle names these as its own package does.
 #[cfg(test)]

@@ -117,7 +117,7 @@ impl OnBus {
 /// The objects that the boots of these masters write, each once.
 fn written(masters: &[Master]) -> Vec<Written> {
     let mut all: Vec<Written> = Vec::new();
-    for one in masters.iter().flat_map(Master::written) {
+    for one in masters.iter().flat_map(|master| master.networks().written()) {
         match all.iter_mut().find(|known| (known.bus, known.number) == (one.bus, one.number)) {
             Some(known) => one.objects.into_iter().for_each(|object| {
                 if !known.objects.contains(&object) {

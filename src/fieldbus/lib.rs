@@ -9,7 +9,9 @@ pub mod canopen;
 pub mod ethercat;
 mod link_event;
 pub mod objects;
+mod packet;
 pub mod plain_can;
 pub mod time;
 
 pub use link_event::LinkEvent;
+pub use packet::Packet;

@@ -43,6 +43,7 @@ pub use linux::{
 pub use role::{Holder, Role};
 
 use yieldwall_fieldbus::LinkEvent;
+pub use yieldwall_fieldbus::Packet;
 use yieldwall_fieldbus::canopen::{BusId, Frame, Outbox};
 use yieldwall_fieldbus::time::Time;
 
@@ -157,30 +158,6 @@ pub trait Wires: CanLink {
     /// Why the frame is gone.
     fn send_ethernet(&mut self, _bytes: &[u8]) -> Result<(), SendError> {
         Err(SendError::Gone)
-    }
-}
-
-/// A frame that went over a wire of a rig.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Packet<'a> {
-    /// Over a CAN bus, which the frame names ([`Frame::bus`]).
-    Can(&'a Frame),
-    /// Over an EtherCAT segment.
-    Ethernet {
-        /// The segment.
-        bus: BusId,
-        /// From the destination on, without check sequence.
-        bytes: &'a [u8],
-    },
-}
-
-impl<'a> Packet<'a> {
-    /// The frame, if it went over a CAN bus.
-    pub fn can(self) -> Option<&'a Frame> {
-        match self {
-            Packet::Can(frame) => Some(frame),
-            Packet::Ethernet { .. } => None,
-        }
     }
 }
 

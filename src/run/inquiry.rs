@@ -45,7 +45,7 @@ impl Asked {
     /// Takes an answer that has come, and asks for the next object; what the drive has said, once it has said all.
     fn step(&mut self, master: &mut Master, now: Time, out: &mut impl Outbox) -> Option<DriveError> {
         if self.is_pending {
-            let value = match master.answer(self.error.drive) {
+            let value = match master.networks().answer(self.error.drive) {
                 ObjectAnswer::Pending => return None,
                 ObjectAnswer::Done(&[low, high, ..]) => Some(u16::from_le_bytes([low, high])),
                 ObjectAnswer::Done(&[low]) => Some(low.into()),
@@ -64,7 +64,7 @@ impl Asked {
         }
         let object = OBJECTS.get(self.next)?;
         let request = ObjectRequest::Read(Address::new(object.index, object.sub));
-        self.is_pending = master.ask(now, self.error.drive, request, out).is_ok();
+        self.is_pending = master.networks_mut().ask(now, self.error.drive, request, out).is_ok();
         None
     }
 }
@@ -97,7 +97,8 @@ impl<P: Place + ?Sized> Runner<P> {
     /// Real-time: yes, if the watch is.
     pub fn ask_for_errors(&mut self) {
         let is_shared = |fault| matches!(fault, Fault::Intruder | Fault::DuplicateNode);
-        let is_kept_from = self.master().is_silent() || self.cause().is_some_and(|cause| is_shared(cause.fault));
+        let is_kept_from =
+            self.master().networks().is_silent() || self.cause().is_some_and(|cause| is_shared(cause.fault));
         if is_kept_from || self.process != Process::Runs || self.has_panicked() {
             return;
         }

@@ -141,7 +141,7 @@ impl<P: Place + ?Sized> Runner<P> {
 
     /// Tells both drives their torque limit, no more than the rig's own, and the controllers, which then do not count on more.
     pub(crate) fn limit_torque(&mut self, rig: &config::Rig, most: config::Positive) -> Result<(), RunError> {
-        self.lower_torque(most.get());
+        self.master.cycle_mut().lower_torque(most.get());
         let mut limited = rig.clone();
         if most.get() < rig.guard.torque_limit_n_m.get() {
             limited.guard.torque_limit_n_m = most;

@@ -36,11 +36,7 @@ use yieldwall_link::{LinkOutbox, Packet, SendError, Wires};
 use yieldwall_motion::cycle::{LeadLimits, Outputs, Timing};
 use yieldwall_motion::guard::{Cause, DeviceSet, State};
 use yieldwall_motion::quantity::JointAngles;
-use yieldwall_motion::sensing::{SensingError, TareParameters, Wrench};
 use yieldwall_record::{CycleRecord, Stages, Standstill};
-
-/// How far apart both frames of a sample on plain CAN may come in lockstep.
-const PAIR_GAP: Duration = Duration::from_secs(1);
 
 /// Gets every frame that went over a wire, with the moment of its end; of an EtherCAT segment each frame twice, as it was sent and as it
 /// came back.
@@ -72,7 +68,7 @@ pub struct LinkCounts {
 /// periods are those of the place's clock; under [`Pace::Lockstep`] a cycle waits for its process data, however long they take, and
 /// time advances by one period: for simulated devices on a computer of any speed.
 pub struct Runner<P: ?Sized> {
-    master: Master,
+    pub(super) master: Master,
     /// Whether its place is a [`VirtualPlace`].
     pub(super) is_virtual: bool,
     pace: Pace,
@@ -142,8 +138,7 @@ pub struct Runner<P: ?Sized> {
 fn paced(mut master: Master, pace: Pace) -> Master {
     if pace == Pace::Lockstep {
         // Nothing has to be in time there, and while the network is booted time is that of a computer that may be slow.
-        master.set_pair_gap(PAIR_GAP);
-        master.set_lockstep();
+        master.networks_mut().set_lockstep();
     }
     master
 }
@@ -188,8 +183,8 @@ impl<P: Place> Runner<P> {
     ) -> Result<Self, RunError> {
         let (started, suspended) = (place.now(), place.suspended());
         let mut master = paced(master(rig, fixture)?, pace);
-        master.set_source(place.source());
-        let listening = master.listening();
+        master.networks_mut().set_source(place.source());
+        let listening = master.networks().listening();
         Ok(Self {
             master,
             is_virtual,
@@ -263,25 +258,6 @@ impl<P: Place + ?Sized> Runner<P> {
         self.master.home(jump_rad);
     }
 
-    /// As [`Master::close_brakes`].
-    pub(super) fn close_brakes(&mut self) {
-        self.master.close_brakes();
-    }
-
-    /// As [`Master::set_homing`].
-    ///
-    /// Real-time: yes.
-    pub(super) fn set_homing(&mut self, are_homing: [bool; 2]) {
-        self.master.set_homing(are_homing);
-    }
-
-    /// As [`Master::report_blocked`].
-    ///
-    /// Real-time: yes.
-    pub(super) fn report_blocked(&mut self, joint: usize) {
-        self.master.report_blocked(joint);
-    }
-
     /// Has nobody but the caller watch how far the joints go.
     pub(super) fn unbind_motion(&mut self) {
         self.motion_bound = None;
@@ -330,37 +306,10 @@ impl<P: Place + ?Sized> Runner<P> {
         &self.master
     }
 
-    /// As [`Master::forget_told`].
-    pub(super) fn forget_told(&mut self) {
-        self.master.forget_told();
-    }
-
     /// Guides the joints in place of the fixture, as [`Cycle::lead`](yieldwall_motion::cycle::Cycle::lead).
     pub(super) fn lead(&mut self, limits: Option<LeadLimits>) {
         self.leads = limits.is_some();
-        self.master.lead(limits);
-    }
-
-    /// Lowers the greatest torque of each joint.
-    pub(super) fn lower_torque(&mut self, torque_n_m: f64) {
-        self.master.lower_torque(torque_n_m);
-    }
-
-    /// As [`Master::start_tare`].
-    pub(super) fn start_tare(&mut self, parameters: TareParameters) -> Result<(), SensingError> {
-        self.master.start_tare(parameters)
-    }
-
-    /// As [`Master::set_bias`].
-    pub(super) fn set_bias(&mut self, bias: Wrench) {
-        self.master.set_bias(bias);
-    }
-
-    /// Leads the joints to these angles.
-    ///
-    /// Real-time: yes.
-    pub(super) fn lead_to(&mut self, targets: JointAngles) {
-        self.master.lead_to(targets);
+        self.master.cycle_mut().lead(limits);
     }
 
     /// The longest time in the seconds before the last fault in which the loop was due and the computer did not let it run: at least a cycle
@@ -446,33 +395,27 @@ impl<P: Place + ?Sized> Runner<P> {
         let result = act(&mut self.master, now, &mut out);
         let failed = out.failed_buses();
         self.counts.refused += u64::from(out.failure().is_some());
-        failed.for_each(|bus| self.master.on_link(bus, LinkEvent::SendFailed));
+        failed.for_each(|bus| self.master.networks_mut().on_link(bus, LinkEvent::SendFailed));
         if let Err((bus, _)) = self.send_ethernet(now) {
             self.counts.refused += 1;
-            self.master.on_link(bus, LinkEvent::SendFailed);
+            self.master.networks_mut().on_link(bus, LinkEvent::SendFailed);
         }
         result
-    }
-
-    /// As [`Master::take_statuswords`].
-    pub(super) fn take_statuswords(&mut self, now: Time) -> Option<[Option<u16>; 2]> {
-        self.master.take_statuswords(now)
     }
 
     /// Sends what the master has for its segment, up to the first frame that could not be sent.
     fn send_ethernet(&mut self, now: Time) -> Result<(), (BusId, SendError)> {
         let Self { master, place, tap, .. } = self;
-        let Some(bus) = master.segment_bus() else { return Ok(()) };
         let mut sent = Ok(());
-        master.drain_ethernet(|bytes| {
+        master.networks_mut().drain(&mut |bus, bytes| {
             if sent.is_ok() {
-                sent = place.send_ethernet(bytes);
+                sent = place.send_ethernet(bytes).map_err(|error| (bus, error));
                 if let (Ok(()), Some(tap)) = (&sent, &mut *tap) {
                     tap(now, Packet::Ethernet { bus, bytes });
                 }
             }
         });
-        sent.map_err(|error| (bus, error))
+        sent
     }
 
     /// The same where nothing goes on without it.

@@ -156,7 +156,7 @@ impl<P: Place + ?Sized> Runner<P> {
         let not_tared = |why: NoZero| RunError::NotTared { why };
         self.idle(SETTLING_S, is_interrupted)?;
         let before = self.master().cycle().sensing().bias();
-        self.start_tare(tared.parameters).map_err(|_| not_tared(NoZero::Silent))?;
+        self.master.cycle_mut().start_tare(tared.parameters).map_err(|_| not_tared(NoZero::Silent))?;
         for _ in 0..self.cycles_in(tared.limit_s).max(1) {
             self.idle(0.0, is_interrupted)?;
             match self.master().cycle().sensing().tare_state() {
@@ -166,7 +166,7 @@ impl<P: Place + ?Sized> Runner<P> {
                     if force_n <= tared.most_n {
                         return Ok(zero);
                     }
-                    self.set_bias(before);
+                    self.master.cycle_mut().set_bias(before);
                     return Err(not_tared(NoZero::Great(force_n, tared.most_n)));
                 }
                 Some(TareState::Failed(TareFault::Saturated)) => return Err(not_tared(NoZero::Saturated)),
@@ -176,7 +176,7 @@ impl<P: Place + ?Sized> Runner<P> {
                 _ => {}
             }
         }
-        self.set_bias(before);
+        self.master.cycle_mut().set_bias(before);
         Err(not_tared(NoZero::Silent))
     }
 

@@ -6,6 +6,7 @@ use hil_tests::machine::Machine;
 use hil_tests::stopwatch::{Spread, Stopwatch};
 use hil_tests::tape::Tape;
 use nalgebra::UnitComplex;
+use yieldwall::bus::Packet;
 use yieldwall::canopen::{Frame, cob};
 use yieldwall::control::{AxisController, EffortRange, InertiaTerm};
 use yieldwall::cycle::{Servo, Signals, Timing};
@@ -203,15 +204,15 @@ impl Stages {
         self.time(prepare, |(master, out)| {
             for period in &self.tape.periods {
                 out.clear();
-                master.on_sync(out);
+                master.networks_mut().open(out);
                 for (time, frame) in &period.frames {
-                    if master.next_deadline() <= *time {
-                        master.poll(*time, out);
+                    if master.networks().next_deadline() <= *time {
+                        master.networks_mut().poll(*time, out);
                     }
                     if is_from_master(frame, own) {
-                        master.on_echo(frame);
+                        master.networks_mut().on_echo(frame);
                     } else {
-                        master.on_frame(*time, frame, out);
+                        master.networks_mut().on_packet(*time, Packet::Can(frame), out);
                     }
                 }
                 black_box(master.on_compute(period.compute_at, Request::None, Timing::default(), out));

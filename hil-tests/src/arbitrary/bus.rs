@@ -3,7 +3,7 @@
 use std::sync::LazyLock;
 use std::time::Duration;
 
-use yieldwall::bus::{BootFailure, LinkEvent, Master, Phase};
+use yieldwall::bus::{BootFailure, LinkEvent, Master, Packet, Phase};
 use yieldwall::canopen::{BusId, Frame};
 use yieldwall::config::{self, builtin};
 use yieldwall::cycle::Timing;
@@ -100,9 +100,9 @@ impl Net {
         let mut parts = if is_running { &start.running } else { &start.off }.clone();
         // What was on its way has arrived.
         for id in [0x200 + DRIVE_NODES[0], 0x200 + DRIVE_NODES[1]] {
-            parts.master.on_echo(&Frame::new(id, &[]));
+            parts.master.networks_mut().on_echo(&Frame::new(id, &[]));
         }
-        let phase = parts.master.phase().clone();
+        let phase = parts.master.networks().phase().clone();
         Net {
             unseen: 0,
             phase_since: parts.now,
@@ -133,9 +133,9 @@ impl Net {
         let fresh = &self.sent[before..];
         assert!(fresh.len() <= most, "too many frames: {fresh:x?}");
         for frame in fresh {
-            check_sent(frame, self.parts.master.phase());
+            check_sent(frame, self.parts.master.networks().phase());
         }
-        let phase = self.parts.master.phase();
+        let phase = self.parts.master.networks().phase();
         if *phase != self.phase {
             assert!(follows(&self.phase, phase), "{:?} to {phase:?}", self.phase);
             (self.phase, self.phase_since) = (phase.clone(), self.parts.now);
@@ -151,7 +151,7 @@ impl Net {
             }
         }
         let now = self.parts.now;
-        self.act(MOST_PER_FRAME, |master, out| master.on_frame(now, frame, out));
+        self.act(MOST_PER_FRAME, |master, out| master.networks_mut().on_packet(now, Packet::Can(frame), out));
     }
 
     /// Gives the devices what the master has sent, and the master what they answer, through `wire`; whether anything was
@@ -161,7 +161,7 @@ impl Net {
         let mut answers = Vec::new();
         for request in requests {
             let Some(frame) = wire(request) else { continue };
-            self.parts.master.on_echo(&request);
+            self.parts.master.networks_mut().on_echo(&request);
             self.unseen -= usize::from(is_set_point(&request));
             for drive in &mut self.parts.drives {
                 drive.on_frame(now, &frame, &mut answers);
@@ -191,10 +191,10 @@ impl Net {
             live(drive, until, Drive::next_deadline, |drive, now| drive.poll(now, &mut answers));
         }
         live(&mut self.parts.sensor, until, ForceSensor::next_deadline, |sensor, now| sensor.poll(now, &mut answers));
-        let next = |net: &Net| net.parts.master.next_deadline();
+        let next = |net: &Net| net.parts.master.networks().next_deadline();
         live(self, until, next, |net, now| {
             net.parts.now = now.max(net.parts.now);
-            net.act(MOST_PER_POLL, |master, out| master.poll(now, out));
+            net.act(MOST_PER_POLL, |master, out| master.networks_mut().poll(now, out));
         });
         let is_limited = matches!(self.phase, Phase::Resetting | Phase::Starting);
         let lasted = self.parts.now.since(self.phase_since);
@@ -217,8 +217,8 @@ impl Net {
         for word in &mut self.words {
             word.1 = None;
         }
-        let (unseen, was_silent) = (self.unseen, self.parts.master.is_silent());
-        self.act(1, |master, out| master.on_sync(out));
+        let (unseen, was_silent) = (self.unseen, self.parts.master.networks().is_silent());
+        self.act(1, |master, out| master.networks_mut().open(out));
         self.exchange(&mut wire);
         for frame in strangers {
             self.hear(frame);
@@ -234,7 +234,7 @@ impl Net {
         self.witness.look(self.words.iter().all(|(last, _)| *last), request, self.torque_limit_n_m, &outputs);
         let set_points: Vec<_> = self.sent[before..].iter().filter(|frame| is_set_point(frame)).collect();
         // One set-point per drive, unless the last ones still wait or the bus cannot be reached.
-        let is_silent = self.parts.master.is_silent();
+        let is_silent = self.parts.master.networks().is_silent();
         assert_eq!(
             (set_points.len(), is_silent),
             (if unseen > 0 || is_silent { 0 } else { 2 }, outputs.directive.is_silent)
@@ -391,7 +391,7 @@ fn play(bytes: &[u8]) -> Net {
                 net.cycle(Request::None, timing, |frame| spoil(&mut bytes, frame), &strangers);
             }
             10 if net.phase == Phase::Operational && bytes.u8() < 16 => net.panic(),
-            10 => net.parts.master.on_link(
+            10 => net.parts.master.networks_mut().on_link(
                 BusId::new(bytes.u8() % 5),
                 bytes.pick(&[LinkEvent::SendFailed, LinkEvent::ErrorPassive, LinkEvent::BusOff]),
             ),

@@ -5,7 +5,7 @@ use std::time::Duration;
 use hil_tests::Scenario;
 use hil_tests::network::{Lossy, Network, PATIENCE, Peer, Served, bare, client, device, hear, lss, run, transfer};
 use yieldwall::assembly::master;
-use yieldwall::bus::Phase;
+use yieldwall::bus::{Packet, Phase};
 use yieldwall::canopen::lss::{LssAddress, LssMaster, LssOutcome, LssRequest};
 use yieldwall::canopen::{EmcyCode, Emergency, Frame, NmtCommand, NmtState, SdoClient, SdoOutcome, cob, nmt, node_id};
 use yieldwall::cycle::Timing;
@@ -282,30 +282,30 @@ pub(crate) fn a_rig_boots_and_exchanges_process_data(bus: &mut impl Network) {
     let mut out = Vec::new();
     master.start(link.now(), &mut out);
     hil_tests::network::send_all(&mut link, &mut out);
-    let phase = run(&mut link, master.next_deadline(), |now, frame, out| {
+    let phase = run(&mut link, master.networks().next_deadline(), |now, frame, out| {
         match frame {
-            Some(frame) => master.on_frame(now, frame, out),
-            None => master.poll(now, out),
+            Some(frame) => master.networks_mut().on_packet(now, Packet::Can(frame), out),
+            None => master.networks_mut().poll(now, out),
         }
-        match master.phase() {
+        match master.networks().phase() {
             phase @ (Phase::Operational | Phase::Failed(_)) => Ok(phase.clone()),
-            _ => Err(master.next_deadline()),
+            _ => Err(master.networks().next_deadline()),
         }
     });
     assert_eq!(phase, Phase::Operational);
     for cycle in 0..50 {
         let until = link.now() + PATIENCE;
-        master.on_sync(&mut out);
+        master.networks_mut().open(&mut out);
         assert_eq!(out.iter().map(Frame::id).collect::<Vec<_>>(), [cob::SYNC], "cycle {cycle}");
         hil_tests::network::send_all(&mut link, &mut out);
-        while !master.has_process_data(link.now()) {
+        while !master.networks().missing(link.now()).is_empty() {
             assert!(link.now() < until, "no process data in cycle {cycle}");
             link.wait(until);
             take(&mut link, &mut master, &mut out);
         }
         master.on_compute(link.now(), Request::None, Timing::default(), &mut out);
         hil_tests::network::send_all(&mut link, &mut out);
-        while master.is_in_flight() {
+        while master.networks().is_in_flight() {
             assert!(link.now() < until, "no echo in cycle {cycle}");
             link.wait(until);
             take(&mut link, &mut master, &mut out);
@@ -318,8 +318,8 @@ pub(crate) fn a_rig_boots_and_exchanges_process_data(bus: &mut impl Network) {
 fn take(link: &mut impl CanLink, master: &mut yieldwall::bus::Master, out: &mut Vec<Frame>) {
     while let Some(arrival) = link.receive() {
         match arrival.what {
-            Received::Frame(frame) => master.on_frame(arrival.time, &frame, out),
-            Received::Echo(frame) => master.on_echo(&frame),
+            Received::Frame(frame) => master.networks_mut().on_packet(arrival.time, Packet::Can(&frame), out),
+            Received::Echo(frame) => master.networks_mut().on_echo(&frame),
             other => panic!("{other:?}"),
         }
         hil_tests::network::send_all(link, out);

@@ -200,7 +200,7 @@ fn check_refused(
     let error = session.enable().expect_err("the rig must not be enabled");
     let RigError::Boot(error) = error else { panic!("{error}") };
     assert_eq!(error.name, name, "{error}");
-    assert!(matches!(session.machine.master().phase(), Phase::Failed(_)));
+    assert!(matches!(session.machine.master().networks().phase(), Phase::Failed(_)));
     let recording = session.recording();
     assert!(!recording.frames.is_empty());
     for joint in 0..2 {

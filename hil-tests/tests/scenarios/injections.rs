@@ -150,7 +150,7 @@ fn controlwords(recording: &Recording) -> Vec<[Option<u16>; 2]> {
 /// Checks that both drives were told to run up to the same cycle, and neither afterwards.
 fn check_same_cycle(session: &Session, what: &str) {
     let enables = |word: Option<u16>| word.is_some_and(|word| word & 0x8f == 0x0f);
-    let words = match session.machine.master().segment() {
+    let words = match session.machine.master().networks().segment() {
         Some(_) => session.segment_controlwords(),
         None => controlwords(&session.recording()),
     };

@@ -695,7 +695,7 @@ fn a_rig_on_ethercat_follows_the_hand_and_stops_in_both_paces() {
         let what = format!("{pace:?}: {played:?}");
         assert_eq!((played.ended, played.state, played.cause), (Ended::Whole, State::Running, None), "{what}");
         assert!(rows.iter().any(|row| row.is_on_surface), "{what}: never on the surface");
-        let segment = rig.master().segment().unwrap();
+        let segment = rig.master().networks().segment().unwrap();
         let counts = segment.counts();
         assert_eq!((counts.lost, counts.late, counts.foreign, rig.counts().refused), (0, 0, 0, 0), "{what}");
         assert!(segment.clock_lost().is_empty(), "{what}");

@@ -1,10 +1,10 @@
 //! The rig's CAN buses as one network: boot, then raw words that come and go twice a cycle.
 
-mod access;
 mod boot;
 pub mod budget;
 mod image;
 mod line;
+mod network;
 mod node;
 mod plan;
 mod states;
@@ -13,8 +13,6 @@ mod waiting;
 
 use std::time::Duration;
 
-use super::LinkEvent;
-use super::axis::{Arrived, DriveOrders};
 use super::emergency::{EmergencyReport, LastTold};
 use super::error::{BootError, BootFailure};
 use super::phase::Phase;
@@ -42,6 +40,8 @@ pub use waiting::Waiting;
 pub(super) struct CanNetwork {
     id: NodeId,
     heartbeat: Duration,
+    /// How long another master is listened for.
+    listening: Duration,
     next_heartbeat: Time,
     phase: Phase,
     /// When the phase began.
@@ -70,6 +70,8 @@ pub(super) struct CanNetwork {
     is_overwritten: bool,
     /// Whether SYNC of this cycle is held back.
     is_sync_held: bool,
+    /// Whether the rig is enabled, or tries to be.
+    is_enabled: bool,
     /// SDO downloads of somebody else to configured nodes.
     foreign_downloads: u32,
     told: LastTold,
@@ -131,6 +133,7 @@ impl CanNetwork {
         Ok(Self {
             id,
             heartbeat: setup.heartbeat,
+            listening: setup.listening(),
             next_heartbeat: Time::NEVER,
             phase: Phase::Off,
             phase_since: Time::default(),
@@ -149,60 +152,16 @@ impl CanNetwork {
             held: DeviceSet::NONE,
             is_overwritten: false,
             is_sync_held: false,
+            is_enabled: false,
             foreign_downloads: 0,
             told: LastTold::default(),
         })
     }
 
-    /// Has the second frame of a sample on plain CAN come as late as this behind the first.
-    pub(super) fn set_pair_gap(&mut self, gap: Duration) {
-        self.image.plain_mut().into_iter().for_each(|client| client.set_pair_gap(gap));
-    }
-
-    /// Where the network stands.
-    pub(super) fn phase(&self) -> &Phase {
-        &self.phase
-    }
-
-    /// Whether nothing is sent any more, so that the drives' watchdogs act.
-    pub(super) fn is_silent(&self) -> bool {
-        self.is_silent
-    }
-
-    /// Falls silent, or goes on when a person has the exchange go on.
-    pub(super) fn set_silent(&mut self, is_silent: bool) {
-        if self.is_silent && !is_silent {
-            // What was on its way is gone.
-            self.lines.iter_mut().for_each(|line| line.in_flight = 0);
-        }
-        self.is_silent = is_silent;
-    }
-
-    /// Has set-points leave whatever holds them back.
-    pub(super) fn unmute(&mut self) {
-        (self.is_silent, self.held) = (false, DeviceSet::NONE);
-    }
-
-    /// How often somebody else began to write to a configured node by SDO.
-    pub(super) fn foreign_downloads(&self) -> u32 {
-        self.foreign_downloads
-    }
-
-    /// What the devices told last, at most eight, the oldest first.
-    pub(super) fn told(&self) -> impl Iterator<Item = EmergencyReport> {
-        self.told.iter()
-    }
-
-    /// Forgets what the devices told.
-    pub(super) fn forget_told(&mut self) {
-        self.told.forget();
-    }
-
-    /// Takes a frame of another node from the bus; own ones go to [`CanNetwork::on_echo`]. `is_enabled` says whether the
-    /// rig is, or tries to be.
+    /// Takes a frame of another node from the bus.
     ///
     /// Real-time: yes, while operational.
-    pub(crate) fn on_frame(&mut self, now: Time, frame: &Frame, is_enabled: bool, out: &mut impl Outbox) {
+    fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) {
         if self.phase != Phase::Operational {
             if let Some(heard) = self.signs.find(frame) {
                 return self.give_way(heard);
@@ -225,7 +184,7 @@ impl CanNetwork {
             node.on_sdo(frame, has_echo);
             if node.is_written_by(frame) {
                 self.foreign_downloads = self.foreign_downloads.saturating_add(1);
-                node.is_altered |= is_enabled;
+                node.is_altered |= self.is_enabled;
             }
         }
         let said = nmt::decode_heartbeat(frame);
@@ -269,154 +228,6 @@ impl CanNetwork {
             let here = self.nodes.iter_mut().filter(|node| node.bus == frame.bus());
             here.for_each(|node| node.transfer.on_frame(now, frame, &mut out.on(node.bus)));
         }
-    }
-
-    /// Takes an own frame that was seen on the bus. A link that cannot show own frames never calls this, and what is still
-    /// on its way is then not watched.
-    ///
-    /// Real-time: yes.
-    pub(crate) fn on_echo(&mut self, frame: &Frame) {
-        self.has_echo = true;
-        let is_set_point = self.image.is_set_point(frame);
-        if let Some(line) = self.lines.iter_mut().find(|line| line.bus == frame.bus()) {
-            line.on_echo(frame, is_set_point);
-        }
-        self.nodes.iter_mut().filter(|node| node.bus == frame.bus()).for_each(|node| node.on_echo(frame));
-    }
-
-    /// The begin of a cycle: SYNC, and behind it the request to a sensor that is polled.
-    ///
-    /// At most one cycle is in flight: while set-points of an earlier cycle have not been seen on their bus, or SYNC on a bus
-    /// without set-points, neither SYNC nor set-points are sent on any. At the second such cycle in a row the master falls
-    /// silent ([`CanNetwork::is_silent`]).
-    ///
-    /// Drives act at SYNC on the last set-point that they heard. After one of somebody else SYNC therefore waits on all buses
-    /// until own ones, which the cycle has computed as the answer to [`Fault::Intruder`], were sent and seen.
-    /// Sending them here already would gain nothing: the SYNC that makes the drives act on them is that of the next cycle.
-    ///
-    /// Real-time: yes.
-    pub(crate) fn open(&mut self, out: &mut impl Outbox) {
-        self.image.begin_cycle();
-        let waiting = self.lines.iter().filter(|line| self.has_echo && line.in_flight > 0);
-        self.held = waiting.fold(DeviceSet::NONE, |held, line| held | DeviceSet::interface(line.bus.index()));
-        self.is_sync_held = self.is_mute() || self.is_overwritten;
-        if !self.is_sync_held {
-            self.send_sync(out);
-            self.lines.iter_mut().for_each(Line::note_sync);
-            if let Some(client) = self.image.plain_mut() {
-                client.read(&mut out.on(self.sensor_bus));
-            }
-        }
-    }
-
-    /// The devices of which something of that is missing.
-    ///
-    /// Real-time: yes.
-    pub(crate) fn missing(&self, now: Time) -> DeviceSet {
-        self.image.missing(now)
-    }
-
-    /// Forgets when the nodes' heartbeats came, which do not tell one device from two where they waited to be taken.
-    ///
-    /// Real-time: yes.
-    pub(crate) fn forget_heartbeat_times(&mut self) {
-        self.nodes.iter_mut().for_each(Node::forget_times);
-    }
-
-    /// Whether SYNC was held back in this cycle, since the set-points of an earlier one are still on their way, a drive may
-    /// hold a set-point of somebody else, or nothing is sent at all: no process data can come.
-    ///
-    /// Real-time: yes.
-    pub(crate) fn is_sync_held(&self) -> bool {
-        self.is_sync_held
-    }
-
-    /// Whether neither SYNC nor set-points are sent in this cycle.
-    pub(crate) fn is_mute(&self) -> bool {
-        self.is_silent || !self.held.is_empty()
-    }
-
-    /// Whether set-points, or SYNC where there are none, were sent that have not been seen on their bus yet.
-    ///
-    /// Real-time: yes.
-    pub(crate) fn is_in_flight(&self) -> bool {
-        self.lines.iter().any(|line| line.in_flight > 0)
-    }
-
-    /// SYNC on every bus where somebody hears it, outside of any cycle; none while a drive may hold a set-point of somebody
-    /// else.
-    pub(crate) fn repeat_sync(&mut self, out: &mut impl Outbox) {
-        if !self.is_overwritten {
-            self.send_sync(out);
-        }
-    }
-
-    fn send_sync(&mut self, out: &mut impl Outbox) {
-        let sync = self.sync.next_frame();
-        self.lines.iter().filter(|line| line.has_sync).for_each(|line| out.push(sync.on_bus(line.bus)));
-    }
-
-    /// A heartbeat if one is due; when the last one was sent.
-    pub(crate) fn repeat_heartbeat(&mut self, now: Time, out: &mut impl Outbox) -> Time {
-        self.send_heartbeat(now, out);
-        Time(self.next_heartbeat.0.saturating_sub(self.heartbeat.as_nanos() as u64))
-    }
-
-    /// The heartbeat period that the drives watch.
-    pub(crate) fn heartbeat_period(&self) -> Duration {
-        self.heartbeat
-    }
-
-    /// What has come by `now`, and what has happened since the last cycle.
-    ///
-    /// Real-time: yes.
-    pub(crate) fn take(&mut self, now: Time) -> Arrived {
-        let arrivals = self.image.arrivals(now);
-        let mut link = std::mem::take(&mut self.events);
-        link.bad_length = arrivals.irregular.bad_length;
-        link.duplicated = arrivals.irregular.duplicated;
-        link.late = arrivals.irregular.late;
-        link.transmit_stalled = self.held;
-        // A node that is not there stays a fault, so that the rig cannot be enabled again without it.
-        for node in &self.nodes {
-            link.intruder |= node.is_altered;
-            link.node_reset |= node.device.only_if(node.has_restarted);
-            link.duplicate_node |= node.device.only_if(node.is_double);
-            link.heartbeat_lost |= node.device.only_if(!(node.is_operational || node.has_restarted));
-        }
-        if link.intruder {
-            // What nodes do in the cycle of a stranger's command is its effect; if it stays, the next cycle shows it.
-            (link.heartbeat_lost, link.node_reset) = (DeviceSet::NONE, DeviceSet::NONE);
-        }
-        Arrived { drives: arrivals.drives, sample: arrivals.sample, link }
-    }
-
-    /// Sends what the drives shall do, which the next SYNC makes them apply, and behind it a heartbeat that is due.
-    ///
-    /// Real-time: yes.
-    pub(crate) fn close(&mut self, now: Time, orders: &[DriveOrders; 2], out: &mut impl Outbox) {
-        self.send(orders, out);
-        // What was heard up to the computation is the cycle's cause to stop both drives.
-        self.is_overwritten = false;
-        self.lines.iter_mut().for_each(Line::note_set_points);
-        self.send_heartbeat(now, out);
-    }
-
-    /// Sends what the drives shall do, outside of any cycle.
-    pub(crate) fn send(&self, orders: &[DriveOrders; 2], out: &mut impl Outbox) {
-        self.image.send(orders, out);
-    }
-
-    /// Notes what the interface to a bus tells; the next cycle acts on it.
-    ///
-    /// Real-time: yes.
-    pub(crate) fn on_link(&mut self, bus: BusId, event: LinkEvent) {
-        let events = match event {
-            LinkEvent::SendFailed => &mut self.events.send_failed,
-            LinkEvent::ErrorPassive => &mut self.events.error_passive,
-            LinkEvent::BusOff => &mut self.events.bus_off,
-        };
-        *events |= DeviceSet::interface(bus.index());
     }
 }
 

@@ -3,7 +3,8 @@
 use super::node::Node;
 use super::{CanNetwork, refuse};
 use crate::error::BootError;
-use crate::script::{Action, Step, Written, check, little_endian, motor_speed};
+use crate::network::Network;
+use crate::script::{Action, Step, check, little_endian, motor_speed};
 use yieldwall_drives::profiles::Identity;
 use yieldwall_fieldbus::canopen::{BusId, Frame, NmtCommand, NodeId, Outbox};
 use yieldwall_fieldbus::objects::Address;
@@ -54,7 +55,7 @@ pub struct PlannedWrite {
 
 impl CanNetwork {
     /// What the boot will send.
-    pub(crate) fn plan(&self) -> BootPlan {
+    pub(super) fn boot_plan(&self) -> BootPlan {
         let mut network = self.clone();
         let now = Time::default();
         let mut reset = Vec::new();
@@ -69,13 +70,6 @@ impl CanNetwork {
         let mut leave = Vec::new();
         network.leave(&mut leave);
         BootPlan { reset, nodes: self.nodes.iter().map(NodePlan::of).collect(), start, leave }
-    }
-}
-
-impl CanNetwork {
-    /// The objects that the boot writes, of each node.
-    pub(crate) fn written(&self) -> impl Iterator<Item = Written> + '_ {
-        self.nodes.iter().map(|node| Written::new(node.bus, node.id.raw().into(), &node.name, node.boot.steps().0))
     }
 }
 

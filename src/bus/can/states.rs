@@ -16,21 +16,6 @@ use yieldwall_motion::cycle::LinkEvents;
 use yieldwall_motion::guard::DeviceSet;
 
 impl CanNetwork {
-    /// Begins to listen for another master, with nothing sent until [`CanNetwork::announce`] or [`CanNetwork::start`]. One that is
-    /// heard is [`Phase::Failed`] with [`BootFailure::OtherMaster`], and so it is from then on until the exchange of process
-    /// data: in operation such frames are a fault of the cycle.
-    pub(crate) fn listen(&mut self) {
-        self.enter(Phase::Off);
-    }
-
-    /// Sends the first heartbeat, which disturbs nobody, before anything that does: two masters that begin at the same moment
-    /// hear each other's.
-    pub(crate) fn announce(&mut self, now: Time, out: &mut impl Outbox) {
-        self.has_sent = true;
-        self.next_heartbeat = now;
-        self.send_heartbeat(now, out);
-    }
-
     /// Leaves the network to another master: nothing more is sent until the network is started anew.
     pub(super) fn give_way(&mut self, heard: HeardFrame) {
         if matches!(self.phase, Phase::Failed(_)) {
@@ -46,11 +31,12 @@ impl CanNetwork {
     }
 
     /// Resets the nodes of the rig, no others, and starts to watch them. Nothing is remembered of what was before but the emergencies.
-    pub(crate) fn start(&mut self, now: Time, out: &mut impl Outbox) {
+    pub(super) fn reset(&mut self, now: Time, out: &mut impl Outbox) {
         self.image.restart();
         self.lines.iter_mut().for_each(Line::restart);
         self.nodes.iter_mut().for_each(Node::restart);
         self.events = LinkEvents::default();
+        self.is_enabled = false;
         (self.is_silent, self.held, self.has_echo) = (false, DeviceSet::NONE, false);
         (self.is_overwritten, self.is_sync_held) = (false, false);
         self.enter(Phase::Resetting);
@@ -63,10 +49,10 @@ impl CanNetwork {
         self.send_heartbeat(now, out);
     }
 
-    /// When [`CanNetwork::poll`] has to be called again at the latest.
+    /// When [`CanNetwork::on_time`] has to be called again at the latest.
     ///
     /// Real-time: yes.
-    pub(crate) fn next_deadline(&self) -> Time {
+    pub(super) fn deadline(&self) -> Time {
         let watched = self.lines.iter().map(|line| line.watch.next_deadline()).fold(Time::NEVER, Time::min);
         let asked = self.nodes.iter().map(|node| node.transfer.deadline()).fold(Time::NEVER, Time::min);
         if self.phase == Phase::Operational {
@@ -86,7 +72,7 @@ impl CanNetwork {
     /// Does what time asks for: heartbeat, watched nodes, waits of the boot.
     ///
     /// Real-time: yes, while operational.
-    pub(crate) fn poll(&mut self, now: Time, out: &mut impl Outbox) {
+    pub(super) fn on_time(&mut self, now: Time, out: &mut impl Outbox) {
         if self.phase != Phase::Operational {
             self.send_heartbeat(now, out);
         }
@@ -104,12 +90,6 @@ impl CanNetwork {
             }
             _ => {}
         }
-    }
-
-    /// Leaves the network: the nodes go to Pre-operational, where nobody waits for set-points. For a rig that was stopped.
-    pub(crate) fn leave(&mut self, out: &mut impl Outbox) {
-        self.enter(Phase::Off);
-        self.command(NmtCommand::EnterPreOperational, out);
     }
 
     pub(super) fn enter(&mut self, phase: Phase) {

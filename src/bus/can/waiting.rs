@@ -33,7 +33,7 @@ impl fmt::Display for Waiting<'_> {
 
 impl CanNetwork {
     /// What the boot waits for; of several devices the one that is given up first. Nothing when there is no boot.
-    pub(crate) fn waiting(&self, now: Time) -> Option<Waiting<'_>> {
+    pub(super) fn awaited(&self, now: Time) -> Option<Waiting<'_>> {
         let nodes = self.nodes.iter().filter_map(|node| {
             let (step, until) = match self.phase {
                 Phase::Configuring if !node.boot.is_done() => (node.boot.doing(), node.boot_deadline()),

@@ -16,6 +16,7 @@ mod failure;
 mod flight;
 mod held;
 mod limits;
+mod network;
 mod ports;
 mod repeat;
 mod setup;
@@ -51,6 +52,8 @@ use yieldwall_motion::guard::{Device, DeviceSet};
 pub use budget::{Advice, Budget, FrameBudget, PlannedDatagram, PlannedFrame, advise};
 pub use failure::{SegmentFailure, SegmentSign};
 pub use flight::{Purpose, SegmentCounts};
+pub use network::SEGMENT_LISTENING;
+pub(crate) use network::Segment;
 pub use setup::{Acts, Mapped, ProcessData, SegmentDrive, SegmentSetup, StationSetup, StatusMasks};
 
 /// Where frames go that are to be sent.

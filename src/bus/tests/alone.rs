@@ -44,7 +44,7 @@ type Reach = fn(&mut Net);
 
 impl Net {
     fn hear_frame(&mut self, frame: &Frame) {
-        self.master.on_frame(self.now, frame, &mut self.sent);
+        self.master.networks_mut().on_packet(self.now, Packet::Can(frame), &mut self.sent);
     }
 
     /// Nothing is sent whatever comes and however long it takes.
@@ -54,7 +54,7 @@ impl Net {
             OF_DEVICES.iter().for_each(|line| self.hear(line));
         }
         assert_eq!(self.take(), Vec::<String>::new(), "{what}");
-        assert!(self.master.is_silent(), "{what}");
+        assert!(self.master.networks().is_silent(), "{what}");
     }
 }
 
@@ -69,9 +69,9 @@ fn other_master(net: &Net) -> (HeardFrame, bool) {
 fn who_hears_a_master_while_it_listens_sends_nothing() {
     for (frame, sign) in of_masters() {
         let mut net = Net::new(CommandMode::Torque);
-        net.master.listen();
+        net.master.networks_mut().listen();
         OF_DEVICES.iter().for_each(|line| net.hear(line));
-        assert_eq!(*net.master.phase(), Phase::Off, "devices are no master");
+        assert_eq!(*net.master.networks().phase(), Phase::Off, "devices are no master");
         net.hear_frame(&frame);
         assert_eq!(other_master(&net), (HeardFrame { frame, sign }, false));
         net.assert_silent(&text(&frame));
@@ -81,7 +81,7 @@ fn who_hears_a_master_while_it_listens_sends_nothing() {
 #[test]
 fn who_hears_a_master_while_it_boots_sends_nothing_more() {
     let stages: [(&str, Reach); 4] = [
-        ("announced", |net| net.master.announce(net.now, &mut net.sent)),
+        ("announced", |net| net.master.networks_mut().announce(net.now, &mut net.sent)),
         ("resetting", |net| {
             net.master.start(net.now, &mut net.sent);
             net.hear("701#00");
@@ -96,7 +96,7 @@ fn who_hears_a_master_while_it_boots_sends_nothing_more() {
     for (frame, sign) in of_masters() {
         for (stage, reach) in stages {
             let mut net = Net::new(CommandMode::Torque);
-            net.master.listen();
+            net.master.networks_mut().listen();
             reach(&mut net);
             net.take();
             net.hear_frame(&frame);
@@ -122,14 +122,14 @@ fn a_person_may_start_anew_when_the_other_master_has_gone() {
 #[test]
 fn the_first_frame_is_a_heartbeat_and_the_nodes_are_left_one_by_one() {
     let mut net = Net::new(CommandMode::Torque);
-    net.master.listen();
+    net.master.networks_mut().listen();
     net.wait(Duration::from_secs(2));
     assert_eq!(net.take(), Vec::<String>::new());
-    net.master.announce(net.now, &mut net.sent);
+    net.master.networks_mut().announce(net.now, &mut net.sent);
     assert_eq!(net.take(), ["77F#7F"]);
     net.boot();
     net.take();
-    net.master.leave(&mut net.sent);
+    net.master.networks_mut().leave(&mut net.sent);
     assert_eq!(net.take(), ["000#8001", "000#8002", "000#800A"]);
 }
 

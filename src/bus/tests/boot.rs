@@ -81,7 +81,7 @@ fn nodes_that_start_by_themselves_are_started() {
         net.hear(line);
     }
     net.serve(|_, _| None);
-    assert_eq!((net.take(), net.master.phase()), (STARTED.map(str::to_owned).to_vec(), &Phase::Operational));
+    assert_eq!((net.take(), net.master.networks().phase()), (STARTED.map(str::to_owned).to_vec(), &Phase::Operational));
 }
 
 #[test]
@@ -90,9 +90,9 @@ fn a_boot_that_failed_waits_for_nothing_but_its_heartbeat() {
     net.reset();
     net.serve(|_, _| None);
     net.hear("701#00");
-    assert!(matches!(net.master.phase(), Phase::Failed(_)));
+    assert!(matches!(net.master.networks().phase(), Phase::Failed(_)));
     net.wait(Duration::from_secs(1));
-    assert_eq!(net.master.next_deadline(), net.now + Duration::from_millis(20));
+    assert_eq!(net.master.networks().next_deadline(), net.now + Duration::from_millis(20));
 }
 
 #[test]
@@ -170,9 +170,9 @@ fn an_abort_a_lie_and_silence_are_named_with_node_step_and_object() {
     let mut net = Net::new(CommandMode::Torque);
     net.reset();
     net.serve(|node, request| (node == 10 && request[1..4] == [0x17, 0x10, 0x00]).then_some(None));
-    assert_eq!(*net.master.phase(), Phase::Configuring);
+    assert_eq!(*net.master.networks().phase(), Phase::Configuring);
     net.wait(Duration::from_millis(249));
-    assert_eq!(*net.master.phase(), Phase::Configuring);
+    assert_eq!(*net.master.networks().phase(), Phase::Configuring);
     net.take();
     net.wait(Duration::from_millis(1));
     let error = failure(&net);
@@ -189,7 +189,7 @@ fn a_missing_node_is_named() {
     net.hear("70A#00");
     net.hear("70B#00");
     net.wait(Duration::from_millis(699));
-    assert_eq!(*net.master.phase(), Phase::Resetting);
+    assert_eq!(*net.master.networks().phase(), Phase::Resetting);
     net.wait(Duration::from_millis(1));
     let error = failure(&net);
     assert_eq!((error.node_id, error.name.as_str()), (Some(2), "right"));
@@ -208,7 +208,7 @@ fn a_missing_node_is_named() {
 
 /// What the boot waits for: node, step, time waited and time left in ms.
 fn waiting(net: &Net) -> Option<(Option<u8>, &'static str, u128, u128)> {
-    let waiting = net.master.waiting(net.now)?;
+    let waiting = net.master.networks().waiting(net.now)?;
     Some((waiting.node_id, waiting.step, waiting.waited.as_millis(), waiting.left.as_millis()))
 }
 
@@ -231,7 +231,7 @@ fn each_node_is_waited_for_as_long_as_it_may_take_and_who_looks_on_is_told() {
     net.wait(Duration::from_millis(4399));
     assert_eq!(waiting(&net), Some((Some(2), "wait for the boot-up message", 4999, 1)));
     net.hear("702#00");
-    assert_eq!(*net.master.phase(), Phase::Configuring);
+    assert_eq!(*net.master.networks().phase(), Phase::Configuring);
     net.serve(|node, _| (node == 2).then_some(None));
     net.wait(Duration::from_millis(999));
     assert_eq!(waiting(&net), Some((Some(2), "check the device type", 999, 1)));
@@ -267,7 +267,7 @@ fn a_node_that_restarts_while_it_is_configured_is_configured_anew() {
     let left = net.requests.iter().filter(|(node, line)| *node == 1 && line.contains("#2B17100014"));
     assert_eq!(left.count(), 1, "the heartbeat is written again");
     assert_eq!(net.objects.get(&(1, 0x6007, 0)), Some(&3), "and so is the reaction to a lost master");
-    assert_eq!(*net.master.phase(), Phase::Starting);
+    assert_eq!(*net.master.networks().phase(), Phase::Starting);
     // After that a restart is too late.
     net.hear("701#00");
     assert_eq!(failure(&net).failure, BootFailure::Restarted { times: 1 });
@@ -279,7 +279,7 @@ fn a_node_that_keeps_restarting_is_given_up() {
     net.reset();
     for _ in 0..3 {
         net.hear("702#00");
-        assert_eq!(*net.master.phase(), Phase::Configuring);
+        assert_eq!(*net.master.networks().phase(), Phase::Configuring);
     }
     net.hear("702#00");
     assert_eq!((failure(&net).node_id, &failure(&net).failure), (Some(2), &BootFailure::Restarted { times: 4 }));
@@ -377,17 +377,17 @@ fn a_person_starts_the_network_anew_from_any_phase() {
     for line in ["701#00", "702#00", "70A#00"] {
         net.hear(line);
     }
-    assert_eq!(*net.master.phase(), Phase::Configuring);
+    assert_eq!(*net.master.networks().phase(), Phase::Configuring);
     restart(&mut net);
     // After it failed.
     net.master.start(net.now, &mut net.sent);
     net.wait(Duration::from_millis(700));
-    assert!(matches!(net.master.phase(), Phase::Failed(_)));
+    assert!(matches!(net.master.networks().phase(), Phase::Failed(_)));
     restart(&mut net);
     // Out of silence.
-    net.master.on_link(BusId::FIRST, LinkEvent::BusOff);
+    net.master.networks_mut().on_link(BusId::FIRST, LinkEvent::BusOff);
     net.sync();
     net.compute(Request::None);
-    assert!(net.master.is_silent());
+    assert!(net.master.networks().is_silent());
     restart(&mut net);
 }

@@ -25,7 +25,7 @@ impl Net {
         self.master.start(self.now, &mut self.sent);
         assert_eq!(self.take(), ["000#8101", "000#8102", "1:000#8101", "77F#7F", "1:77F#7F"]);
         for line in ["701#00", "702#00", "1:701#00"] {
-            assert_eq!(*self.master.phase(), Phase::Resetting);
+            assert_eq!(*self.master.networks().phase(), Phase::Resetting);
             self.hear(line);
         }
     }
@@ -35,10 +35,10 @@ impl Net {
         self.serve(|_, _| None);
         assert_eq!(self.take(), ["000#0101", "000#0102", "1:000#0101"]);
         for line in ["701#05", "702#05", "1:701#05"] {
-            assert_eq!(*self.master.phase(), Phase::Starting);
+            assert_eq!(*self.master.networks().phase(), Phase::Starting);
             self.hear(line);
         }
-        assert_eq!(*self.master.phase(), Phase::Operational);
+        assert_eq!(*self.master.networks().phase(), Phase::Operational);
     }
 
     fn report_both(&mut self, statusword: &str) {
@@ -58,13 +58,13 @@ impl Net {
         request: Request,
         is_lost: impl Fn(&str) -> bool,
     ) -> Vec<String> {
-        self.master.on_sync(&mut self.sent);
+        self.master.networks_mut().open(&mut self.sent);
         let mut sent = std::mem::take(&mut self.sent);
         self.report_both(statusword);
         self.now = self.now + Duration::from_millis(1);
         self.master.on_compute(self.now, request, Timing::default(), &mut self.sent);
         sent.append(&mut self.sent);
-        sent.iter().filter(|frame| !is_lost(&text(frame))).for_each(|frame| self.master.on_echo(frame));
+        sent.iter().filter(|frame| !is_lost(&text(frame))).for_each(|frame| self.master.networks_mut().on_echo(frame));
         sent.iter().map(text).filter(|line| !line.contains("77F#")).collect()
     }
 
@@ -108,7 +108,7 @@ fn an_answer_from_another_bus_is_none() {
 fn frames_of_one_bus_say_nothing_on_the_other() {
     let mut net = Net::two_buses();
     net.boot_both();
-    net.master.on_sync(&mut net.sent);
+    net.master.networks_mut().open(&mut net.sent);
     // What is process data of the left drive on its bus is of the sensor's first TPDO here: eight bytes.
     net.hear("1:181#370200000000");
     net.hear("182#370200000000");
@@ -147,7 +147,7 @@ fn what_nodes_with_the_same_id_tell_is_told_apart() {
     net.boot_both();
     net.hear("1:081#1042200000000000");
     net.hear("081#1042200000000000");
-    let devices: Vec<Device> = net.master.told().map(|told| told.device).collect();
+    let devices: Vec<Device> = net.master.networks().told().iter().map(|told| told.device).collect();
     assert_eq!(devices, [Device::Sensor, Device::LeftDrive]);
 }
 
@@ -155,23 +155,23 @@ fn what_nodes_with_the_same_id_tell_is_told_apart() {
 fn what_one_bus_holds_back_holds_all_buses() {
     let mut net = Net::two_buses();
     net.run_both();
-    assert!(!net.master.is_in_flight());
+    assert!(!net.master.networks().is_in_flight());
     // SYNC on the sensor's bus is not seen: the set-points of this cycle still leave, nothing of the next.
     let is_lost = |line: &str| line.starts_with("1:");
     assert_eq!(net.seen_cycle("3712", Request::None, is_lost).len(), 4);
-    assert!(net.master.is_in_flight());
+    assert!(net.master.networks().is_in_flight());
     assert_eq!(net.seen_cycle("3712", Request::None, is_lost), Vec::<String>::new());
-    assert!(net.master.is_sync_held() && !net.master.is_silent());
+    assert!(net.master.networks().is_sync_held() && !net.master.networks().is_silent());
     // The second cycle in a row.
     assert_eq!(net.seen_cycle("3712", Request::None, is_lost), Vec::<String>::new());
-    assert!(net.master.is_silent());
+    assert!(net.master.networks().is_silent());
     assert_eq!(net.state(), (State::Lost, Some(Fault::TransmitStalled)));
     // A frame of another bus is no echo of what was sent on this one.
     let mut net = Net::two_buses();
     net.run_both();
     net.seen_cycle("3712", Request::None, |line| line.starts_with("20"));
-    [0x201, 0x202].iter().for_each(|id| net.master.on_echo(&Frame::new(*id, &[]).on_bus(BusId::new(1))));
-    assert!(net.master.is_in_flight());
+    [0x201, 0x202].iter().for_each(|id| net.master.networks_mut().on_echo(&Frame::new(*id, &[]).on_bus(BusId::new(1))));
+    assert!(net.master.networks().is_in_flight());
 }
 
 #[test]
@@ -194,6 +194,6 @@ fn only_a_bus_where_somebody_hears_it_gets_sync() {
     let started = net.take();
     assert_eq!(started[..2], ["000#0101", "000#0102"]);
     assert!(started[2..].iter().all(|line| line.starts_with("1:35F#")), "orders go to the sensor's bus: {started:?}");
-    net.master.on_sync(&mut net.sent);
+    net.master.networks_mut().open(&mut net.sent);
     assert_eq!(net.take(), ["080#"]);
 }

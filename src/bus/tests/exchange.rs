@@ -71,7 +71,7 @@ fn the_first_frame_of_a_cycle_counts_and_a_wrong_length_is_a_miss() {
     assert_eq!(net.state(), (State::Running, None));
     for (cycle, state) in [(1, State::Running), (2, State::Stopped)] {
         net.now = net.now + Duration::from_micros(380);
-        net.master.on_sync(&mut net.sent);
+        net.master.networks_mut().open(&mut net.sent);
         net.hear("181#37120000");
         net.hear("182#3712000000000000");
         net.master.on_compute(net.now, Request::None, Timing::default(), &mut net.sent);
@@ -84,7 +84,7 @@ fn the_first_frame_of_a_cycle_counts_and_a_wrong_length_is_a_miss() {
 fn half_a_force_sample_is_none() {
     let mut net = Net::running(CommandMode::Position);
     for (cycle, state) in [(1, State::Running), (2, State::Running), (3, State::Holding)] {
-        net.master.on_sync(&mut net.sent);
+        net.master.networks_mut().open(&mut net.sent);
         for joint in 0..2 {
             let position = net.counts[joint].to_le_bytes().map(|byte| format!("{byte:02X}")).concat();
             net.hear(&format!("18{}#3712{position}", joint + 1));
@@ -98,14 +98,14 @@ fn half_a_force_sample_is_none() {
 #[test]
 fn own_frames_that_cannot_be_sent_are_the_end() {
     let mut net = Net::running(CommandMode::Torque);
-    net.master.on_link(BusId::FIRST, LinkEvent::SendFailed);
-    net.master.on_sync(&mut net.sent);
+    net.master.networks_mut().on_link(BusId::FIRST, LinkEvent::SendFailed);
+    net.master.networks_mut().open(&mut net.sent);
     net.take();
     net.report(["3712"; 2]);
     for cycle in 0..100 {
         net.now = net.now + Duration::from_millis(1);
         net.master.on_compute(net.now, Request::None, Timing::default(), &mut net.sent);
-        net.master.on_sync(&mut net.sent);
+        net.master.networks_mut().open(&mut net.sent);
         assert_eq!(net.state(), (State::Lost, Some(Fault::LinkDown)));
         assert_eq!(net.take(), [""; 0], "cycle {cycle}: nothing keeps the drives' watchdogs from acting");
     }
@@ -212,7 +212,8 @@ fn of_two_samples_in_a_cycle_the_newer_counts() {
 #[test]
 fn at_most_one_cycle_is_in_flight() {
     let mut net = Net::running(CommandMode::Torque);
-    let echo = |net: &mut Net, sent: &[String]| sent.iter().for_each(|line| net.master.on_echo(&frame(line)));
+    let echo =
+        |net: &mut Net, sent: &[String]| sent.iter().for_each(|line| net.master.networks_mut().on_echo(&frame(line)));
     for _ in 0..3 {
         net.sync();
         net.report(["3712"; 2]);
@@ -224,7 +225,7 @@ fn at_most_one_cycle_is_in_flight() {
     net.report(["3712"; 2]);
     let sent = net.compute(Request::None);
     echo(&mut net, &sent[..1]);
-    net.master.on_sync(&mut net.sent);
+    net.master.networks_mut().open(&mut net.sent);
     assert_eq!(net.take(), [""; 0], "no SYNC behind a set-point that is still on its way");
     assert_eq!(net.compute(Request::None), [""; 0], "and no set-points");
     assert_eq!((net.state().0, net.seen(Fault::TransmitStalled)), (State::Running, 1));
@@ -234,19 +235,19 @@ fn at_most_one_cycle_is_in_flight() {
     let sent = net.compute(Request::None);
     assert_eq!((sent.len() >= 2, net.seen(Fault::TransmitStalled)), (true, 0));
     // None leaves any more: silence at the second cycle.
-    net.master.on_sync(&mut net.sent);
+    net.master.networks_mut().open(&mut net.sent);
     net.compute(Request::None);
-    assert!(!net.master.is_silent());
-    net.master.on_sync(&mut net.sent);
+    assert!(!net.master.networks().is_silent());
+    net.master.networks_mut().open(&mut net.sent);
     net.compute(Request::None);
     assert_eq!(net.state(), (State::Lost, Some(Fault::TransmitStalled)));
-    assert!(net.master.is_silent());
+    assert!(net.master.networks().is_silent());
     for _ in 0..50 {
-        net.master.on_sync(&mut net.sent);
+        net.master.networks_mut().open(&mut net.sent);
         assert_eq!(net.compute(Request::None), [""; 0]);
     }
     // A person resets: what was on its way is gone, and the exchange goes on.
-    net.master.on_sync(&mut net.sent);
+    net.master.networks_mut().open(&mut net.sent);
     net.compute(Request::Reset);
     net.sync();
     net.report(["5002"; 2]);
@@ -272,7 +273,11 @@ fn a_cycle_that_failed_is_followed_by_quick_stops_for_good() {
             assert_eq!(net.master.cause().map(|cause| cause.fault), Some(Fault::CyclePanicked));
         }
         net.master.start(net.now, &mut net.sent);
-        assert_eq!((net.take(), net.master.phase()), (Vec::new(), &Phase::Operational), "a new master is needed");
+        assert_eq!(
+            (net.take(), net.master.networks().phase()),
+            (Vec::new(), &Phase::Operational),
+            "a new master is needed"
+        );
     }
 }
 

@@ -10,6 +10,7 @@ mod exchange;
 mod nodes;
 mod objects;
 mod strangers;
+mod third;
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -18,6 +19,7 @@ use super::*;
 use cycle_example::{cycle_with, fixture, geometry, torque_servo};
 use yieldwall_config::shipped_profile;
 use yieldwall_drives::scaling::{AxisScaling, Direction};
+use yieldwall_fieldbus::Packet;
 use yieldwall_fieldbus::canopen::{BusId, Frame, cob};
 use yieldwall_fieldbus::time::Time;
 use yieldwall_motion::control::Law;
@@ -166,12 +168,12 @@ impl Net {
     }
 
     fn hear(&mut self, line: &str) {
-        self.master.on_frame(self.now, &frame(line), &mut self.sent);
+        self.master.networks_mut().on_packet(self.now, Packet::Can(&frame(line)), &mut self.sent);
     }
 
     fn wait(&mut self, by: Duration) {
         self.now = self.now + by;
-        self.master.poll(self.now, &mut self.sent);
+        self.master.networks_mut().poll(self.now, &mut self.sent);
     }
 
     /// Answers SDO requests until there are none, but for what `except` answers instead.
@@ -194,7 +196,7 @@ impl Net {
                 if let Some(answer) = answer {
                     self.requests.push((node, text(&request)));
                     let answer = Frame::new(request.id() - 0x80, &answer).on_bus(request.bus());
-                    self.master.on_frame(self.now, &answer, &mut self.sent);
+                    self.master.networks_mut().on_packet(self.now, Packet::Can(&answer), &mut self.sent);
                 }
             }
         }
@@ -223,10 +225,10 @@ impl Net {
         let reset = ["000#8101", "000#8102", "000#810A", "77F#7F"];
         assert_eq!(self.take(), reset, "a reset of each node, then a heartbeat in Pre-operational");
         for line in ["701#00", "702#00", "70A#00"] {
-            assert_eq!(*self.master.phase(), Phase::Resetting);
+            assert_eq!(*self.master.networks().phase(), Phase::Resetting);
             self.hear(line);
         }
-        assert_eq!(*self.master.phase(), Phase::Configuring);
+        assert_eq!(*self.master.networks().phase(), Phase::Configuring);
     }
 
     /// Up to the exchange of process data.
@@ -236,10 +238,10 @@ impl Net {
         assert_eq!(self.take(), STARTED, "each node is started when all are configured");
         for line in ["701#05", "702#05"] {
             self.hear(line);
-            assert_eq!(*self.master.phase(), Phase::Starting);
+            assert_eq!(*self.master.networks().phase(), Phase::Starting);
         }
         self.hear("70A#05");
-        assert_eq!(*self.master.phase(), Phase::Operational);
+        assert_eq!(*self.master.networks().phase(), Phase::Operational);
     }
 
     /// The drives' process data with this statusword in hexadecimal, byte order of the bus.
@@ -280,7 +282,7 @@ impl Net {
     }
 
     fn sync(&mut self) {
-        self.master.on_sync(&mut self.sent);
+        self.master.networks_mut().open(&mut self.sent);
         assert_eq!(self.take(), ["080#"], "SYNC alone");
     }
 
@@ -317,7 +319,7 @@ impl Net {
 }
 
 fn failure(net: &Net) -> &BootError {
-    match net.master.phase() {
+    match net.master.networks().phase() {
         Phase::Failed(error) => error,
         other => panic!("{other:?}"),
     }

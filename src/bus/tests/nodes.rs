@@ -62,7 +62,7 @@ fn what_nodes_do_on_a_strangers_command_is_told_as_the_stranger() {
 fn the_emergency_is_kept_for_reports() {
     let mut net = Net::running(CommandMode::Torque);
     net.cycle(["3712"; 2], Request::None, |net| net.hear("082#1042200000000000"));
-    let told = net.master.told().last().unwrap();
+    let told = *net.master.networks().told().last().unwrap();
     assert_eq!((told.device, told.code.0, told.register.0), (Device::RightDrive, 0x4210, 0x20));
 }
 
@@ -114,10 +114,11 @@ fn no_bytes_from_the_bus_panic_or_enable() {
         for (id, data, kind) in frames {
             // Two thirds to identifiers that mean something.
             let id = [id, 0x181 + id % 2, [0x701, 0x702, 0x70a, 0x081, 0x18a, 0x28a, 0x581][usize::from(id % 7)]];
-            net.master.on_frame(net.now, &Frame::new(id[usize::from(kind)], &data), &mut net.sent);
+            let frame = Frame::new(id[usize::from(kind)], &data);
+            net.master.networks_mut().on_packet(net.now, Packet::Can(&frame), &mut net.sent);
             net.now = net.now + Duration::from_micros(100);
-            net.master.poll(net.now, &mut net.sent);
-            net.master.on_sync(&mut net.sent);
+            net.master.networks_mut().poll(net.now, &mut net.sent);
+            net.master.networks_mut().open(&mut net.sent);
             net.master.on_compute(net.now, Request::None, Timing::default(), &mut net.sent);
         }
         for line in net.take().iter().filter(|line| line.starts_with("201#") || line.starts_with("202#")) {
@@ -136,7 +137,7 @@ fn frames_that_only_the_master_sends_are_those_of_an_intruder() {
         assert_eq!(net.state(), (State::Stopped, Some(Fault::Intruder)), "{line}");
         // Own frames are none.
         let mut net = Net::running(CommandMode::Torque);
-        net.cycle(["3712"; 2], Request::None, |net| net.master.on_echo(&frame(line)));
+        net.cycle(["3712"; 2], Request::None, |net| net.master.networks_mut().on_echo(&frame(line)));
         assert_eq!(net.state(), (State::Running, None), "{line}");
     }
     for line in ["601#4041600000000000", "203#06000000", "77E#05", "7E5#0000000000000000"] {
@@ -186,19 +187,19 @@ fn two_devices_with_one_node_id_are_found_by_their_answers_before_anything_is_en
         let mut answers = 0;
         for _ in 0..1000 {
             let sent = std::mem::take(&mut net.sent);
-            sent.iter().for_each(|frame| net.master.on_echo(frame));
+            sent.iter().for_each(|frame| net.master.networks_mut().on_echo(frame));
             for request in sent.iter().filter(|frame| (0x601..=0x67f).contains(&frame.id())) {
                 let answer = net.answer((request.id() - 0x600) as u8, request.bytes());
                 let answer = Frame::new(request.id() - 0x80, &answer);
                 for _ in 0..1 + usize::from(is_twice && answer.id() == 0x581) {
-                    net.master.on_frame(net.now, &answer, &mut net.sent);
+                    net.master.networks_mut().on_packet(net.now, Packet::Can(&answer), &mut net.sent);
                     answers += 1;
                 }
             }
         }
         assert!(answers > 60, "{answers}");
         ["701#05", "702#05", "70A#05"].iter().for_each(|line| net.hear(line));
-        assert_eq!(*net.master.phase(), Phase::Operational);
+        assert_eq!(*net.master.networks().phase(), Phase::Operational);
         net.sync();
         net.report(["5002"; 2]);
         net.compute(Request::Enable);
@@ -216,7 +217,7 @@ fn in_operation_somebody_else_may_ask_a_node() {
     for (is_asked, found) in [(true, DeviceSet::NONE), (false, DeviceSet::LEFT_DRIVE)] {
         let mut net = Net::new(CommandMode::Torque);
         net.boot();
-        net.master.on_echo(&frame("601#4000100000000000"));
+        net.master.networks_mut().on_echo(&frame("601#4000100000000000"));
         if is_asked {
             net.hear("601#4000100000000000");
         }
@@ -237,6 +238,6 @@ fn a_warning_is_counted_and_the_last_eight_emergencies_are_kept() {
     for code in 1..=10u8 {
         net.hear(&format!("081#{code:02X}FF200000000000"));
     }
-    let codes: Vec<u16> = net.master.told().map(|told| told.code.0).collect();
+    let codes: Vec<u16> = net.master.networks().told().iter().map(|told| told.code.0).collect();
     assert_eq!(codes, [0xff03, 0xff04, 0xff05, 0xff06, 0xff07, 0xff08, 0xff09, 0xff0a]);
 }

@@ -10,13 +10,13 @@ const FOREIGN: &str = "201#0F00F401";
 impl Net {
     /// Hands the master its own frames back, as its interface does when they have been on the bus.
     fn echo(&mut self, sent: &[String]) {
-        sent.iter().for_each(|line| self.master.on_echo(&frame(line)));
+        sent.iter().for_each(|line| self.master.networks_mut().on_echo(&frame(line)));
     }
 
     /// The begin of a cycle; whether SYNC leaves, and what else.
     fn begin(&mut self) -> Vec<String> {
         self.now = self.now + Duration::from_micros(380);
-        self.master.on_sync(&mut self.sent);
+        self.master.networks_mut().open(&mut self.sent);
         self.take()
     }
 }
@@ -34,7 +34,7 @@ fn after_a_foreign_set_point_no_sync_leaves_before_a_quick_stop_was_seen() {
         echo(&mut net, &sent);
         net.hear(FOREIGN);
         assert_eq!(net.begin(), [""; 0], "the drive holds the stranger's set-point");
-        assert!(net.master.is_sync_held());
+        assert!(net.master.networks().is_sync_held());
         let sent = net.compute(Request::None);
         assert_eq!(sent[..2], ["201#02000000", "202#02000000"]);
         assert_eq!(net.state(), (State::Stopped, Some(Fault::Intruder)));
@@ -46,7 +46,7 @@ fn after_a_foreign_set_point_no_sync_leaves_before_a_quick_stop_was_seen() {
             echo(&mut net, &sent[1..]);
         }
         net.sync();
-        assert!(!net.master.is_sync_held());
+        assert!(!net.master.networks().is_sync_held());
         assert_eq!(net.state(), (State::Stopped, Some(Fault::Intruder)));
     }
 }
@@ -120,10 +120,10 @@ fn each_rpdo_of_a_drive_is_a_set_point_and_other_frames_of_strangers_hold_no_syn
 #[test]
 fn a_master_that_was_silent_or_starts_anew_has_forgotten_no_stranger_and_goes_on() {
     let mut net = Net::running(CommandMode::Torque);
-    net.master.on_link(BusId::FIRST, LinkEvent::SendFailed);
+    net.master.networks_mut().on_link(BusId::FIRST, LinkEvent::SendFailed);
     net.begin();
     net.compute(Request::None);
-    assert!(net.master.is_silent());
+    assert!(net.master.networks().is_silent());
     net.hear(FOREIGN);
     net.begin();
     net.compute(Request::None);
@@ -140,7 +140,7 @@ fn a_master_that_was_silent_or_starts_anew_has_forgotten_no_stranger_and_goes_on
     net.sync();
     // What a drill repeats makes no drive act on it either.
     net.hear(FOREIGN);
-    net.master.repeat_sync(&mut net.sent);
+    net.master.networks_mut().repeat_sync(&mut net.sent);
     assert_eq!(net.take(), [""; 0]);
 }
 
@@ -166,7 +166,7 @@ fn an_sdo_download_of_somebody_else_stops_a_rig_that_is_enabled_until_it_is_boot
         let mut net = Net::running(CommandMode::Torque);
         net.cycle(["3712"; 2], Request::None, |net| net.hear(line));
         assert_eq!(
-            (net.state(), net.master.foreign_downloads()),
+            (net.state(), net.master.networks().foreign_downloads()),
             ((State::Stopped, Some(Fault::Intruder)), 1),
             "{line}"
         );
@@ -182,7 +182,7 @@ fn an_sdo_download_of_somebody_else_stops_a_rig_that_is_enabled_until_it_is_boot
         net.boot();
         net.hear(line);
         net.quiet("3102", Request::Enable);
-        assert_eq!((net.state(), net.master.foreign_downloads()), ((State::Enabling, None), 1), "{line}");
+        assert_eq!((net.state(), net.master.networks().foreign_downloads()), ((State::Enabling, None), 1), "{line}");
     }
     // Reading, its segments and blocks, an abort, the end of a block, and downloads to a node that is not ours.
     for line in [
@@ -198,7 +198,7 @@ fn an_sdo_download_of_somebody_else_stops_a_rig_that_is_enabled_until_it_is_boot
     ] {
         let mut net = Net::running(CommandMode::Torque);
         net.cycle(["3712"; 2], Request::None, |net| net.hear(line));
-        assert_eq!((net.state(), net.master.foreign_downloads()), ((State::Running, None), 0), "{line}");
+        assert_eq!((net.state(), net.master.networks().foreign_downloads()), ((State::Running, None), 0), "{line}");
     }
 }
 
@@ -247,7 +247,7 @@ proptest! {
                 prop_assert!(!latch.hears(&line, false), "a stranger at place {place}");
             }
             strike(&mut net, &mut latch, 1);
-            if !net.master.is_sync_held() {
+            if !net.master.networks().is_sync_held() {
                 net.report(["3712"; 2]);
             }
             let sent = net.compute(request);
@@ -258,7 +258,7 @@ proptest! {
                 }
                 latch.hears(line, false);
                 if has_echo {
-                    net.master.on_echo(&frame(line));
+                    net.master.networks_mut().on_echo(&frame(line));
                 }
             }
             strike(&mut net, &mut latch, 3);

@@ -56,7 +56,8 @@ enum What {
 
 /// Says what a rig's boot and start would send: to its devices on these buses, `NAME=INTERFACE` each, or to the simulated ones.
 pub(crate) fn run(rig: &Loaded<Rig>, buses: &[String], sender: Sender, output: &mut Output) -> Result<(), Failure> {
-    let plan = master(&rig.value, &rig.value.fixture).map_err(|error| rig_failure(&error.into()))?.plan();
+    let plan = master(&rig.value, &rig.value.fixture).map_err(|error| rig_failure(&error.into()))?;
+    let plan = plan.networks().plan().unwrap_or_default();
     let mut desks = match buses {
         [] => vec![DeviceSession::of_rig(rig, None)?],
         // Listens on each before anything is read on any.
@@ -402,7 +403,7 @@ mod tests {
 
     /// What a shipped rig would be told, by reading alone.
     fn planned(rig: &Loaded<Rig>) -> Vec<Line> {
-        let plan = master(&rig.value, &rig.value.fixture).unwrap().plan();
+        let plan = master(&rig.value, &rig.value.fixture).unwrap().networks().plan().unwrap();
         let scene = rig.scene().unwrap().value;
         let link: Box<dyn CanLink> = Box::new(Reading(VirtualLink::new(&rig.value, &scene, 1).unwrap()));
         let mut desk = DeviceSession::of_rig(rig, None).unwrap();
@@ -511,7 +512,7 @@ mod tests {
         let text = "like: builtin:paper-admittance.yaml\ndrives: [{name: left}, {name: right, profile: maxon-epos4, encoder: multi_turn}]\n";
         let other = load_rig(Source::memory("rig.yaml", text)).unwrap();
         let shipped = load_rig(Source::named("builtin:paper-admittance.yaml")).unwrap();
-        let plan = master(&other.value, &other.value.fixture).unwrap().plan();
+        let plan = master(&other.value, &other.value.fixture).unwrap().networks().plan().unwrap();
         let (lines, end) = lines(&shipped.value, &plan, &mut [DeviceSession::of_rig(&shipped, None).unwrap()]).unwrap();
         assert!(lines.len() > 50);
         let failure = end.unwrap_err();

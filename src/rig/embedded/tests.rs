@@ -119,7 +119,10 @@ fn a_rig_on_ethercat_follows_its_hand_and_stops_also_with_its_sensor_on_can() {
         assert!(farthest > 0.01, "{file}: {farthest}");
         let counted: Vec<_> = machine.master().cycle().faults().counted().collect();
         assert!(counted.is_empty(), "{file}: {counted:?}");
-        assert!(machine.master().told().next().is_none() && machine.master().segment_findings().is_empty(), "{file}");
+        assert!(
+            machine.master().networks().told().is_empty() && machine.master().networks().findings().is_empty(),
+            "{file}"
+        );
         machine.stop().unwrap();
     }
 }

@@ -206,9 +206,9 @@ pub fn run_rig(
         held_s,
         held_by: held.into_values().collect(),
         counted: machine.master().cycle().faults().counted().collect(),
-        foreign_downloads: machine.master().foreign_downloads(),
-        segment: machine.master().segment_findings(),
-        emergencies: machine.master().told().collect(),
+        foreign_downloads: machine.master().networks().foreign_downloads(),
+        segment: machine.master().networks().findings(),
+        emergencies: machine.master().networks().told(),
         errors: machine.errors().collect(),
         period_s,
     })

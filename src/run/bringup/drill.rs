@@ -53,7 +53,7 @@ impl Watched {
         if !self.is_asked {
             return;
         }
-        let data = match master.answer(self.drive) {
+        let data = match master.networks().answer(self.drive) {
             ObjectAnswer::Pending => return,
             ObjectAnswer::Done(data) => data,
             ObjectAnswer::NotAsked | ObjectAnswer::Failed(_) => {
@@ -81,11 +81,11 @@ impl Watched {
 
     /// Asks again, if the last question was answered or has timed out.
     fn ask(&mut self, master: &mut Master, now: Time, out: &mut impl Outbox) {
-        master.poll(now, out);
+        master.networks_mut().poll(now, out);
         self.take(master, now);
         if !self.is_asked {
             let status = ObjectRequest::Read(Address::new(objects::STATUSWORD.index, objects::STATUSWORD.sub));
-            self.is_asked = master.ask(now, self.drive, status, out).is_ok();
+            self.is_asked = master.networks_mut().ask(now, self.drive, status, out).is_ok();
             self.asked_at = now;
         }
     }
@@ -170,26 +170,26 @@ fn fall_silent(runner: &mut Runner<dyn Place>, watchdog: Watchdog, drives: &mut 
         watch_until(runner, grid, drives);
         let now = runner.now();
         if !sends(Watchdog::Operational) && last == Time(0) {
-            runner.send(|master, _, _| master.leave_op());
+            runner.send(|master, _, _| master.networks_mut().leave_op());
             last = now;
         }
         if sends(Watchdog::Sync) {
-            runner.send(|master, _, out| master.repeat_sync(out));
+            runner.send(|master, _, out| master.networks_mut().repeat_sync(out));
             last = if watchdog == Watchdog::Sync { now } else { last };
         }
         let compute_at = grid + runner.compute_at;
         watch_until(runner, compute_at, drives);
         let now = runner.now();
-        let inputs = runner.take_statuswords(now);
+        let inputs = runner.master.networks_mut().take_statuswords(now);
         if drives.iter().any(|drive| drive.stopped_at.is_some()) {
-            runner.close_brakes();
+            runner.master.close_brakes();
         }
         if sends(Watchdog::SetPoints) && sends(Watchdog::Outputs) {
             runner.send(|master, now, out| master.repeat_set_points(now, out));
             last = if matches!(watchdog, Watchdog::SetPoints | Watchdog::Outputs) { now } else { last };
         }
         if sends(Watchdog::Heartbeat) {
-            let sent = runner.send(|master, now, out| master.repeat_heartbeat(now, out));
+            let sent = runner.send(|master, now, out| master.networks_mut().repeat_heartbeat(now, out).unwrap_or(now));
             last = if watchdog == Watchdog::Heartbeat { sent } else { last };
         }
         for (at, drive) in drives.iter_mut().enumerate() {

@@ -188,7 +188,7 @@ fn home_traced(
     runner.watch_homing(Some(2.0 * plan.fastest_rad_per_s * runner.period().as_secs_f64()));
     let mut traces = plan.longest_s().map(|longest_s| HomingTrace::with_room(runner.cycles_in(longest_s)));
     let homed = home_all(runner, rig, plan, permit, &mut traces, is_interrupted);
-    runner.set_homing([false; 2]);
+    runner.master.set_homing([false; 2]);
     runner.watch_homing(None);
     Ok((homed?, traces))
 }
@@ -224,7 +224,7 @@ fn home_all(
             }
         }
     }
-    runner.set_homing([false; 2]);
+    runner.master.set_homing([false; 2]);
     let (state, cause) = (runner.state(), runner.cause());
     let referenced = runner.master().homing().map(|homing| homing.is_referenced);
     let (taken, by_reference) = (runner.angles().to_array(), runner.master().referenced_angles().to_array());
@@ -306,7 +306,7 @@ fn home_one(
     // A joint that was found on its way needs this far to come to rest.
     let slides = if of(plan.slides) > 0.0 { 0.5 * rate * HOMING_COMES_UP_S } else { 0.0 };
     let period_s = runner.period().as_secs_f64();
-    runner.set_homing([joint == 0, joint == 1]);
+    runner.master.set_homing([joint == 0, joint == 1]);
     for cycle in 0..limit {
         if is_interrupted.load(Ordering::Relaxed) {
             return Err((Ended::Interrupted, None));
@@ -333,7 +333,7 @@ fn home_one(
         let rests = [0, 1].map(|one| one != joint || is_over);
         if let Some(why) = watch.step(runner, f64::from(*cycles) * period_s, rests) {
             if let NotHome::Blocked(blocked, _) = why {
-                runner.report_blocked(blocked);
+                runner.master.cycle_mut().report_blocked(blocked);
                 runner.run_cycle(Ask::Nothing);
             }
             return Err((if runner.state() == State::Running { Ended::Whole } else { Ended::Stopped }, Some(why)));

@@ -154,7 +154,7 @@ fn led(
         None => Way::To(runner.led_angles() + jog.by),
     };
     if let Way::To(targets) = way {
-        runner.lead_to(targets);
+        runner.master.cycle_mut().lead_to(targets);
     }
     let LeadLimits { rate_rad_per_s, acceleration_rad_per_s2 } = jog.limits;
     let [left, right] = jog.by.to_array();
@@ -173,7 +173,7 @@ fn led(
             break;
         }
         if let Some(targets) = way.targets(runner.led_angles(), jog, period_s) {
-            runner.lead_to(targets);
+            runner.master.cycle_mut().lead_to(targets);
         }
         let record = runner.run_cycle(Ask::Nothing);
         cycles += 1;
@@ -189,7 +189,7 @@ fn led(
             break;
         }
         if let Some(joint) = watch.blocked() {
-            runner.report_blocked(joint);
+            runner.master.cycle_mut().report_blocked(joint);
             continue;
         }
         let now = (measured(runner) - runner.led_angles()).to_array();

@@ -64,7 +64,7 @@ impl TorqueMeter {
         if !self.is_pending {
             return Metered::Nothing;
         }
-        let answer = match runner.master().answer(self.drive) {
+        let answer = match runner.master().networks().answer(self.drive) {
             ObjectAnswer::Pending => return Metered::Pending,
             ObjectAnswer::Done(&[low, high, ..]) => {
                 let torque_n_m = self.torque_n_m(i16::from_le_bytes([low, high]));
@@ -85,7 +85,8 @@ impl TorqueMeter {
     pub(super) fn ask(&mut self, runner: &mut Runner<dyn Place>, at: Option<f64>) {
         self.asked_at = at;
         let request = ObjectRequest::Read(Address::new(TORQUE_ACTUAL.index, TORQUE_ACTUAL.sub));
-        self.is_pending = runner.send(|master, now, out| master.ask(now, self.drive, request, out)).is_ok();
+        self.is_pending =
+            runner.send(|master, now, out| master.networks_mut().ask(now, self.drive, request, out)).is_ok();
     }
 
     /// Parts of a thousand of the drive's rated torque, N m.
@@ -96,7 +97,7 @@ impl TorqueMeter {
     /// Waits for what was asked last, so that the drive can be asked for something else.
     pub(super) fn finish(&mut self, runner: &mut Runner<dyn Place>) {
         for _ in 0..LAST_CYCLES {
-            if !matches!(runner.master().answer(self.drive), ObjectAnswer::Pending) {
+            if !matches!(runner.master().networks().answer(self.drive), ObjectAnswer::Pending) {
                 break;
             }
             runner.run_cycle(Ask::Nothing);

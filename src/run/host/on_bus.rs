@@ -467,11 +467,11 @@ impl RigOnBus {
                 priority,
                 memory,
                 counts: runner.counts(),
-                emergencies: runner.master().told().collect(),
+                emergencies: runner.master().networks().told(),
                 errors: runner.errors().collect(),
                 counted: master.cycle().faults().counted().collect(),
-                foreign_downloads: master.foreign_downloads(),
-                segment: master.segment_findings(),
+                foreign_downloads: master.networks().foreign_downloads(),
+                segment: master.networks().findings(),
                 standstill,
             }
         })
@@ -491,7 +491,7 @@ impl RigOnBus {
             let drilled = drill(&mut runner, &rig, is_interrupted, &findings);
             runner.leave();
             let master = runner.master();
-            DrillOutcome { drilled, emergencies: master.told().collect(), errors: runner.errors().collect() }
+            DrillOutcome { drilled, emergencies: master.networks().told(), errors: runner.errors().collect() }
         })
     }
 }

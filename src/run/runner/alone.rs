@@ -20,15 +20,15 @@ impl<P: Place + ?Sized> Runner<P> {
         if self.has_listened {
             // Since the network was left.
             self.check_alone()?;
-            self.master.listen();
+            self.master.networks_mut().listen();
             self.drain();
             return self.check_alone();
         }
-        self.master.listen();
+        self.master.networks_mut().listen();
         self.listen_until(self.now() + self.listening, |_, _, _| ())?;
-        self.send_or_fail(|master, now, out| master.announce(now, out))?;
+        self.send_or_fail(|master, now, out| master.networks_mut().announce(now, out))?;
         self.listen_until(self.now() + ANNOUNCED, |master, now, out| {
-            master.repeat_heartbeat(now, out);
+            master.networks_mut().repeat_heartbeat(now, out);
         })?;
         self.has_listened = true;
         Ok(())
@@ -56,7 +56,7 @@ impl<P: Place + ?Sized> Runner<P> {
 
     /// Fails if somebody else was heard who is a master.
     pub(super) fn check_alone(&mut self) -> Result<(), RunError> {
-        match self.master.phase() {
+        match self.master.networks().phase() {
             Phase::Failed(BootError { failure: BootFailure::OtherMaster { heard, has_sent }, .. }) => {
                 self.has_listened = false;
                 Err(RunError::OtherMaster { heard: *heard, has_sent: *has_sent })

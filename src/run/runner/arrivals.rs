@@ -7,7 +7,7 @@ use crate::place::Place;
 use yieldwall_bus::{LinkEvent, Master};
 use yieldwall_fieldbus::canopen::Frame;
 use yieldwall_fieldbus::time::Time;
-use yieldwall_link::{Arrival, EthernetReceived, Packet, Received};
+use yieldwall_link::{Arrival, EthernetReceived, LinkOutbox, Packet, Received};
 
 /// How long lockstep listens before the first cycle, on the wall, to what the boot has made the devices say: there time goes
 /// so fast that the answers of a second device with the same node id could come after the drives were enabled.
@@ -23,17 +23,17 @@ impl<P: Place + ?Sized> Runner<P> {
     pub(super) fn listen(&mut self) {
         let until = self.now() + LISTEN;
         while self.now() < until {
-            let sent = self.send(|master, now, out| master.repeat_heartbeat(now, out));
-            let next = until.min(sent + self.between_heartbeats()).min(self.master.next_deadline());
+            let sent = self.send(|master, now, out| master.networks_mut().repeat_heartbeat(now, out).unwrap_or(now));
+            let next = until.min(sent + self.between_heartbeats()).min(self.master.networks().next_deadline());
             self.wait_until(self.started + next.since(Time(0)));
             self.drain();
-            self.send(|master, now, out| master.poll(now, out));
+            self.send(|master, now, out| master.networks_mut().poll(now, out));
         }
     }
 
-    /// Longest time from one call of [`Master::repeat_heartbeat`] to the next.
+    /// Longest time from one call of `repeat_heartbeat` to the next.
     pub(super) fn between_heartbeats(&self) -> Duration {
-        self.master.heartbeat_period().unwrap_or(LISTEN)
+        self.master.networks().heartbeat_period().unwrap_or(LISTEN)
     }
 
     /// Takes what the link holds, until `is_enough` or for as long as there is patience.
@@ -75,7 +75,7 @@ impl<P: Place + ?Sized> Runner<P> {
 
     /// Takes what has come over the segment; whether that was anything.
     pub(crate) fn drain_ethernet(&mut self) -> bool {
-        let Some(bus) = self.master.segment_bus() else { return false };
+        let Some(bus) = self.master.networks().ethernet_bus() else { return false };
         let mut has_come = false;
         for _ in 0..ARRIVALS {
             let Self { place, buffer, .. } = &mut *self;
@@ -85,17 +85,19 @@ impl<P: Place + ?Sized> Runner<P> {
             match arrival.what {
                 EthernetReceived::Frame { length } => {
                     self.counts.received += 1;
-                    let Self { master, buffer, tap, .. } = &mut *self;
-                    let bytes = buffer.get(..length).unwrap_or_default();
+                    let Self { master, place, buffer, tap, .. } = &mut *self;
+                    let packet = Packet::Ethernet { bus, bytes: buffer.get(..length).unwrap_or_default() };
                     if let Some(tap) = tap {
-                        tap(time, Packet::Ethernet { bus, bytes });
+                        tap(time, packet);
                     }
-                    master.on_ethernet(time, bytes);
+                    master.networks_mut().on_packet(time, packet, &mut LinkOutbox::new(place));
                     // What the frame has made the master send.
                     self.send(|_, _, _| ());
                 }
                 EthernetReceived::TooLong { .. } => self.counts.received += 1,
-                EthernetReceived::Down | EthernetReceived::Gone => self.master.on_link(bus, LinkEvent::SendFailed),
+                EthernetReceived::Down | EthernetReceived::Gone => {
+                    self.master.networks_mut().on_link(bus, LinkEvent::SendFailed)
+                }
             }
         }
         has_come
@@ -104,21 +106,21 @@ impl<P: Place + ?Sized> Runner<P> {
     pub(crate) fn take(&mut self, arrival: &Arrival) {
         let time = self.time_of(arrival);
         if let Some(event) = arrival.what.link_event() {
-            self.master.on_link(arrival.bus, event);
+            self.master.networks_mut().on_link(arrival.bus, event);
         }
         match arrival.what {
             Received::Frame(frame) => {
                 self.counts.received += 1;
                 self.show(time, &frame);
-                self.send(|master, _, out| master.on_frame(time, &frame, out));
+                self.send(|master, _, out| master.networks_mut().on_packet(time, Packet::Can(&frame), out));
                 if self.waits && arrival.time < self.back_since {
-                    self.master.forget_heartbeat_times();
+                    self.master.networks_mut().forget_heartbeat_times();
                 }
             }
             Received::Echo(frame) => {
                 self.counts.echoed += 1;
                 self.show(time, &frame);
-                self.master.on_echo(&frame);
+                self.master.networks_mut().on_echo(&frame);
             }
             Received::Overflow { frames } => self.counts.overflowed += u64::from(frames),
             Received::Error(_) | Received::Down | Received::Gone => {}

@@ -77,7 +77,7 @@ impl<P: Place + ?Sized> Runner<P> {
         self.timing.skipped = self.periods_between(grid, end);
         self.next_sync = self.after(grid, self.timing.skipped + 1);
         if self.waits {
-            self.wait_for(self.patience_with_frames(), |master| !master.is_in_flight());
+            self.wait_for(self.patience_with_frames(), |master| !master.networks().is_in_flight());
         }
         if let Some(bound) = &mut self.motion_bound {
             bound.look(self.master.state(), outputs.signals.target_angles);
@@ -103,7 +103,7 @@ impl<P: Place + ?Sized> Runner<P> {
     /// The grid point so many periods after another one. The grid follows the clock of a segment.
     pub(crate) fn after(&self, grid: Time, periods: u32) -> Time {
         let next = grid + self.period * periods;
-        Time(next.0.saturating_add_signed(self.master.grid_shift_ns()))
+        Time(next.0.saturating_add_signed(self.master.networks().grid_shift_ns()))
     }
 
     /// Whether a rig was led farther than its permit allows.
@@ -113,15 +113,15 @@ impl<P: Place + ?Sized> Runner<P> {
 
     /// Sends the outputs of the last cycle once more before drives act on them, if there is time for it.
     fn repeat_outputs(&mut self) {
-        let Some(before) = self.master.repeats_before() else { return };
+        let Some(before) = self.master.networks().repeats_before() else { return };
         let at = Time(self.next_sync.0.saturating_sub(before.as_nanos() as u64));
         if self.waits {
             self.lockstep_now = self.lockstep_now.max(at);
-            self.send(|master, _, _| master.repeat_outputs());
-            self.wait_for(self.patience_with_frames(), |master| !master.is_in_flight());
+            self.send(|master, _, _| master.networks_mut().repeat());
+            self.wait_for(self.patience_with_frames(), |master| !master.networks().is_in_flight());
         } else if at >= self.now() {
             self.attend_until(at);
-            self.send(|master, _, _| master.repeat_outputs());
+            self.send(|master, _, _| master.networks_mut().repeat());
         }
     }
 
@@ -168,7 +168,7 @@ impl<P: Place + ?Sized> Runner<P> {
         self.stages.sync_woke_ns = nanos(woke.since(grid));
         let sent = self.now();
         self.timing.sync_late_ns = nanos(sent.since(grid));
-        self.master.note_late(sent.since(grid));
+        self.master.networks_mut().note_late(sent.since(grid));
         self.send_sync();
         // Process data follow SYNC, however late that was.
         let woke = self.attend_until(sent + self.compute_at);
@@ -181,7 +181,7 @@ impl<P: Place + ?Sized> Runner<P> {
         loop {
             let on_clock = |time: Time| self.started + time.since(Time(0));
             let runs = self.process == Process::Runs;
-            let deadline = if runs { self.master.next_deadline() } else { Time::NEVER };
+            let deadline = if runs { self.master.networks().next_deadline() } else { Time::NEVER };
             self.standstill.wait_until(on_clock(moment));
             self.place.sleep_until(on_clock(moment), on_clock(deadline));
             let woke = self.now();
@@ -193,7 +193,7 @@ impl<P: Place + ?Sized> Runner<P> {
                 continue;
             }
             if deadline <= woke {
-                self.send(|master, now, out| master.poll(now, out));
+                self.send(|master, now, out| master.networks_mut().poll(now, out));
             } else if woke >= moment {
                 return woke;
             }
@@ -206,27 +206,27 @@ impl<P: Place + ?Sized> Runner<P> {
         self.lockstep_now = grid;
         self.drain();
         self.send_sync();
-        if !self.master.is_sync_held() {
+        if !self.master.networks().is_sync_held() {
             let absent = self.absent;
-            self.wait_for(PATIENCE, |master| absent.contains(master.missing(grid)));
-            self.wait_for(IMPATIENCE, |master| master.missing(grid).is_empty());
-            self.absent = self.master.missing(grid);
+            self.wait_for(PATIENCE, |master| absent.contains(master.networks().missing(grid)));
+            self.wait_for(IMPATIENCE, |master| master.networks().missing(grid).is_empty());
+            self.absent = self.master.networks().missing(grid);
         }
         self.lockstep_now = grid + self.compute_at;
         grid
     }
 
     fn send_sync(&mut self) {
-        if self.master.is_silent() {
+        if self.master.networks().is_silent() {
             self.place.drop_queue();
         }
-        self.send(|master, _, out| master.on_sync(out));
+        self.send(|master, _, out| master.networks_mut().open(out));
     }
 
     /// Runs the cycle, and when it was stepped; nothing if it panicked, after a last quick stop.
     fn compute(&mut self, begin: Time, request: Request, timing: Timing) -> Option<(Outputs, Time)> {
-        if self.master.next_deadline() <= begin {
-            self.send(|master, now, out| master.poll(now, out));
+        if self.master.networks().next_deadline() <= begin {
+            self.send(|master, now, out| master.networks_mut().poll(now, out));
         }
         let result = catch_unwind(AssertUnwindSafe(|| {
             let outputs = self.master.step(begin, request, timing);

@@ -52,9 +52,9 @@ impl<P: Place + ?Sized> Runner<P> {
         loop {
             let has_come = self.drain();
             if !(self.is_virtual && has_come) {
-                self.send_or_fail(|master, now, out| master.poll(now, out))?;
+                self.send_or_fail(|master, now, out| master.networks_mut().poll(now, out))?;
             }
-            match self.master.phase() {
+            match self.master.networks().phase() {
                 Phase::Operational => break,
                 Phase::Failed(error) => {
                     let error = error.clone();
@@ -67,9 +67,9 @@ impl<P: Place + ?Sized> Runner<P> {
                 _ => {}
             }
             let now = self.now();
-            let mut next = self.master.next_deadline();
+            let mut next = self.master.networks().next_deadline();
             if let Some(watch) = &mut self.boot_watch {
-                if watch(self.master.waiting(now)) {
+                if watch(self.master.networks().waiting(now)) {
                     return Err(RunError::Interrupted);
                 }
                 // In virtual time nobody waits, and who looks on changes nothing.
@@ -96,27 +96,27 @@ impl<P: Place + ?Sized> Runner<P> {
         self.waits = self.pace == Pace::Lockstep;
         if self.waits {
             // The network's own last cycle is over before the first one of the loop.
-            self.wait_for(FAREWELL, |master| !master.is_in_flight());
+            self.wait_for(FAREWELL, |master| !master.networks().is_in_flight());
         }
     }
 
     /// Takes the cycles of a segment over from the network, which runs them since the bring-up: the grid point of the next one. `None`
     /// without a segment.
     fn take_over_cycles(&mut self) -> Option<Time> {
-        self.master.segment()?;
+        self.master.networks().segment()?;
         // It is known but between the two moments of a cycle.
         let limit = self.now() + self.period * 2;
         loop {
-            if let Some(grid) = self.master.take_over_cycles() {
+            if let Some(grid) = self.master.networks_mut().take_over_cycles() {
                 return Some(grid);
             }
             if self.now() >= limit {
                 return None;
             }
-            let next = self.master.next_deadline().min(limit);
+            let next = self.master.networks().next_deadline().min(limit);
             self.wait_until(self.started + next.since(Time(0)));
             if !(self.drain() && self.is_virtual) {
-                self.send(|master, now, out| master.poll(now, out));
+                self.send(|master, now, out| master.networks_mut().poll(now, out));
             }
         }
     }
@@ -124,9 +124,9 @@ impl<P: Place + ?Sized> Runner<P> {
     /// Leaves the network after the rig was stopped, so that no drive waits for set-points. A bus that could not be reached
     /// gets nothing. Whoever watches sees the last frames as well.
     pub fn leave(&mut self) {
-        if !self.master.is_silent() {
-            let was_exchanging = *self.master.phase() == Phase::Operational;
-            self.send(|master, _, out| master.leave(out));
+        if !self.master.networks().is_silent() {
+            let was_exchanging = *self.master.networks().phase() == Phase::Operational;
+            self.send(|master, _, out| master.networks_mut().leave(out));
             if was_exchanging && !self.makes_torque() {
                 self.end_watch();
             }

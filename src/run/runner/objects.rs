@@ -37,11 +37,12 @@ impl<P: Place + ?Sized> Runner<P> {
     fn transfer(&mut self, device: Device, request: ObjectRequest<'_>) -> Result<u32, RunError> {
         let (ObjectRequest::Read(Address { index, sub }) | ObjectRequest::Write(Address { index, sub }, _)) = request;
         let unread = RunError::Unread { which: self.which(device), index, sub };
-        self.send(|master, now, out| master.ask(now, device, request, out)).map_err(|_| unread.clone())?;
+        self.send(|master, now, out| master.networks_mut().ask(now, device, request, out))
+            .map_err(|_| unread.clone())?;
         // Time may stand still in lockstep, and a cycle that has panicked moves nothing on: the place's own clock goes on.
         let patience = self.patience.into_iter().max().unwrap_or_default() + BEYOND_PATIENCE;
         let until = self.place.now() + patience;
-        let has_cycles = self.next_sync != Time::NEVER && self.master.segment().is_some();
+        let has_cycles = self.next_sync != Time::NEVER && self.master.networks().segment().is_some();
         loop {
             if self.has_panicked || self.place.now() >= until {
                 return Err(unread);
@@ -51,13 +52,14 @@ impl<P: Place + ?Sized> Runner<P> {
                 self.run_cycle(Ask::Nothing);
             } else {
                 // The drives already wait for heartbeats.
-                let sent = self.send(|master, now, out| master.repeat_heartbeat(now, out));
-                let next = self.master.next_deadline().min(sent + self.between_heartbeats());
+                let sent =
+                    self.send(|master, now, out| master.networks_mut().repeat_heartbeat(now, out).unwrap_or(now));
+                let next = self.master.networks().next_deadline().min(sent + self.between_heartbeats());
                 self.wait_until(self.started + next.since(Time(0)));
                 self.drain();
-                self.send(|master, now, out| master.poll(now, out));
+                self.send(|master, now, out| master.networks_mut().poll(now, out));
             }
-            match self.master.answer(device) {
+            match self.master.networks().answer(device) {
                 ObjectAnswer::Pending => {}
                 ObjectAnswer::Done(data) => return Ok(unsigned(data)),
                 ObjectAnswer::NotAsked | ObjectAnswer::Failed(_) => return Err(unread),
@@ -74,7 +76,7 @@ impl<P: Place + ?Sized> Runner<P> {
     }
 
     fn identity(&mut self, drive: Device) -> Result<DriveIdentity, RunError> {
-        let node_id = self.master.node_id(drive);
+        let node_id = self.master.networks().node_id(drive);
         let mut read = |sub| self.read(drive, objects::VENDOR_ID.index, sub);
         Ok(DriveIdentity {
             node_id,
@@ -87,7 +89,7 @@ impl<P: Place + ?Sized> Runner<P> {
 
     /// The device as errors name it.
     pub(crate) fn which(&self, device: Device) -> Which {
-        Which { device, node_id: self.master.node_id(device) }
+        Which { device, node_id: self.master.networks().node_id(device) }
     }
 }
 

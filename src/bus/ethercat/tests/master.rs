@@ -5,6 +5,7 @@ use crate::AxisSetup;
 use crate::Master;
 use crate::tests::position_cycle;
 use yieldwall_drives::cia402;
+use yieldwall_fieldbus::Packet;
 use yieldwall_fieldbus::canopen::Frame;
 use yieldwall_motion::cycle::Timing;
 use yieldwall_motion::guard::{Cause, Fault, Request, State};
@@ -71,7 +72,7 @@ impl Rig {
             skips_outputs_of: None,
             words: [0; 2],
         };
-        assert!(rig.boot(), "{:?}", rig.master.phase());
+        assert!(rig.boot(), "{:?}", rig.master.networks().phase());
         rig
     }
 
@@ -80,12 +81,12 @@ impl Rig {
         self.master.start(self.now, &mut self.can);
         for _ in 0..200_000 {
             self.advance(self.now + Duration::from_micros(20));
-            match self.master.phase() {
+            match self.master.networks().phase() {
                 Phase::Operational => {}
                 Phase::Failed(_) => return false,
                 _ => continue,
             }
-            if let Some(first) = self.master.take_over_cycles() {
+            if let Some(first) = self.master.networks_mut().take_over_cycles() {
                 self.next_open = first;
                 return true;
             }
@@ -97,7 +98,7 @@ impl Rig {
     fn exchange(&mut self) {
         for _ in 0..4 {
             let mut sent = Vec::new();
-            self.master.drain_ethernet(|bytes| sent.push(bytes.to_vec()));
+            self.master.networks_mut().drain(&mut |_, bytes| sent.push(bytes.to_vec()));
             for mut bytes in sent {
                 if bytes[16] == Command::Lwr as u8 {
                     self.words = [26, 44].map(|at| yieldwall_fieldbus::ethercat::u16_at(&bytes, at));
@@ -121,9 +122,9 @@ impl Rig {
                             let bit = (bits >> (8 + 12 * part)) as usize % (8 * filled.len());
                             bytes[filled[bit / 8]] ^= 1 << (bit % 8);
                         }
-                        self.master.on_ethernet(back, &bytes);
+                        self.hear(back, &bytes);
                     }
-                    _ => self.master.on_ethernet(back, &bytes),
+                    _ => self.hear(back, &bytes),
                 }
                 if fate == Fate::IsDoubled {
                     self.late.extend_from_within(..self.late.len().min(1));
@@ -132,17 +133,22 @@ impl Rig {
         }
     }
 
+    fn hear(&mut self, now: Time, bytes: &[u8]) {
+        let bus = self.master.networks().ethernet_bus().unwrap();
+        self.master.networks_mut().on_packet(now, Packet::Ethernet { bus, bytes }, &mut self.can);
+    }
+
     fn advance(&mut self, until: Time) {
         self.now = self.now.max(until);
         self.segment.poll(self.now);
-        self.master.poll(self.now, &mut self.can);
+        self.master.networks_mut().poll(self.now, &mut self.can);
         self.exchange();
     }
 
     fn cycle(&mut self, request: Request) -> State {
         let open = self.next_open;
         self.advance(open);
-        self.master.on_sync(&mut self.can);
+        self.master.networks_mut().open(&mut self.can);
         self.exchange();
         let compute = open + COMPUTE_AT;
         self.now = self.now.max(compute);
@@ -150,10 +156,10 @@ impl Rig {
         self.master.on_compute(compute, request, Timing::default(), &mut self.can);
         // What is late comes between two cycles.
         for bytes in std::mem::take(&mut self.late) {
-            self.master.on_ethernet(self.now, &bytes);
+            self.hear(self.now, &bytes);
         }
         self.exchange();
-        self.next_open = Time((open + PERIOD).0.saturating_add_signed(self.master.grid_shift_ns()));
+        self.next_open = Time((open + PERIOD).0.saturating_add_signed(self.master.networks().grid_shift_ns()));
         assert!(self.can.is_empty());
         self.master.state()
     }
@@ -236,7 +242,7 @@ fn a_pulled_cable_and_outputs_that_are_not_taken_stop_both_axes() {
     assert_eq!(states, [State::Running, State::Holding, State::Lost, State::Lost]);
     let cause = Cause { fault: Fault::PortErrors, devices: DeviceSet::RIGHT_DRIVE | DeviceSet::SENSOR };
     assert_eq!(rig.master.cause(), Some(cause));
-    assert!(rig.master.segment_findings()[0].starts_with("the link at port 1 of left (position 0) was lost"));
+    assert!(rig.master.networks().findings()[0].starts_with("the link at port 1 of left (position 0) was lost"));
     rig.segment.set_cable(1, true);
     // A person who asks for it does not get it before the network was started anew.
     rig.cycles(100);
@@ -272,7 +278,7 @@ fn with_bad_frames(seed: u64, cycles: u32) -> [u32; 3] {
         let request = match at % 400 {
             200 if rig.master.state() == State::Lost || at % 800 == 200 => {
                 // The frames are as bad as before, so that a person may have to try more than once.
-                assert!((0..50).any(|_| rig.boot()), "{:?}", rig.master.phase());
+                assert!((0..50).any(|_| rig.boot()), "{:?}", rig.master.networks().phase());
                 boots += 1;
                 was_latched = false;
                 continue;

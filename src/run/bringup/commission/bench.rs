@@ -135,7 +135,7 @@ impl<'a> Bench<'a> {
     pub(super) fn report(&mut self, step: Step) -> Option<StepReport> {
         let mut found = Found::default();
         // What the devices say of a watchdog that was tried is no part of what comes later.
-        self.runner.forget_told();
+        self.runner.master.networks_mut().forget_told();
         let done = match step {
             Step::Communication => self.communication(&mut found),
             Step::Identity => self.identity(&mut found),

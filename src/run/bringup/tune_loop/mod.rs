@@ -232,7 +232,7 @@ fn led_along(
         }
         let mut by = [0.0; 2];
         by.iter_mut().skip(joint).take(1).for_each(|by| *by = *offset);
-        runner.lead_to(start + JointAngles::from(by));
+        runner.master.cycle_mut().lead_to(start + JointAngles::from(by));
         let record = runner.run_cycle(Ask::Nothing);
         if runner.has_panicked() {
             ended = Ended::Panicked;
@@ -267,7 +267,7 @@ fn led_along(
         if let Metered::Torque(made_n_m) = made
             && push.is_blocked_while_led(now, made_n_m)
         {
-            runner.report_blocked(joint);
+            runner.master.cycle_mut().report_blocked(joint);
         }
         if runner.state() != State::Running {
             ended = Ended::Stopped;
