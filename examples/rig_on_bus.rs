@@ -19,6 +19,7 @@ mod on_linux {
     use yieldwall::config::{Source, load_rig};
     use yieldwall::host::{Evidence, News, RigOnBus, Terms};
     use yieldwall::run::{Ended, Pace};
+    use yieldwall::service::journal::Journals;
 
     /// Runs the rig of a file on an interface for a time in s.
     pub(super) fn run(arguments: &[String]) -> Result<(), Box<dyn Error>> {
@@ -27,10 +28,12 @@ mod on_linux {
         };
         let duration_s: f64 = duration_s.parse().map_err(|_| format!("`{duration_s}` is no time in s"))?;
         let rig = load_rig(Source::named(rig))?.value;
-        // Takes the interface as its only master, and sends nothing yet. A rig on several buses has one interface for each.
-        let on_bus = RigOnBus::open(&rig, std::slice::from_ref(interface), Pace::Free)?;
         let records = records().ok_or("neither XDG_STATE_HOME nor HOME says where the records are")?;
         let now_unix_s = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH)?.as_secs();
+        // Takes the interface as its only master, and sends nothing yet. A rig on several buses has one interface for each.
+        // Refuses an interface on which a bring-up was killed, until `yieldwall commission --restore` gives the devices back what they held.
+        let journals = Journals { folder: Some(records.join("journals")), command: "run".into(), now_unix_s };
+        let on_bus = RigOnBus::open(&rig, std::slice::from_ref(interface), Pace::Free, &journals)?;
         let terms = Terms {
             // What shows that the drives stop by themselves, and that this computer is in time.
             evidence: Evidence::OnRecord {

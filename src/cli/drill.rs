@@ -5,7 +5,7 @@ use std::io;
 use serde_json::json;
 
 use super::bus::check_buses;
-use super::desk::journal::refuse_open;
+use super::desk::journal::{journals, not_opened};
 use super::desk::plan::{self, Sender};
 use super::events::{Events, Listening, Stream};
 use super::failure::{Exit, Failure};
@@ -13,8 +13,7 @@ use super::interfaces::Interfaces;
 use super::interrupt::on_interrupt;
 use super::keep::{Watched, state_folder};
 use super::on_bus::{
-    different, live_failure, only_for_can, open_failure, point_to_doctor, thread_failure, told_at_boot, warn, warn_of,
-    with_told,
+    different, live_failure, only_for_can, point_to_doctor, thread_failure, told_at_boot, warn, warn_of, with_told,
 };
 use super::output::Output;
 use super::run::{judge, settled_json, settled_text, watchdogs_json, watchdogs_text};
@@ -69,9 +68,8 @@ fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<
     trusted::make_folder(&folder).map_err(unkept)?;
     let is_interrupted = on_interrupt()?;
     let interfaces = Interfaces::of(&rig, &arguments.bus)?;
-    refuse_open(&rig, &arguments.rig, &interfaces)?;
-    let on_bus = RigOnBus::open(&rig, interfaces.names(), Pace::Free);
-    let mut on_bus = on_bus.map_err(|error| open_failure(&error))?;
+    let on_bus = RigOnBus::open(&rig, interfaces.names(), Pace::Free, &journals("drill"));
+    let mut on_bus = on_bus.map_err(|error| not_opened(&error, &rig, &arguments.rig, &interfaces))?;
     warn_of(output, on_bus.memory());
     let times = match watchdogs(&rig).len() {
         1 => "once".to_owned(),

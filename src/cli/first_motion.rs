@@ -1,22 +1,20 @@
 //! A rig on real buses that is moved for the first time: where it is, and on which terms.
 
+use std::mem;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use super::desk::journal::{Journal, refuse_open};
-use super::ending::rig_failure;
+use super::desk::journal::{journals, not_opened, restored};
 use super::events::Events;
 use super::failure::{Exit, Failure, both};
 use super::interfaces::Interfaces;
 use super::interrupt::on_interrupt;
 use super::live::{evidence, not_run};
-use super::on_bus::{different, open_failure, thread_failure, warn, warn_of};
+use super::on_bus::{different, thread_failure, warn, warn_of};
 use super::output::Output;
 use super::pace::PaceArgument;
-use yieldwall_bus::{Master, Written};
 use yieldwall_config::{Loaded, Rig};
-use yieldwall_run::assembly::{AssemblyError, master};
-use yieldwall_run::host::{News, Outcome, RigOnBus, Terms, ThreadError};
+use yieldwall_run::host::{BringUp, News, Outcome, RigOnBus, Terms, ThreadError};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct OnBus {
@@ -33,12 +31,10 @@ pub(super) struct OnBus {
 
 /// A rig that has sent nothing yet.
 pub(super) struct Opened {
-    pub(super) on_bus: RigOnBus,
+    pub(super) on_bus: RigOnBus<BringUp>,
     pub(super) terms: Terms,
     pub(super) interfaces: Interfaces,
     pub(super) is_interrupted: Arc<AtomicBool>,
-    /// What the devices held before; none in lockstep, whose devices are simulated.
-    pub(super) journal: Option<Journal>,
 }
 
 impl OnBus {
@@ -65,19 +61,6 @@ impl OnBus {
         rig: &Loaded<Rig>,
         output: &mut Output,
     ) -> Result<Opened, Failure> {
-        let boots = |rig: &Rig| Ok(vec![master(rig, &rig.fixture)?]);
-        self.open_for(command, file, rig, boots, output)
-    }
-
-    /// The same of a rig that these masters boot, one after the other.
-    pub(super) fn open_for(
-        &self,
-        command: &str,
-        file: &str,
-        rig: &Loaded<Rig>,
-        boots: impl Fn(&Rig) -> Result<Vec<Master>, AssemblyError>,
-        output: &mut Output,
-    ) -> Result<Opened, Failure> {
         let scene = match (&rig.value.simulation, self.pace) {
             (None, _) | (_, PaceArgument::Free) => None,
             _ => Some(rig.scene()?.value),
@@ -92,55 +75,23 @@ impl OnBus {
         let interfaces = self.interfaces(rig)?;
         // First: nobody who asks for the end while devices are read is overheard.
         let is_interrupted = on_interrupt()?;
-        let journal = match self.pace {
-            PaceArgument::Free => {
-                let written = written(&boots(rig).map_err(|error| rig_failure(&error.into()))?);
-                Some(Journal::begin(command, (rig, file), &written, &interfaces)?)
-            }
-            PaceArgument::Lockstep => {
-                refuse_open(rig, file, &interfaces)?;
-                None
-            }
-        };
-        let on_bus = match RigOnBus::open(rig, interfaces.names(), self.pace.pace()) {
-            Ok(on_bus) => on_bus,
-            Err(error) => {
-                journal.iter().for_each(Journal::discard);
-                return Err(open_failure(&error));
-            }
-        };
+        let (names, pace) = (interfaces.names(), self.pace.pace());
+        let on_bus = RigOnBus::open_for_bring_up(rig, names, pace, &journals(command), &is_interrupted);
+        let on_bus = on_bus.map_err(|error| not_opened(&error, rig, file, &interfaces))?;
         warn_of(output, on_bus.memory());
-        Ok(Opened { on_bus, terms, interfaces, is_interrupted, journal })
+        Ok(Opened { on_bus, terms, interfaces, is_interrupted })
     }
 }
 
-/// The objects that the boots of these masters write, each once.
-fn written(masters: &[Master]) -> Vec<Written> {
-    let mut all: Vec<Written> = Vec::new();
-    for one in masters.iter().flat_map(|master| master.networks().written()) {
-        match all.iter_mut().find(|known| (known.bus, known.number) == (one.bus, one.number)) {
-            Some(known) => one.objects.into_iter().for_each(|object| {
-                if !known.objects.contains(&object) {
-                    known.objects.push(object);
-                }
-            }),
-            None => all.push(one),
-        }
-    }
-    all
-}
-
-/// Gives the devices back what they held before, if anything was kept; what the act came to, with each emergency once, and whether they
-/// got it back.
+/// What the act came to, with each emergency once, and whether the devices got back what they held.
 pub(super) fn concluded<T>(
     events: &Events,
-    journal: Option<Journal>,
     outcome: Result<Outcome<T>, ThreadError>,
     output: &mut Output,
 ) -> Result<(Outcome<T>, Result<(), Failure>), Failure> {
     events.clear();
-    let given_back = journal.map_or(Ok(()), |journal| journal.give_back(output));
     let mut outcome = outcome.map_err(|error| thread_failure(&error))?;
+    let given_back = restored(mem::take(&mut outcome.restored), output);
     outcome.emergencies = different(outcome.emergencies.into_iter());
     Ok((outcome, given_back))
 }
@@ -154,10 +105,10 @@ pub(super) fn at_rest<T>(
     (command, file): (&str, &str),
     rig: &Loaded<Rig>,
     output: &mut Output,
-    act: impl FnOnce(RigOnBus, &Terms, &Arc<AtomicBool>, &mut Output, Tell<'_>) -> Result<Outcome<T>, ThreadError>,
+    act: impl FnOnce(RigOnBus<BringUp>, &Terms, &Arc<AtomicBool>, &mut Output, Tell<'_>) -> Result<Outcome<T>, ThreadError>,
 ) -> Result<T, Failure> {
     let events = Events::of(output);
-    let Opened { on_bus, terms, interfaces, is_interrupted, journal } = arguments.open(command, file, rig, output)?;
+    let Opened { on_bus, terms, interfaces, is_interrupted } = arguments.open(command, file, rig, output)?;
     // Nothing is enabled that would have to be in time.
     let terms = Terms { ignores_latency: true, ..terms };
     let tell = |output: &mut Output, news: News| match news {
@@ -166,7 +117,7 @@ pub(super) fn at_rest<T>(
         news => events.news(news),
     };
     let outcome = act(on_bus, &terms, &is_interrupted, output, &tell);
-    let (outcome, given_back) = concluded(&events, journal, outcome, output)?;
+    let (outcome, given_back) = concluded(&events, outcome, output)?;
     let end = match &outcome.played {
         Ok(_) => Ok(()),
         Err(error) => Err(not_run(error, &outcome, &interfaces, &rig.value, file)),

@@ -318,16 +318,11 @@ fn on_bus(
     use super::first_motion::{Opened, concluded};
     use super::live::{ended, not_run};
     use super::on_bus::warn;
-    use yieldwall_run::assembly::{homing_master, master};
     use yieldwall_run::host::{News, NotRun};
 
     let events = Events::of(output);
-    let boots = |rig: &config::Rig| {
-        let leads = (plan.times > 1).then(|| master(rig, &rig.fixture)).transpose()?;
-        Ok([homing_master(rig)?].into_iter().chain(leads).collect())
-    };
-    let opened = arguments.on_bus.open_for("home", &arguments.rig, rig, boots, output)?;
-    let Opened { on_bus, terms, interfaces, is_interrupted, journal } = opened;
+    let opened = arguments.on_bus.open("home", &arguments.rig, rig, output)?;
+    let Opened { on_bus, terms, interfaces, is_interrupted } = opened;
     let rig = &rig.value;
     output.aside("one joint moves after the other, and the other one holds; nobody may hold the handle");
     let mut done = 0;
@@ -341,7 +336,7 @@ fn on_bus(
         News::Step(_) | News::Proved => {}
         news => events.news(news),
     });
-    let (outcome, given_back) = concluded(&events, journal, outcome, output)?;
+    let (outcome, given_back) = concluded(&events, outcome, output)?;
     let repeated = match &outcome.played {
         Ok(repeated) => repeated,
         Err(error) => {

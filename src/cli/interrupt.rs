@@ -22,12 +22,6 @@ pub(super) fn on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
     Ok(flag)
 }
 
-/// For what has to come to its end: a flag that no signal sets, and no signal ends the program from now on.
-pub(super) fn uninterrupted() -> Result<Arc<AtomicBool>, Failure> {
-    on_interrupt()?;
-    Ok(Arc::default())
-}
-
 /// Whether a simulated run goes on.
 pub(super) fn unless(is_interrupted: &AtomicBool) -> ControlFlow<()> {
     if is_interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }

@@ -314,7 +314,6 @@ fn on_bus(
     (shown, read): (&Arc<Shown>, impl Fn(&Output) -> Result<Option<Reader>, Failure>),
     output: &mut Output,
 ) -> Result<(), Failure> {
-    use super::desk::journal::Journal;
     use super::events::Events;
     use super::first_motion::{Opened, concluded};
     use super::live::{ended, not_run};
@@ -323,15 +322,9 @@ fn on_bus(
 
     let events = Events::of(output);
     let opened = arguments.on_bus.open("jog", &arguments.rig, rig, output)?;
-    let Opened { mut on_bus, terms, interfaces, is_interrupted, journal } = opened;
+    let Opened { mut on_bus, terms, interfaces, is_interrupted } = opened;
     let rig = &rig.value;
-    let reader = match read(output) {
-        Ok(reader) => reader,
-        Err(failure) => {
-            journal.iter().for_each(Journal::discard);
-            return Err(failure);
-        }
-    };
+    let reader = read(output)?;
     if reader.is_some() {
         let (shown, joint) = (Arc::clone(shown), plan.joint);
         on_bus.set_observer(Box::new(move |record| {
@@ -347,7 +340,7 @@ fn on_bus(
         news => events.news(news),
     });
     drop(reader);
-    let (outcome, given_back) = concluded(&events, journal, outcome, output)?;
+    let (outcome, given_back) = concluded(&events, outcome, output)?;
     let jogged = match &outcome.played {
         Ok(jogged) => *jogged,
         Err(error) => {

@@ -18,12 +18,12 @@ use super::output::Output;
 use yieldwall_bus::{LISTENING, Signs};
 use yieldwall_link::{CobFilter, InterfaceFacts, Role, SocketCan, SocketCanSettings, Stamps};
 use yieldwall_record::trusted;
-use yieldwall_rig::live::listen;
 use yieldwall_run::host::system::{Load, Readiness, Refusal, SystemMetronome, computer, lock_memory, run_first};
 use yieldwall_run::host::{
     Histogram, Latency, Measured, PROBE, PROVING_CYCLES, REDUCED_FORCE_N, REDUCED_SPEED_M_PER_S, STOCK_CYCLES, Stored,
     Tier, measure_latency,
 };
+use yieldwall_service::listen;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {

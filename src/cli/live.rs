@@ -6,7 +6,7 @@ mod proof;
 use std::sync::Arc;
 
 use super::bus::check_buses;
-use super::desk::journal::refuse_open;
+use super::desk::journal::{journals, not_opened};
 use super::desk::plan::{self, Sender};
 use super::ending::{ended_held, stopped_by};
 use super::events::{Event, Events, Listening};
@@ -15,8 +15,8 @@ use super::interfaces::Interfaces;
 use super::interrupt::{interrupted, on_interrupt};
 use super::keep::{Keep, Watched, described};
 use super::on_bus::{
-    after_standstill, different, live_failure, not_in_time, only_for_can, open_failure, point_to_doctor, stood,
-    thread_failure, told_at_boot, warn, warn_of, with_findings, with_told,
+    after_standstill, different, live_failure, not_in_time, only_for_can, point_to_doctor, stood, thread_failure,
+    told_at_boot, warn, warn_of, with_findings, with_told,
 };
 use super::output::Output;
 use super::pace::PaceArgument;
@@ -87,9 +87,8 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     };
     let is_interrupted = on_interrupt()?;
     let interfaces = Interfaces::of(&rig, &arguments.bus)?;
-    refuse_open(&rig, &arguments.rig, &interfaces)?;
-    let mut on_bus =
-        RigOnBus::open(&rig, interfaces.names(), arguments.pace.pace()).map_err(|error| open_failure(&error))?;
+    let on_bus = RigOnBus::open(&rig, interfaces.names(), arguments.pace.pace(), &journals("run"));
+    let mut on_bus = on_bus.map_err(|error| not_opened(&error, &rig, &arguments.rig, &interfaces))?;
     refuse(arguments, on_bus.memory())?;
     warn_of_interfaces(&on_bus, &file, arguments.pace, output);
     warn_of(output, on_bus.memory());

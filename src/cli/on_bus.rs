@@ -3,6 +3,7 @@
 mod emergencies;
 mod standstill;
 
+use super::desk::journal::journal_failure;
 use super::ending::{self, exit_of, rig_failure};
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
@@ -37,6 +38,7 @@ pub(super) fn open_failure(error: &OpenError) -> Failure {
         OpenError::Run(error) => live_failure(error),
         OpenError::Link(error) => link_failure(error),
         OpenError::Ethernet(error) => Failure::new(Exit::BusUnavailable, error.to_string(), ""),
+        OpenError::Journal(error) => journal_failure(error),
         OpenError::Count { .. } => Failure::new(Exit::Usage, error.to_string(), "name one interface for each bus"),
     }
 }

@@ -25,10 +25,11 @@ use yieldwall_drives::watchdog::Watchdog;
 use yieldwall_fieldbus::canopen::{BusId, Frame};
 use yieldwall_link::{CanLink, CobFilter, Role, SocketCan, SocketCanSettings};
 use yieldwall_motion::guard::DeviceSet;
-use yieldwall_rig::live::{AttachError, Attached, Entrance, ServeError, attach, listen, serve};
+use yieldwall_rig::live::{AttachError, Attached, Entrance, ServeError, attach, serve};
 use yieldwall_rig::{DeviceServer, simulated_drive, simulated_force_sensor};
 use yieldwall_run::assembly::{bus_id, bus_plan};
 use yieldwall_run::host::open_buses;
+use yieldwall_service::listen;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {

@@ -26,6 +26,11 @@ pub fn known(at: Address, eds: Option<&Eds>) -> Option<Known> {
     eds.and_then(|eds| of_sheet(at, eds)).or_else(|| of_standard(at))
 }
 
+/// An object with its name, if it has one: `6041h:0 statusword`.
+pub fn titled(at: Address, name: &str) -> String {
+    if name.is_empty() { at.to_string() } else { format!("{at} {name}") }
+}
+
 fn of_sheet(at: Address, eds: &Eds) -> Option<Known> {
     let object = eds.objects.get(&at.index)?;
     let entry = object.entries.get(&at.sub)?;

@@ -9,27 +9,38 @@
 //!                `-- restore    values of a file against those of the device -> steps in order -> written and read back
 //! EthernetLink <-> SegmentService: registers, SII and objects of each device of an EtherCAT segment, by position
 //! ObjectAccess   the objects of one device, on either
+//! journal        what devices held: on disk before a program changes them, restored at its end
 //! ```
 //! Nothing here is real-time, and nothing sends a set-point or brings a drive nearer to Operation Enabled
 //! ([`Caution::of_write`]).
 
 pub mod adopt;
 mod caution;
+mod connect;
 mod connection;
 pub mod doctor;
 mod inventory;
+pub mod journal;
 mod known;
+mod listen;
 mod object_access;
 mod restore;
+#[cfg(test)]
+#[path = "../sample.rs"]
+mod sample;
 mod scan;
 mod segment;
 #[cfg(test)]
 mod tests;
 
 pub use caution::Caution;
+#[cfg(all(feature = "socketcan", target_os = "linux"))]
+pub use connect::OnInterfaces;
+pub use connect::{AnySegmentService, AnyService, Connect, ConnectError};
 pub use connection::{Bytes, Error, NodeTraffic, Service};
 pub use inventory::{UnreadObject, inventory, inventory_of, sheet_of, type_by_length, values_of};
-pub use known::{Known, known, named, names};
+pub use known::{Known, known, named, names, titled};
+pub use listen::listen;
 pub use object_access::{NodeObjects, ObjectAccess};
 pub use restore::{LeftOut, Plan, Step, Why, WriteOutcome, carry_out, downloads, is_shown, plan};
 pub use scan::{FoundDevice, Identity, identify, number, of_node, scan};

@@ -10,11 +10,12 @@ use super::{Arguments, Machine, Taken, begin, end, told};
 use crate::at_the_arm::Typed;
 use crate::clock::now_unix_s;
 use crate::confirm::agreed;
-use crate::desk::journal::Journal;
+use crate::desk::journal::{journal_failure, journals, restored};
 use crate::events::Events;
 use crate::failure::{Exit, Failure, both};
 use crate::first_motion::{Opened, concluded};
 use crate::interfaces::Interfaces;
+use crate::interrupt::on_interrupt;
 use crate::live::not_run;
 use crate::on_bus::{warn, with_told};
 use crate::output::Output;
@@ -22,6 +23,7 @@ use yieldwall_config as config;
 use yieldwall_motion::quantity::Force;
 use yieldwall_run::commission::STEPS;
 use yieldwall_run::host::{News, Person};
+use yieldwall_service::OnInterfaces;
 
 /// Drives that were switched on have started after so long.
 const BOOTS_WITHIN: Duration = Duration::from_secs(10);
@@ -96,9 +98,13 @@ impl Person for AtTheTerminal {
 /// Gives devices back what they held before commands that were killed; whether there was one.
 fn close_journals(interfaces: &Interfaces, output: &mut Output) -> Result<bool, Failure> {
     let mut are_closed = false;
-    while let Some(left) = Journal::left_on(interfaces)? {
-        output.aside(&left.words());
-        left.give_back(output)?;
+    // A person who wants the program to end waits for it.
+    on_interrupt()?;
+    while let Some(left) =
+        journals("commission").left_on(interfaces.names()).map_err(|error| journal_failure(&error))?
+    {
+        output.aside(&left.to_string());
+        restored(left.restore(&mut OnInterfaces), output)?;
         are_closed = true;
     }
     Ok(are_closed)
@@ -138,7 +144,7 @@ pub(super) fn run(
     }
     close_journals(&interfaces, output)?;
     let opened = arguments.on_bus.open("commission", file, loaded, output)?;
-    let Opened { on_bus, terms, interfaces, is_interrupted, journal } = opened;
+    let Opened { on_bus, terms, interfaces, is_interrupted } = opened;
     let names = rig.drives.each_ref().map(|drive| drive.name.clone());
     let mut person =
         AtTheTerminal { names: (!arguments.yes).then_some(names), typed: Typed::new(Arc::clone(&is_interrupted)) };
@@ -155,7 +161,7 @@ pub(super) fn run(
         News::Step(_) | News::Proved => {}
         news => events.news(news),
     });
-    let (outcome, given_back) = concluded(&events, journal, outcome, output)?;
+    let (outcome, given_back) = concluded(&events, outcome, output)?;
     match &outcome.played {
         Ok(commissioned) => {
             let with_emergencies = |failure| with_told(failure, &outcome.emergencies, &outcome.errors, rig);

@@ -2,7 +2,7 @@
 
 use serde_json::json;
 
-use super::place::{AnyLink, DeviceSession, Entry, Node, Place};
+use super::place::{DeviceSession, Entry, Node, Place};
 use super::segment::{self, SegmentSession};
 use crate::checkup::{Section, finish};
 use crate::failure::{Exit, Failure};
@@ -10,8 +10,8 @@ use crate::interrupt::on_interrupt;
 use crate::output::Output;
 use yieldwall_config::{self as config, Bus, Rig, Source};
 use yieldwall_fieldbus::canopen::{NodeId, NodeSet, node_id};
-use yieldwall_link::InterfaceFacts;
 use yieldwall_link::checkup::{Check, Verdict};
+use yieldwall_link::{CanLink, InterfaceFacts};
 use yieldwall_rig::live::{PlantedLink, Trouble};
 use yieldwall_service::doctor::{Around, NodeFacts, examine, judge, read_pattern};
 use yieldwall_service::{FoundDevice, scan};
@@ -106,7 +106,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     };
     let node = desk.node(&arguments.node)?;
     if let Some(fault) = arguments.fault {
-        let plant = |link| -> AnyLink { Box::new(PlantedLink::new(link, node.id, fault.trouble(node.id))) };
+        let plant = |link| -> Box<dyn CanLink> { Box::new(PlantedLink::new(link, node.id, fault.trouble(node.id))) };
         desk = DeviceSession { service: desk.service.map_link(plant), ..desk };
     }
     let facts = examine(&mut desk.service, node.id, arguments.listen).map_err(|error| desk.bus_failure(error))?;

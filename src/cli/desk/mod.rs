@@ -8,6 +8,7 @@ pub(super) mod doctor;
 pub(super) mod emcy;
 pub(super) mod errors;
 pub(super) mod info;
+#[cfg(target_os = "linux")]
 pub(super) mod journal;
 mod keeping;
 pub(super) mod lss;

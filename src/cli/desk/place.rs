@@ -14,11 +14,10 @@ use crate::interrupt::on_interrupt;
 use crate::output::Output;
 use yieldwall_config::{self as config, Bus, Loaded, Rig, SensorProtocol, Source};
 use yieldwall_fieldbus::canopen::{BusId, NodeId, node_id};
-use yieldwall_link::CanLink;
 use yieldwall_rig::live::VirtualLink;
 use yieldwall_run::assembly::{AssemblyError, bus_id, scaling};
 use yieldwall_run::explanation::{self, Explanation};
-use yieldwall_service::{Error, Service};
+use yieldwall_service::{AnyService, Error, Service};
 
 /// The rig of the simulation unless another one is named.
 const USUAL_RIG: &str = "builtin:paper-admittance.yaml";
@@ -46,9 +45,6 @@ fn arguments(bus: Option<&str>, rig: Option<&str>) -> String {
     option("bus", bus) + &option("rig", rig)
 }
 
-/// A link of any kind.
-pub(super) type AnyLink = Box<dyn CanLink>;
-
 /// What a rig says of a node.
 #[derive(Clone, Debug)]
 pub(super) struct Entry {
@@ -73,7 +69,7 @@ pub(super) struct Node {
 
 /// The devices of a bus, or of a simulation, and the rig that they may belong to.
 pub(super) struct DeviceSession {
-    pub(super) service: Service<AnyLink>,
+    pub(super) service: AnyService,
     pub(super) entries: Vec<Entry>,
     /// The buses that can be turned to, with their names in the rig.
     pub(super) buses: Vec<(BusId, String)>,
@@ -172,10 +168,7 @@ impl DeviceSession {
         is_silent: bool,
         is_over: Arc<AtomicBool>,
     ) -> Result<Self, Failure> {
-        use crate::on_bus::{link_failure, other_master};
-        use yieldwall_bus::{LISTENING, Signs};
-        use yieldwall_link::{Role, SocketCan, SocketCanSettings, is_ethernet};
-        use yieldwall_rig::live::listen;
+        use super::journal::connect_failure;
 
         let (named, interface) = argument.split_once('=').map_or((None, argument), |(name, rest)| (Some(name), rest));
         let bus = match (rig, named) {
@@ -202,33 +195,19 @@ impl DeviceSession {
                 ));
             }
         };
-        if is_ethernet(interface) {
-            let message = format!("this is for CAN, and `{interface}` is an Ethernet interface");
-            let help = format!(
-                "name a CAN interface with --bus; on EtherCAT `yieldwall scan --bus {interface}` lists the devices and `yieldwall state all --bus {interface}` \
-                 shows their states"
-            );
-            return Err(Failure::new(Exit::Usage, message, help));
-        }
         let name = rig.and_then(|rig| rig.buses.keys().nth(bus.index()).cloned()).unwrap_or_default();
         let bit_rate =
             rig.and_then(|rig| rig.buses.get(&name)).and_then(Bus::canopen).map(|bus| bus.bit_rate_bit_per_s);
-        let settings = SocketCanSettings {
-            bit_rate,
-            roles: if is_silent { Vec::new() } else { vec![Role::Master] },
-            ..SocketCanSettings::everything(interface)
+        let service = match is_silent {
+            true => AnyService::listening_on(interface, bit_rate, &is_over),
+            false => AnyService::on_interface(interface, bit_rate, &is_over),
         };
-        let mut link = SocketCan::open(&settings).map_err(|error| link_failure(&error))?;
-        let signs = Signs::of_any_master();
-        if !is_silent && let Some(heard) = listen(&mut link, LISTENING, &is_over, |frame| signs.find(frame)) {
-            let message = format!("a master is on this bus; nothing was sent. Heard: {heard}, on `{interface}`");
-            return Err(other_master(message, &heard));
-        }
+        let service = service.map_err(|error| connect_failure(&error))?;
         // One interface is one bus to its link.
         entries.retain(|entry| entry.bus == bus);
         entries.iter_mut().for_each(|entry| entry.bus = BusId::FIRST);
         Ok(Self {
-            service: Service::new(Box::new(link), BusId::FIRST, is_over),
+            service,
             entries,
             buses: vec![(BusId::FIRST, name)],
             place: format!("devices on {interface}"),
@@ -284,11 +263,7 @@ impl DeviceSession {
 
     /// The failure that a device did not do what it was asked.
     pub(super) fn failure(&self, node: &Node, doing: &str, error: Error) -> Failure {
-        let message = format!("{}: {doing}: {error}", node.words());
-        match error {
-            Error::Link(_) => link_down(message),
-            error => object_failure(message, error, format!("{} finds out why", self.command("doctor node", node))),
-        }
+        node_failure(format!("{}: {doing}: {error}", node.words()), error, &self.command("doctor node", node))
     }
 
     /// A command about a node of this place, in back quotes: `yieldwall doctor node 5 --bus can0`.
@@ -313,6 +288,14 @@ impl DeviceSession {
             Error::Interrupted => Failure::new(Exit::Interrupted, error.to_string(), ""),
             error => link_down(error.to_string()),
         }
+    }
+}
+
+/// The failure that a node did not do what it was asked; `doctor` is the command that finds out why.
+pub(super) fn node_failure(message: String, error: Error, doctor: &str) -> Failure {
+    match error {
+        Error::Link(_) => link_down(message),
+        error => object_failure(message, error, format!("{doctor} finds out why")),
     }
 }
 

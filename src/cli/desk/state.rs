@@ -15,6 +15,7 @@ use crate::failure::{Exit, Failure};
 use crate::output::Output;
 use yieldwall_fieldbus::objects::Address;
 use yieldwall_run::explanation;
+use yieldwall_service::journal::is_powered;
 use yieldwall_service::{Error, number};
 
 #[derive(Debug, clap::Args)]
@@ -130,25 +131,17 @@ pub(super) fn refuse_powered(reached: &mut DeviceHandle) -> Result<(), Failure> 
     // Without one it is no drive.
     let Some(word) = reached.number_of(STATUSWORD, "reading its statusword")? else { return Ok(()) };
     let word = word as u16;
-    match Statusword(word).state() {
-        Some(State::OperationEnabled | State::SwitchedOn | State::QuickStopActive | State::FaultReactionActive) => {
-            let message = format!(
-                "{} is in {}: nothing is written while its power stage is on",
-                reached.words(),
-                state_words(word)
-            );
-            Err(Failure::new(
-                Exit::SafetyStop,
-                message,
-                format!(
-                    "`yieldwall od write {} 6040h 0{}` takes its torque away; hold the arm",
-                    reached.number(),
-                    reached.arguments()
-                ),
-            ))
-        }
-        _ => Ok(()),
+    if !is_powered(Statusword(word)) {
+        return Ok(());
     }
+    Err(powered(&reached.words(), reached.number(), reached.arguments(), word))
+}
+
+/// The failure that the power stage of a drive is on.
+pub(super) fn powered(words: &str, number: u16, arguments: &str, word: u16) -> Failure {
+    let message = format!("{words} is in {}: nothing is written while its power stage is on", state_words(word));
+    let help = format!("`yieldwall od write {number} 6040h 0{arguments}` takes its torque away; hold the arm");
+    Failure::new(Exit::SafetyStop, message, help)
 }
 
 /// Out of Fault, if the drive is there; the statusword afterwards.

@@ -13,6 +13,7 @@ use yieldwall_config::nearest_word;
 use yieldwall_fieldbus::canopen::{EmcyCode, NmtState};
 use yieldwall_fieldbus::objects::Address;
 use yieldwall_run::explanation::state_name;
+pub(super) use yieldwall_service::titled;
 use yieldwall_service::{known, named, names, number, type_by_length};
 
 /// Columns of a terminal.
@@ -82,11 +83,6 @@ pub(super) fn hexadecimal(word: &str) -> Option<u32> {
 /// The name of an object; its address where it has none.
 pub(super) fn name(at: Address, eds: Option<&Eds>) -> String {
     known(at, eds).map_or_else(String::new, |known| known.name)
-}
-
-/// An object with its name, if it has one: `6041h:0 statusword`.
-pub(super) fn titled(at: Address, name: &str) -> String {
-    if name.is_empty() { at.to_string() } else { format!("{at} {name}") }
 }
 
 /// What values an object takes, by the limits of its data sheet and by its type: `0 to 1000`; `None` for what is no whole number.

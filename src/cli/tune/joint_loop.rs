@@ -127,14 +127,14 @@ fn on_bus(arguments: &Arguments, plans: &[LoopPlan], rig: &Loaded<Rig>, output: 
     }
     let events = Events::of(output);
     let opened = arguments.on_bus.open("tune loop", &arguments.rig, rig, output)?;
-    let Opened { on_bus, terms, interfaces, is_interrupted, journal } = opened;
+    let Opened { on_bus, terms, interfaces, is_interrupted } = opened;
     let outcome = on_bus.tune_loop(&terms, plans, &is_interrupted, |news| match news {
         News::Refused(refusal) => warn(output, refusal),
         // It is booted for every joint.
         News::Step(_) | News::Proved => {}
         news => events.news(news),
     });
-    let (outcome, given_back) = concluded(&events, journal, outcome, output)?;
+    let (outcome, given_back) = concluded(&events, outcome, output)?;
     let traced = match &outcome.played {
         Ok(traced) => traced.clone(),
         Err(error) => {

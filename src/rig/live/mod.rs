@@ -3,7 +3,6 @@
 
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
 mod attach;
-mod listen;
 mod planted;
 mod segment;
 mod serve;
@@ -12,7 +11,6 @@ mod virtual_segment;
 
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
 pub use attach::{AttachError, Attached, Entrance, attach};
-pub use listen::listen;
 pub use planted::{PlantedLink, Trouble};
 pub use segment::serve_segment;
 pub use serve::{ServeError, serve};

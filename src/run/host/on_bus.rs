@@ -2,10 +2,12 @@
 //! one call each.
 
 mod bench;
+mod journal;
 mod news;
 mod open;
 
 use std::io;
+use std::marker::PhantomData;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -26,6 +28,8 @@ use crate::{
 };
 use bench::OnTheBench;
 pub use bench::Person;
+pub use journal::BringUp;
+use journal::Kept;
 pub use news::News;
 use news::boot_watch;
 pub use open::{OpenError, open_buses};
@@ -37,6 +41,7 @@ use yieldwall_motion::guard::Fault;
 use yieldwall_motion::quantity::{JointAngles, TipPoint};
 use yieldwall_motion::sensing::Wrench;
 use yieldwall_record::{CycleRecord, Standstill};
+use yieldwall_service::journal::{Journals, Restored};
 
 /// A rig on the interfaces of this computer that has sent nothing yet.
 ///
@@ -46,14 +51,20 @@ use yieldwall_record::{CycleRecord, Standstill};
 /// enabled as it takes two devices with one node id to show; a stop along the ramp, and the network left in the end, whatever happened.
 /// A rig whose buses cannot keep its cycle is refused.
 ///
+/// A rig that was opened for [`BringUp`] has its joints guided one by one, or its force sensor measured. A journal keeps on disk what the
+/// devices hold before anything is written, and they get it back at the end, whatever happened. While a killed program's journal is open,
+/// no rig opens on the same interfaces.
+///
 /// ```no_run
 /// use std::sync::{Arc, atomic::AtomicBool};
 /// use yieldwall_config as config;
 /// use yieldwall_run::{Pace, host::{Evidence, RigOnBus, Terms}};
+/// use yieldwall_service::journal::Journals;
 ///
 /// # fn run(now_unix_s: u64) -> Result<(), Box<dyn std::error::Error>> {
 /// let rig = config::load_rig(config::Source::named("rig.yaml"))?.value;
-/// let on_bus = RigOnBus::open(&rig, &["can0".to_owned()], Pace::Free)?;
+/// let journals = Journals { folder: Some("journals".into()), command: "run".into(), now_unix_s };
+/// let on_bus = RigOnBus::open(&rig, &["can0".to_owned()], Pace::Free, &journals)?;
 /// let evidence = Evidence::OnRecord { drills: "drills".into(), latency: "latency".into(), now_unix_s };
 /// let terms = Terms { evidence, needs_realtime: true, ignores_latency: false, ignores_bus_budget: false };
 /// let is_interrupted = Arc::new(AtomicBool::new(false));
@@ -62,14 +73,20 @@ use yieldwall_record::{CycleRecord, Standstill};
 /// # Ok(())
 /// # }
 /// ```
-pub struct RigOnBus {
+pub struct RigOnBus<For = Operation> {
+    purpose: PhantomData<For>,
     rig: config::Rig,
     runner: OnInterfaces,
     memory: Result<(), Refusal>,
     orders: Option<Arc<Orders>>,
     /// The buses that cannot keep the cycle.
     overfull: Vec<String>,
+    kept: Kept,
 }
+
+/// A rig on a bus that runs or is drilled: its devices stay as the boot writes them.
+#[derive(Clone, Copy, Debug)]
+pub enum Operation {}
 
 /// What shows that a rig may be enabled.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -169,6 +186,8 @@ pub struct Outcome<T = Played> {
     pub segment: Vec<String>,
     /// Standstill of this computer in the seconds before the fault, or before a boot or a read failed.
     pub standstill: Option<Standstill>,
+    /// What the devices got back after a bring-up.
+    pub restored: Restored,
 }
 
 /// The findings of a drill. [`Subject::store`](crate::Subject::store) keeps it for the runs with these drives.
@@ -183,12 +202,21 @@ pub struct DrillOutcome {
 }
 
 impl RigOnBus {
-    /// Locks the memory of this process, as far as it is granted, and opens the interfaces, one for each of the rig's buses in the order
-    /// of their names, as their only master. Nothing is sent.
+    /// Opens a rig that runs or is drilled. Nothing is sent.
     ///
     /// # Errors
-    /// If an interface cannot be used or has a master in another process, or parts of the configuration do not fit together.
-    pub fn open(rig: &config::Rig, interfaces: &[String], pace: Pace) -> Result<Self, OpenError> {
+    /// If a journal is open on an interface, an interface cannot be used or has a master in another process, or parts of the configuration
+    /// do not fit together.
+    pub fn open(rig: &config::Rig, interfaces: &[String], pace: Pace, journals: &Journals) -> Result<Self, OpenError> {
+        journals.refuse_left(interfaces)?;
+        Self::opened(rig, interfaces, pace, Kept::default())
+    }
+}
+
+impl<For> RigOnBus<For> {
+    /// Locks the memory of this process, as far as it is granted, and opens the interfaces, one for each of the rig's buses in the order
+    /// of their names, as their only master.
+    fn opened(rig: &config::Rig, interfaces: &[String], pace: Pace, kept: Kept) -> Result<Self, OpenError> {
         let memory = lock_memory();
         let plan = if rig.is_on_can() { Some(bus_plan(rig).map_err(RunError::from)?) } else { None };
         let mut overfull = Vec::new();
@@ -207,7 +235,7 @@ impl RigOnBus {
         let wanted = |bus| plan.as_ref().map(|(setup, _)| open::filters(setup, bus)).unwrap_or_default();
         let link = open_buses(rig, interfaces, |_| vec![Role::Master], wanted)?;
         let runner = Runner::on_link(rig, link, SystemMetronome, pace)?;
-        Ok(Self { rig: rig.clone(), runner, memory, orders: None, overfull })
+        Ok(Self { purpose: PhantomData, rig: rig.clone(), runner, memory, orders: None, overfull, kept })
     }
 
     /// Whether memory is locked.
@@ -245,7 +273,9 @@ impl RigOnBus {
     pub fn set_error_watch(&mut self, watch: ErrorWatch) {
         self.runner.set_error_watch(watch);
     }
+}
 
+impl RigOnBus {
     /// Boots, proves, enables, runs a scene of `duration_s`, stops and leaves, on a thread of its own. `each` gets every record of the
     /// scene on that thread, `tell` what it has to tell on the calling one.
     ///
@@ -269,7 +299,9 @@ impl RigOnBus {
             Ok(runner.play_attended(&play, &permit, is_interrupted, orders.as_deref(), each)?)
         })
     }
+}
 
+impl RigOnBus<BringUp> {
     /// Boots, proves, tells the drives how little torque they may make, enables, leads the joints and stops, on a thread of its own. Nobody
     /// may hold the handle.
     ///
@@ -432,7 +464,9 @@ impl RigOnBus {
             Ok(bringup::visit(runner, points, &mut |_, task| help(task), is_interrupted)?)
         })
     }
+}
 
+impl<For> RigOnBus<For> {
     /// Has something done with the rig where the terms are kept, on a thread of its own, and leaves the network.
     fn under<T: Send>(
         self,
@@ -442,10 +476,11 @@ impl RigOnBus {
         act: impl FnOnce(&mut OnInterfaces, &config::Rig, &Sender<News>) -> Result<T, NotRun> + Send,
     ) -> Result<Outcome<T>, ThreadError> {
         let (news, told) = channel();
-        let Self { rig, mut runner, memory, overfull, .. } = self;
+        let Self { rig, mut runner, memory, overfull, kept, .. } = self;
+        let mut kept = kept.written();
         let steps = news.clone();
         runner.set_boot_watch(boot_watch(news.clone(), Arc::clone(is_interrupted)));
-        on_thread_of_the_cycle(news, &told, tell, move |priority| {
+        let outcome = on_thread_of_the_cycle(news, &told, tell, move |priority| {
             let timing = terms.timing(&rig, runner.pace(), [&priority, &memory].map(Result::is_ok));
             let overfull = overfull.join("`, `");
             let is_granted = priority.is_ok() && memory.is_ok();
@@ -473,10 +508,16 @@ impl RigOnBus {
                 foreign_downloads: master.networks().foreign_downloads(),
                 segment: master.networks().findings(),
                 standstill,
+                restored: Restored::default(),
             }
-        })
+        });
+        // The interfaces are closed, also after a panic.
+        let restored = kept.restore();
+        outcome.map(|outcome| Outcome { restored, ..outcome })
     }
+}
 
+impl RigOnBus {
     /// Boots, drills all watchdogs of the drives at rest, and leaves, on a thread of its own. Nobody may hold the handle.
     ///
     /// # Errors

@@ -30,10 +30,7 @@ use yieldwall_link::EthernetLink;
 use yieldwall_rig::live::VirtualSegment;
 use yieldwall_run::assembly::{scaling, segment_sensor};
 use yieldwall_run::explanation::{self, Explanation};
-use yieldwall_service::{DeviceObjects, Error, SegmentError, SegmentService};
-
-/// A wire of any kind.
-pub(super) type AnyWire = Box<dyn EthernetLink>;
+use yieldwall_service::{AnySegmentService, DeviceObjects, Error, SegmentError, SegmentService};
 
 /// What a rig says of a device on its segment.
 #[derive(Clone, Debug)]
@@ -58,7 +55,7 @@ pub(super) struct Device {
 
 /// The devices of a segment, and the rig that they may belong to.
 pub(super) struct SegmentSession {
-    pub(super) service: SegmentService<AnyWire>,
+    pub(super) service: AnySegmentService,
     pub(super) entries: Vec<Entry>,
     /// Where it is, for a person.
     pub(super) place: String,
@@ -111,14 +108,6 @@ impl SegmentSession {
     /// The same for whoever sends nothing, also beside a master that runs.
     pub(super) fn only_listening(place: &Place, output: &mut Output) -> Result<Option<Self>, Failure> {
         Self::at_place(place, Opening { is_silent: true, ..Opening::default() }, output)
-    }
-
-    /// The segment on an interface, whatever rig its devices belong to.
-    pub(super) fn on_bus(interface: &str, is_over: Arc<AtomicBool>) -> Result<Self, Failure> {
-        let opening = Opening { is_for_segments: true, ..Opening::default() };
-        let desk = Self::on_interface(interface, None, opening, is_over)?;
-        let desk = desk.ok_or_else(|| Failure::new(Exit::Usage, format!("{interface} has no EtherCAT segment"), ""))?;
-        Ok(Self { arguments: format!(" --bus {interface}"), ..desk })
     }
 
     fn at_place(place: &Place, opening: Opening, output: &mut Output) -> Result<Option<Self>, Failure> {
@@ -198,7 +187,8 @@ impl SegmentSession {
             true => PacketSocket::listening(interface),
             false => PacketSocket::open(interface, Role::Master),
         };
-        let link: AnyWire = Box::new(link.map_err(|error| Failure::new(Exit::BusUnavailable, error.to_string(), ""))?);
+        let link: Box<dyn EthernetLink> =
+            Box::new(link.map_err(|error| Failure::new(Exit::BusUnavailable, error.to_string(), ""))?);
         let mut desk = Self {
             service: SegmentService::new(link, is_over),
             entries: rig.map_or(Ok(Vec::new()), |rig| entries(&rig.value))?,
@@ -283,28 +273,16 @@ impl SegmentSession {
     }
 
     /// The objects of a device.
-    pub(super) fn objects(&mut self, device: &Device) -> Result<DeviceObjects<'_, AnyWire>, Failure> {
+    pub(super) fn objects(&mut self, device: &Device) -> Result<DeviceObjects<'_, Box<dyn EthernetLink>>, Failure> {
         let (arguments, words) = (self.arguments.clone(), device.words());
-        self.service.objects(device.position).map_err(|error| {
-            let message = format!("{words}: reaching its objects: {error}");
-            let help = match &error {
-                SegmentError::NoMailbox { .. } => {
-                    format!(
-                        "`yieldwall state {} preop{arguments}` acknowledges its error and goes there",
-                        device.position
-                    )
-                }
-                _ => String::new(),
-            };
-            Failure::new(Exit::DeviceMismatch, message, help)
-        })
+        let objects = self.service.objects(device.position);
+        objects.map_err(|error| no_objects(&words, device.position, &arguments, &error))
     }
 
     /// The failure that a device did not do what was asked of an object.
     pub(super) fn object_failure(&self, device: &Device, doing: &str, error: Error) -> Failure {
         let message = format!("{}: {doing}: {error}", device.words());
-        let silent = format!("`yieldwall state {}{}` tells its state", device.position, self.arguments);
-        object_failure(message, error, silent)
+        device_failure(message, error, device.position, &self.arguments)
     }
 
     /// What an error code of a device means; its advice is for this place.
@@ -325,41 +303,71 @@ impl SegmentSession {
 
     /// The failure that a device did not do what it was asked.
     pub(super) fn failure(&self, device: &Device, doing: &str, error: SegmentError) -> Failure {
-        let told = |error: &SegmentError| format!("{}: {doing}: {error}", device.words());
-        match &error {
-            SegmentError::Failed(SegmentFailure::NoReply { .. } | SegmentFailure::CameBack { .. })
-            | SegmentError::Link(_)
-            | SegmentError::Interrupted => self.segment_failure(error),
-            error => Failure::new(Exit::DeviceMismatch, told(error), ""),
-        }
+        state_failure(&device.words(), doing, error)
     }
 
     /// The same where no single device is to blame.
     pub(super) fn segment_failure(&self, error: SegmentError) -> Failure {
-        let message = error.to_string();
-        match error {
-            SegmentError::Interrupted => Failure::new(Exit::Interrupted, message, ""),
-            SegmentError::Link(_) => {
-                Failure::new(Exit::BusUnavailable, message, "look whether the interface is up: `ip link` shows it")
-            }
-            SegmentError::Failed(_) | SegmentError::NoMailbox { .. } => Failure::new(Exit::BusUnavailable, message, ""),
-        }
+        segment_failure(error)
     }
 
     /// The failure that another master is.
     pub(super) fn other_master(&self, sign: SegmentSign) -> Failure {
-        let failure = SegmentFailure::OtherMaster { sign, has_written: false };
-        let help = match sign {
-            SegmentSign::Frame(_) => "end the other master".to_owned(),
-            SegmentSign::State { .. } => {
-                let way_out = format!("yieldwall state all init --take-over{}", self.arguments);
-                format!(
-                    "end the other master; if there is none any more, or `yieldwall state` has put the device there, `{way_out}` takes the devices back"
-                )
-            }
-        };
-        Failure::new(Exit::BusUnavailable, failure.to_string(), help)
+        other_master(sign, &self.arguments)
     }
+}
+
+/// The failure that the objects of a device cannot be reached.
+pub(super) fn no_objects(words: &str, position: u16, arguments: &str, error: &SegmentError) -> Failure {
+    let help = match error {
+        SegmentError::NoMailbox { .. } => {
+            format!("`yieldwall state {position} preop{arguments}` acknowledges its error and goes there")
+        }
+        _ => String::new(),
+    };
+    Failure::new(Exit::DeviceMismatch, format!("{words}: reaching its objects: {error}"), help)
+}
+
+/// The failure that a device did not do what was asked of an object.
+pub(super) fn device_failure(message: String, error: Error, position: u16, arguments: &str) -> Failure {
+    object_failure(message, error, format!("`yieldwall state {position}{arguments}` tells its state"))
+}
+
+/// The failure that a device did not do what it was asked.
+pub(super) fn state_failure(words: &str, doing: &str, error: SegmentError) -> Failure {
+    match &error {
+        SegmentError::Failed(SegmentFailure::NoReply { .. } | SegmentFailure::CameBack { .. })
+        | SegmentError::Link(_)
+        | SegmentError::Interrupted => segment_failure(error),
+        error => Failure::new(Exit::DeviceMismatch, format!("{words}: {doing}: {error}"), ""),
+    }
+}
+
+/// The failure of a segment where no single device is to blame.
+pub(super) fn segment_failure(error: SegmentError) -> Failure {
+    let message = error.to_string();
+    match error {
+        SegmentError::Interrupted => Failure::new(Exit::Interrupted, message, ""),
+        SegmentError::Link(_) => {
+            Failure::new(Exit::BusUnavailable, message, "look whether the interface is up: `ip link` shows it")
+        }
+        SegmentError::Failed(_) | SegmentError::NoMailbox { .. } => Failure::new(Exit::BusUnavailable, message, ""),
+    }
+}
+
+/// The failure that another master is.
+pub(super) fn other_master(sign: SegmentSign, arguments: &str) -> Failure {
+    let failure = SegmentFailure::OtherMaster { sign, has_written: false };
+    let help = match sign {
+        SegmentSign::Frame(_) => "end the other master".to_owned(),
+        SegmentSign::State { .. } => {
+            let way_out = format!("yieldwall state all init --take-over{}", arguments);
+            format!(
+                "end the other master; if there is none any more, or `yieldwall state` has put the device there, `{way_out}` takes the devices back"
+            )
+        }
+    };
+    Failure::new(Exit::BusUnavailable, failure.to_string(), help)
 }
 
 /// The devices of a rig on its segment.

@@ -9,6 +9,7 @@ use yieldwall_fieldbus::canopen::{BusId, cob};
 use yieldwall_link::{
     CobFilter, EthernetError, Interfaces, LinkError, PacketSocket, Role, SocketCan, SocketCanSettings, SocketCans,
 };
+use yieldwall_service::journal::JournalError;
 
 /// Why the interfaces of a rig could not be opened. Nothing was sent.
 #[derive(Debug, Error)]
@@ -22,6 +23,9 @@ pub enum OpenError {
     /// The interface of a segment cannot be used.
     #[error(transparent)]
     Ethernet(#[from] EthernetError),
+    /// A journal is open on an interface, or none could begin.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
     /// There is not one interface for each bus.
     #[error("the rig has {buses} buses, and {interfaces} interfaces were given")]
     Count {
