@@ -11,7 +11,7 @@ use super::events::{Events, Listening, Stream};
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
 use super::interrupt::on_interrupt;
-use super::keep::{Watched, state_folder};
+use super::keep::state_folder;
 use super::on_bus::{
     different, live_failure, only_for_can, point_to_doctor, thread_failure, told_at_boot, warn, warn_of, with_told,
 };
@@ -20,6 +20,7 @@ use super::run::{judge, settled_json, settled_text, watchdogs_json, watchdogs_te
 use yieldwall_config::{self as config, Source};
 use yieldwall_record::trusted;
 use yieldwall_run::host::{News, RigOnBus};
+use yieldwall_run::recorder::Watched;
 use yieldwall_run::{Drilled, Pace, RunError, Subject, watchdogs};
 
 #[derive(Debug, clap::Args)]
@@ -77,9 +78,7 @@ fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<
     };
     output.news(&format!("the rig is enabled {times}, at rest; nobody may hold the handle"))?;
     let (listening, watch) = Listening::start(events, Watched::Interfaces(interfaces.names()), &rig)?;
-    watch.tap.into_iter().for_each(|tap| on_bus.set_tap(tap));
-    watch.observer.into_iter().for_each(|observer| on_bus.set_observer(observer));
-    watch.errors.into_iter().for_each(|errors| on_bus.set_error_watch(errors));
+    on_bus.set_watch(watch);
     let outcome = on_bus.drill(&is_interrupted, |news| match news {
         News::Refused(refusal) => warn(output, refusal),
         news => events.news(news),

@@ -13,7 +13,7 @@ use super::events::{Event, Events, Listening};
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
 use super::interrupt::{interrupted, on_interrupt};
-use super::keep::{Keep, Watched, described};
+use super::keep::{Keep, described};
 use super::on_bus::{
     after_standstill, different, live_failure, not_in_time, only_for_can, point_to_doctor, stood, thread_failure,
     told_at_boot, warn, warn_of, with_findings, with_told,
@@ -32,6 +32,7 @@ use yieldwall_record::recording::About;
 use yieldwall_rig::report::{self, Overrides, measured, replay};
 use yieldwall_run::host::system::Refusal;
 use yieldwall_run::host::{News, NotRun, Outcome, RigOnBus, StageTimes, Terms};
+use yieldwall_run::recorder::Watched;
 use yieldwall_run::{Ended, Orders, Play, RunError};
 
 /// Cycles of which figure and measures are made, from the first one on: ten minutes at 1 kHz. A recording holds all.
@@ -102,10 +103,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     let view = arguments.tui.then(|| view(&rig, &place, duration_s));
     view.iter().for_each(|view| events.show_on(view));
     let (listening, heard) = Listening::start(events, watched, &rig)?;
-    let watch = watch.and(heard);
-    watch.tap.into_iter().for_each(|tap| on_bus.set_tap(tap));
-    watch.errors.into_iter().for_each(|errors| on_bus.set_error_watch(errors));
-    watch.observer.into_iter().for_each(|observer| on_bus.set_observer(observer));
+    on_bus.set_watch(watch.and(heard));
     let period_s = f64::from(rig.cycle.period_us) * 1e-6;
     let mut scene_rows = report::Seen::with_room(Play::on_bus(&rig, duration_s).cycles.min(LONGEST_TRACE) as usize);
     let mut seen = Seen { stages: StageTimes::default(), skipped: 0 };

@@ -8,13 +8,13 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 
 use super::failure::{Exit, Failure};
-use super::keep::{CAPTURE, LOG};
 use super::output::Output;
 use super::replace::{Replace, discard, unwritten};
 use super::replay::{damage, open, read_failure, recording_file, records};
 use yieldwall_link::{Whole, whole_blocks};
 use yieldwall_record::recording::{Reader, Recorded, Recording, Writer, csv_header, csv_row, definition};
 use yieldwall_record::{CycleRecord, DeviceRecord};
+use yieldwall_run::recorder::{CAPTURE, LOG};
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {

@@ -204,14 +204,17 @@ pub(super) fn make_folder_of(path: &Path) -> Result<(), Failure> {
 
 /// Makes a folder that is not there yet, and those on the way.
 pub(super) fn make_folder(folder: &Path) -> Result<(), Failure> {
-    std::fs::create_dir_all(folder).map_err(|error| {
-        let why = match error.kind() {
-            ErrorKind::AlreadyExists | ErrorKind::NotADirectory => "is not a folder".to_owned(),
-            _ => format!("cannot be made: {error}"),
-        };
-        let message = format!("folder {} {why}", folder.display());
-        Failure::about_file(Exit::Usage, folder, message, "choose a folder you can write to")
-    })
+    std::fs::create_dir_all(folder).map_err(|error| no_folder(folder, &error))
+}
+
+/// The failure that a folder cannot be made.
+pub(super) fn no_folder(folder: &Path, error: &io::Error) -> Failure {
+    let why = match error.kind() {
+        ErrorKind::AlreadyExists | ErrorKind::NotADirectory => "is not a folder".to_owned(),
+        _ => format!("cannot be made: {error}"),
+    };
+    let message = format!("folder {} {why}", folder.display());
+    Failure::about_file(Exit::Usage, folder, message, "choose a folder you can write to")
 }
 
 #[cfg(test)]

@@ -7,11 +7,11 @@ use serde_json::json;
 
 use super::ending::rig_failure;
 use super::failure::{Exit, Failure};
-use super::keep::MCAP;
 use super::output::Output;
 use yieldwall_config::{Diagnostic, Severity};
 use yieldwall_record::recording::{self, About, Damage, ReadError, Recording};
 use yieldwall_rig::report::replay::{End, ReplayError, replay_any};
+use yieldwall_run::recorder::MCAP;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {

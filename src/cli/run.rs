@@ -23,7 +23,7 @@ use super::events::{Events, Listening, Stream};
 use super::failure::{Exit, Failure};
 use super::faults::FaultArgument;
 use super::interrupt::{interrupted, on_interrupt, unless};
-use super::keep::{Keep, Wanted, Watched, described};
+use super::keep::{Keep, described};
 use super::margins::{Margins, has_other_inertia};
 use super::on_bus::{only_for_can, told_at_boot, with_findings, with_told};
 use super::output::Output;
@@ -37,6 +37,7 @@ use yieldwall_config::{self as config, Diagnostic, Document, Loaded, Severity, S
 use yieldwall_record::Trace;
 use yieldwall_rig::report::{Overrides, RunReport, replay, run_rig};
 use yieldwall_rig::{self as rig, RigError};
+use yieldwall_run::recorder::{Wanted, Watched};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {

@@ -23,6 +23,8 @@ mod pace;
 mod permit;
 mod place;
 mod proof;
+#[cfg(feature = "recording")]
+pub mod recorder;
 mod restart;
 mod runner;
 #[cfg(test)]
@@ -32,6 +34,7 @@ mod scene;
 mod sensor;
 mod simulation;
 mod standstill;
+mod watch;
 
 pub use bringup::commission;
 pub use bringup::{
@@ -56,3 +59,4 @@ pub use restart::Restarts;
 pub use runner::{ANNOUNCED, BootWatch, END_OF_WATCH, LinkCounts, Observer, Runner, Tap};
 pub use scene::{Ended, Play, Played};
 pub use sensor::{NoZero, Wrenches};
+pub use watch::Watch;

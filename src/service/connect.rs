@@ -31,7 +31,7 @@ pub trait Connect {
     fn segment(&mut self, interface: &str, is_over: &Arc<AtomicBool>) -> Result<AnySegmentService, ConnectError>;
 }
 
-/// Why an interface was not connected. Nothing was sent.
+/// Reason why an interface was not connected. Nothing was sent.
 #[derive(Debug, Error)]
 pub enum ConnectError {
     /// The interface cannot be used.

@@ -1,4 +1,4 @@
-//! What the devices of a rig get back, in words.
+//! The journal of the devices of a rig, in words.
 
 use super::place::node_failure;
 use super::segment;

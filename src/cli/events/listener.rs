@@ -8,15 +8,14 @@ use std::time::{Duration, Instant};
 use super::narrator::Narrator;
 use super::{Event, Events};
 use crate::failure::{Exit, Failure};
-use crate::keep::{Watched, ring};
 use crate::tui::View;
 use yieldwall_config as config;
 use yieldwall_fieldbus::canopen::{Emergency, Frame};
 use yieldwall_link::Packet;
 use yieldwall_record::CycleRecord;
 use yieldwall_record::recording::{Feed, Outlet, Sink, side_ring};
-use yieldwall_rig::report::Watch;
-use yieldwall_run::{BootSteps, DriveError};
+use yieldwall_run::recorder::{Watched, ring};
+use yieldwall_run::{BootSteps, DriveError, Watch};
 
 /// Emergencies and errors that wait for the thread.
 const ASIDE: usize = 64;

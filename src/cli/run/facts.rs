@@ -6,7 +6,7 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use super::super::ending::{bus_names, devices_text};
-use super::super::keep::{LOG_STARTS_AT, RunFiles};
+use super::super::keep::RunFiles;
 use super::super::margins::Margins;
 use super::super::on_bus::{document, drive_error_json, drive_error_text, text};
 use super::{
@@ -16,6 +16,7 @@ use super::{
 use yieldwall_config as config;
 use yieldwall_motion::fixture::prediction;
 use yieldwall_rig::report::RunReport;
+use yieldwall_run::recorder::LOG_STARTS_AT;
 use yieldwall_run::{Drilled, Settled};
 
 /// A run and what was known before it.

@@ -5,4 +5,5 @@ pub mod measures;
 pub mod replay;
 mod run;
 
-pub use run::{Overrides, RunReport, Seen, Stage, Watch, measured, measured_device, run_device, run_rig};
+pub use run::{Overrides, RunReport, Seen, Stage, measured, measured_device, run_device, run_rig};
+pub use yieldwall_run::Watch;

@@ -24,7 +24,7 @@ use crate::commission::{Begin, Commissioned, StepReport};
 use crate::{
     Bounds, Drilled, DriveError, DriveIdentity, ErrorWatch, Finding, HomePlan, Homed, Jog, Jogged, LinkCounts,
     LoopPlan, LoopTraced, NotProven, Observer, OnLink, Orders, Pace, Place, Play, Played, Proof, Pulled, Repeated,
-    RunError, Runner, Tap, Task, Unproven, Wrenches, settling_on_bus,
+    RunError, Runner, Tap, Task, Unproven, Watch, Wrenches, settling_on_bus,
 };
 use bench::OnTheBench;
 pub use bench::Person;
@@ -186,7 +186,7 @@ pub struct Outcome<T = Played> {
     pub segment: Vec<String>,
     /// Standstill of this computer in the seconds before the fault, or before a boot or a read failed.
     pub standstill: Option<Standstill>,
-    /// What the devices got back after a bring-up.
+    /// Objects that the devices got back after a bring-up.
     pub restored: Restored,
 }
 
@@ -262,6 +262,14 @@ impl<For> RigOnBus<For> {
     /// Has `observer` get the record of every cycle.
     pub fn set_observer(&mut self, observer: Observer) {
         self.runner.set_observer(observer);
+    }
+
+    /// Adds a tap, an observer and a watch of errors. A watch of the boot has no effect: the boot is told as news.
+    pub fn set_watch(&mut self, watch: Watch) {
+        let Watch { tap, observer, errors, .. } = watch;
+        tap.into_iter().for_each(|tap| self.set_tap(tap));
+        observer.into_iter().for_each(|observer| self.set_observer(observer));
+        errors.into_iter().for_each(|errors| self.set_error_watch(errors));
     }
 
     /// Has a run be attended by a person who gives these orders, as [`Runner::play_attended`].

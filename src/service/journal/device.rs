@@ -39,7 +39,7 @@ impl fmt::Display for DevicePlace {
     }
 }
 
-/// Why a device was not reached, not read or not written.
+/// Reason why a device was not reached, not read or not written.
 #[derive(Debug, Error)]
 pub enum DeviceError {
     /// Its interface was not connected.

@@ -29,7 +29,7 @@ use yieldwall_bus::Written;
 use yieldwall_fieldbus::objects::Address;
 use yieldwall_record::trusted;
 
-/// The journals of a computer, and what a new one says of its begin.
+/// Journals of a computer, and the begin of a new one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Journals {
     /// Folder of the journals. Without one no journal is found, and none begins.
@@ -56,7 +56,7 @@ pub struct Journal {
     kept: Kept,
 }
 
-/// What a restoration did.
+/// Outcome of a restoration.
 #[derive(Debug)]
 pub struct Restored {
     /// Devices that got something back, each with the number of objects that were written.
@@ -74,7 +74,7 @@ impl Default for Restored {
     }
 }
 
-/// Why a journal stops a program, did not begin or stays open.
+/// Reason why a journal stops a program, did not begin or stays open.
 #[derive(Debug, Error)]
 pub enum JournalError {
     /// A program that did not come to its end has left a journal of devices on one of these interfaces. Nothing was sent.
@@ -181,16 +181,16 @@ fn joined(lacking: &[Unrestored]) -> String {
     lacking.iter().map(Unrestored::to_string).collect::<Vec<_>>().join("; ")
 }
 
-/// On disk.
+/// Content of the file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Kept {
     /// The command.
     command: String,
-    /// Its process, and when that began, in ticks since the computer did: numbers of processes come again.
+    /// Its process, and the begin of the process: numbers of processes come again.
     process: u32,
     process_began: Option<u64>,
     begun_unix_s: u64,
-    /// Of the program.
+    /// Version of the program.
     version: String,
     devices: Vec<KeptDevice>,
 }
@@ -329,7 +329,7 @@ impl Journal {
     }
 }
 
-/// What was begun, for a person, with the file and the devices.
+/// The command, the file and the devices, for a person.
 impl fmt::Display for Journal {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         let devices =
@@ -344,7 +344,7 @@ impl fmt::Display for Journal {
     }
 }
 
-/// On disk, whole or not at all, before anything else is done.
+/// Writes a journal to disk, whole or not at all, before anything else is done.
 fn store(path: &Path, kept: &Kept) -> io::Result<()> {
     trusted::write(path, serde_json::to_string_pretty(kept)?.as_bytes())
 }
@@ -369,19 +369,19 @@ fn all(folder: &Path) -> Result<Vec<Journal>, JournalError> {
     paths.into_iter().map(read).collect()
 }
 
-/// When a process that is still there began, in ticks since the computer did.
+/// Begin of a process that still runs, in ticks since the computer started.
 fn began(process: u32) -> Option<u64> {
     let status = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
     began_in(&status)
 }
 
-/// The same from its `/proc/PID/stat`: field 22. The name of its program, in brackets, may have any character.
+/// Field 22 of `/proc/PID/stat`. The name of the program, in brackets, may have any character.
 fn began_in(status: &str) -> Option<u64> {
     let (_, fields) = status.rsplit_once(')')?;
     fields.split_whitespace().nth(19)?.parse().ok()
 }
 
-/// What the objects of a device hold that will be written.
+/// Reads the objects of a device that will be written.
 fn kept<C: Connect + ?Sized>(
     reach: &mut Devices<'_, C>,
     place: DevicePlace,
@@ -417,7 +417,7 @@ fn restore<C: Connect + ?Sized>(
         .objects
         .iter()
         .map(|object| (Address::new(object.index, object.sub), object.bytes.clone()))
-        // Of modes and states the device tells by itself.
+        // The device tells modes and states by itself.
         .filter(|(at, _)| at.index != objects::CONTROLWORD.index)
         .collect();
     let wanted = sheet_of(device.node_id(), &held, None);

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::*;
 use serde_json::json;
+use yieldwall_run::Observer;
 
 /// A rig of the program and its scene, to be changed.
 fn pair(file: &str) -> (config::Rig, config::Scene) {

@@ -15,7 +15,7 @@ use yieldwall_service::journal::{BusInterface, Journal, Journals, Restored};
 #[derive(Clone, Copy, Debug)]
 pub enum BringUp {}
 
-/// What the devices held before; nothing for a rig that runs, and in lockstep, whose devices are simulated.
+/// Journal of the devices of a rig; none for a rig that runs, and in lockstep, whose devices are simulated.
 #[derive(Default)]
 pub(super) struct Kept {
     journal: Option<Journal>,
