@@ -20,8 +20,7 @@ pub(super) struct Defects {
 }
 
 fn all(scene: &config::Scene) -> Result<Vec<Defect>, RigError> {
-    let defects = scene.defects.iter().map(config::SceneDefect::defect).collect::<Result<_, _>>();
-    defects.map_err(|error| RigError::Mismatch(error.to_string()))
+    Ok(scene.defects.iter().map(config::SceneDefect::defect).collect::<Result<_, _>>()?)
 }
 
 /// Whether a drive has a defect.

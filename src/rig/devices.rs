@@ -42,7 +42,7 @@ pub(super) fn simulated(rig: &config::Rig) -> Result<&config::Simulation, RigErr
 }
 
 fn model(scene: &config::Scene) -> Result<&config::SceneModel, RigError> {
-    scene.model.as_ref().ok_or_else(|| RigError::Mismatch("the scene has no `model` of a rig".into()))
+    scene.model.as_ref().ok_or_else(|| RigError::NoModel("model"))
 }
 
 /// What a simulated drive does in a manner of its own.
@@ -135,7 +135,7 @@ pub fn segment(
         line.extend(position.map(|position| (position, device)));
     }
     if line.is_empty() && here.contains(&true) {
-        return Err(RigError::Mismatch("none of these devices is on EtherCAT".into()));
+        return Err(RigError::NoneOnEthercat);
     }
     line.sort_unstable();
     let mut places = [None; DEVICES];
@@ -245,8 +245,7 @@ pub(super) fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Resu
         config::Tracking::Rigid => Body::Arm(Arm::new(&arm(rig, scene)?, angles)?),
         config::Tracking::Ideal => {
             if rig.rig.command_mode != CommandMode::Position {
-                let message = "model.tracking ideal needs command_mode position: a torque has no place to go to";
-                return Err(RigError::Mismatch(message.into()));
+                return Err(RigError::IdealInTorque);
             }
             Body::Ideal(Ideal {
                 linkage,

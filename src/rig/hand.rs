@@ -6,8 +6,7 @@ use yieldwall_sim::hand::{AimError, Hand, HandParameters, Leg, NoiseBand, Path, 
 
 fn fixed<const N: usize>(point: &[config::Finite], what: &str) -> Result<nalgebra::SVector<f64, N>, RigError> {
     if point.len() != N {
-        let found = point.len();
-        return Err(RigError::Mismatch(format!("{what} of the scene has {found} coordinates, this machine has {N}")));
+        return Err(RigError::Coordinates { point: what.to_owned(), found: point.len(), wanted: N });
     }
     Ok(nalgebra::SVector::from_iterator(point.iter().map(|value| value.get())))
 }

@@ -104,9 +104,7 @@ impl DeviceServer {
         let sensor = sensor.map_or_else(DeviceSlot::empty, |sensor| DeviceSlot::Local(Box::new(sensor)));
         let mut far = FarEnd { drives: drives.map(seat), sensor, line, world, buses };
         if matches!(far.world.body, Body::Ideal(_)) {
-            let message =
-                "model.tracking ideal works in the embedded simulation only: on a bus the arm has to be rigid";
-            return Err(RigError::Mismatch(message.into()));
+            return Err(RigError::IdealOnBus);
         }
         let noise_counts = far.world.noise_counts;
         if pace == Pace::Lockstep {

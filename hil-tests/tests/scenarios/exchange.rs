@@ -216,7 +216,7 @@ fn an_ideal_bus_and_ideal_tracking_work() {
     let mut torque = Scenario::torque();
     torque.scene.model.as_mut().unwrap().tracking = Tracking::Ideal;
     let refused = yieldwall::rig::EmbeddedRig::new(&torque.rig, &torque.scene, &torque.rig.fixture, 1);
-    assert!(matches!(refused, Err(RigError::Mismatch(_))), "a torque has no place to go to");
+    assert!(matches!(refused, Err(RigError::IdealInTorque)), "a torque has no place to go to");
 }
 
 /// Greatest depth of the proxy beyond the circle and greatest push, in mm and N, of a hand that knocks on the circle from

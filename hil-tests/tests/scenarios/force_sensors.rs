@@ -155,7 +155,7 @@ fn what_only_a_canopen_node_can_do_is_refused() {
             Kind::WrongNodeId,
         ] {
             let refused = session.machine.inject(sensor(kind));
-            assert!(matches!(refused, Err(RigError::Mismatch(_))), "{file} {kind:?}: {refused:?}");
+            assert!(matches!(refused, Err(RigError::InjectionNeeds { .. })), "{file} {kind:?}: {refused:?}");
         }
         let invalid = session.machine.inject(sensor(Kind::SensorInvalid));
         assert_eq!(invalid.is_err(), file == STREAMING);

@@ -78,7 +78,7 @@ impl Masses {
         others: impl Fn(&Grip) -> Vec<Grip>,
         held: impl Fn(&Rig, &Scene, &[Grip], f64) -> Result<Option<Vec<Holding>>, RigError>,
     ) -> Result<Self, RigError> {
-        let scene = rig.scene().map_err(|_| RigError::Mismatch("the scene cannot be read".into()))?;
+        let scene = rig.scene().map_err(|_| RigError::NoScene)?;
         let hand = hand_of(&scene.value);
         let others = others(&hand);
         let has_scene_hand = hand.stiffness_n_per_m > 0.0;
@@ -87,7 +87,7 @@ impl Masses {
         let hands: Vec<Grip> = has_scene_hand.then_some(hand).into_iter().chain(further).collect();
         let configured_kg = match rig.value.fixture.coupling {
             Coupling::Admittance { mass_kg } => mass_kg.get(),
-            Coupling::Impedance { .. } => return Err(RigError::Mismatch("a rig needs an admittance".into())),
+            Coupling::Impedance { .. } => return Err(RigError::NoAdmittance),
         };
         let holdings = held(&rig.value, &scene.value, &hands, configured_kg)?;
         Ok(Self {

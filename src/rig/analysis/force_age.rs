@@ -74,8 +74,8 @@ fn latest_samples_s(rig: &config::Rig) -> Result<[f64; 2], RigError> {
     let bus = bus_id(rig, &rig.sensor.bus)?;
     let (setup, conditions) = bus_plan(rig)?;
     let conditions = conditions.into_iter().find(|conditions| conditions.bus == bus);
-    let conditions = conditions.ok_or_else(|| RigError::Mismatch("the sensor's bus has no plan".into()))?;
-    let budget = Budget::new(&setup, conditions).map_err(|error| RigError::Mismatch(error.to_string()))?;
+    let conditions = conditions.ok_or(RigError::NoPlan)?;
+    let budget = Budget::new(&setup, conditions)?;
     let frames = || budget.frames.iter().map(|budgeted| &budgeted.frame);
     let request = frames().find(|frame| frame.usage == Use::Request);
     // Behind SYNC the devices of SYNC answer, and the request waits for those that go before it.

@@ -376,7 +376,7 @@ fn pose_at(
     if !is_cartesian {
         return Ok(joints);
     }
-    let inverse = joints.jacobian.try_inverse().ok_or_else(|| RigError::Mismatch("singular pose".into()))?;
+    let inverse = joints.jacobian.try_inverse().ok_or(RigError::Singular)?;
     let at_tool = |matrix: Matrix2<f64>| inverse.transpose() * matrix * inverse;
     Ok(Pose {
         mass: at_tool(joints.mass),

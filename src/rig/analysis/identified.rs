@@ -52,9 +52,7 @@ pub fn identified_models(rig: &config::Rig, found: &[JointFound; 2]) -> Result<V
 pub(super) fn identified_delay_cycles(rig: &config::Rig, found: &[JointFound; 2]) -> Result<f64, RigError> {
     let delay_cycles = found.iter().map(|joint| joint.delay_s).fold(0.0, f64::max) / period_s(rig);
     if delay_cycles > MAX_DELAY_CYCLES {
-        return Err(RigError::Mismatch(format!(
-            "a delay of {delay_cycles:.1} cycles was identified, and margins are known up to {MAX_DELAY_CYCLES}"
-        )));
+        return Err(RigError::Delay { found_cycles: delay_cycles, most_cycles: MAX_DELAY_CYCLES });
     }
     Ok(delay_cycles)
 }

@@ -121,7 +121,7 @@ pub(super) fn margins_of(
         let angles: JointAngles = linkage.inverse(TipPoint(pose))?;
         let dynamics = linkage.dynamics(model, angles, JointRates::default())?;
         let (mass, damping) = if is_cartesian {
-            let inverse = dynamics.jacobian.try_inverse().ok_or_else(|| RigError::Mismatch("singular pose".into()))?;
+            let inverse = dynamics.jacobian.try_inverse().ok_or(RigError::Singular)?;
             let damping = inverse.transpose() * nalgebra::Matrix2::from_diagonal(&Vector2::from(viscous)) * inverse;
             let least = damping.symmetric_eigenvalues().min();
             (inverse.transpose() * dynamics.mass * inverse, least)

@@ -37,11 +37,10 @@ impl Simulation {
     pub(super) fn inject(&mut self, injection: Injection) -> Result<(), RigError> {
         injection.check_on(self.medium(injection))?;
         if injection.kind == Kind::ArmBlocked && matches!(self.far.world.body, Body::Ideal(_)) {
-            let message = "arm-blocked needs `model.tracking: rigid`: there is no arm to block";
-            return Err(RigError::Mismatch(message.into()));
+            return Err(RigError::NoArmToBlock);
         }
         if let Some(needed) = self.wires.needed(injection) {
-            return Err(RigError::Mismatch(format!("{} needs {needed}", injection.kind.row().name)));
+            return Err(RigError::InjectionNeeds { injection: injection.kind.row().name, needed });
         }
         if injection.kind.row().lasts == Lasts::FromBoot {
             self.begin(injection);

@@ -106,14 +106,13 @@ impl EmbeddedRig {
         let far = FarEnd::new(rig, scene, seed, ([true; DEVICES], Pace::Free))?;
         let cable = assembly::segment_bus(rig)?.map(|bus| (bus, Cable::new(seed)));
         if cable.is_some() && matches!(far.world.body, Body::Ideal(_)) {
-            let message = "model.tracking ideal works on CAN only: on EtherCAT the arm has to be rigid";
-            return Err(RigError::Mismatch(message.into()));
+            return Err(RigError::IdealOnEthercat);
         }
         let place =
             Simulation::new(InjectableBuses::new(rig, seed)?, cable, far, (period, assembly::sampled_before(rig)));
         let runner = Runner::in_virtual_time(rig, fixture, place).map_err(|error| match error {
             RunError::Assembly(error) => error.into(),
-            other => RigError::Mismatch(other.to_string()),
+            other => RigError::Run(other),
         })?;
         let permit = Permit::in_virtual_time(&runner);
         let mut machine = Self {

@@ -90,9 +90,7 @@ impl SegmentServer {
     ) -> Result<Self, RigError> {
         let mut far = FarEnd::new(rig, scene, seed, (here, pace))?;
         if matches!(far.world.body, Body::Ideal(_)) {
-            let message =
-                "model.tracking ideal works in the embedded simulation only: on a bus the arm has to be rigid";
-            return Err(RigError::Mismatch(message.into()));
+            return Err(RigError::IdealOnBus);
         }
         let noise_counts = far.world.noise_counts;
         if pace == Pace::Lockstep {
@@ -135,17 +133,14 @@ impl SegmentServer {
     pub fn inject(&mut self, injection: Injection) -> Result<(), RigError> {
         injection.check_on(Medium::Ethercat)?;
         if injection.is_at_master() {
-            let name = injection.kind.row().name;
-            return Err(RigError::Mismatch(format!(
-                "{name} is of the computer that runs the master, which is not here"
-            )));
+            return Err(RigError::InjectionAtMaster(injection.kind.row().name));
         }
         let is_here = |device| self.far.line.as_ref().is_some_and(|line| line.has(device));
         let is_device =
             matches!(injection.target, Target::LeftDrive | Target::RightDrive | Target::Drives | Target::Sensor);
         if is_device && !(0..DEVICES).any(|device| injection.target.has_device(device) && is_here(device)) {
-            let (name, target) = (injection.kind.row().name, injection.target.name());
-            return Err(RigError::Mismatch(format!("{name}: {target} is not on this segment")));
+            let (injection, target) = (injection.kind.row().name, injection.target.name());
+            return Err(RigError::NotHere { injection, target });
         }
         self.script.add(injection);
         Ok(())

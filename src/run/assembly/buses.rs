@@ -35,7 +35,7 @@ pub fn bus_plan(rig: &config::Rig) -> Result<(MasterSetup, Vec<Conditions>), Ass
 /// If there is no bus of this name.
 pub fn bus_id(rig: &config::Rig, name: &str) -> Result<BusId, AssemblyError> {
     let found = BusId::all().zip(rig.buses.keys()).find(|(_, known)| *known == name).map(|(bus, _)| bus);
-    found.ok_or_else(|| AssemblyError::Mismatch(format!("`buses` has no bus named {name}")))
+    found.ok_or_else(|| AssemblyError::NoBus(name.to_owned()))
 }
 
 /// The buses of the left drive, the right drive and the sensor.

@@ -40,7 +40,37 @@ pub enum AssemblyError {
     /// A CAN bus is wanted, and the devices are on EtherCAT.
     #[error("the rig is on EtherCAT, and a CAN bus is wanted here")]
     OnEthercat,
-    /// Two parts of the configuration do not fit together.
-    #[error("{0}")]
-    Mismatch(String),
+    /// The fixture's surface is of another dimension than the machine.
+    #[error("the fixture's surface is a {surface} in {dimension} dimensions, this machine moves in {wanted}")]
+    Dimension {
+        /// Its surface.
+        surface: &'static str,
+        /// Coordinates of a point of it.
+        dimension: usize,
+        /// Coordinates of a point of the machine.
+        wanted: usize,
+    },
+    /// The gains are those of another command mode.
+    #[error("command_mode {mode} needs control.gains {gains}")]
+    Gains {
+        /// The command mode.
+        mode: &'static str,
+        /// The gains that it needs.
+        gains: &'static str,
+    },
+    /// There is no device profile of this name.
+    #[error("there is no device profile named {0}")]
+    NoProfile(String),
+    /// A device that is wanted on a segment has no position there.
+    #[error("`{0}` has no position on a segment")]
+    NoPosition(String),
+    /// The rig has no bus of this name.
+    #[error("`buses` has no bus named {0}")]
+    NoBus(String),
+    /// A drive is to be homed and has no homing.
+    #[error("`{0}` has no `homing`")]
+    NoHoming(String),
+    /// There is no joint of this number.
+    #[error("there is no joint {0}")]
+    NoJoint(usize),
 }

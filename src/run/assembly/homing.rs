@@ -27,7 +27,7 @@ pub(super) fn orders(rig: &config::Rig) -> Result<[HomingOrder; 2], AssemblyErro
 }
 
 fn order(drive: &config::Drive) -> Result<HomingOrder, AssemblyError> {
-    let none = || AssemblyError::Mismatch(format!("`{}` has no `homing`", drive.name));
+    let none = || AssemblyError::NoHoming(drive.name.clone());
     let homing = drive.homing.ok_or_else(none)?;
     let scaling = scaling(drive)?;
     let counts = |rate: f64| (rate * scaling.counts_per_rad()).round().clamp(1.0, f64::from(i32::MAX)) as u32;

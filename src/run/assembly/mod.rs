@@ -125,11 +125,7 @@ pub fn spatial_fixture(fixture: &config::Fixture, period_s: f64) -> Result<Fixtu
 }
 
 fn wrong_dimension(surface: &config::Surface, wanted: usize) -> AssemblyError {
-    AssemblyError::Mismatch(format!(
-        "the fixture's surface is a {} in {} dimensions, this machine moves in {wanted}",
-        surface.name(),
-        surface.dimension()
-    ))
+    AssemblyError::Dimension { surface: surface.name(), dimension: surface.dimension(), wanted }
 }
 
 /// Calibration and mounting of the force sensor, shared with the simulated one.
@@ -177,7 +173,7 @@ fn servo(rig: &config::Rig) -> Result<Servo, AssemblyError> {
                 let limit = rig.guard.joint_speed_limit_rad_per_s.get();
                 Ok(Servo::Velocity(RateLaw::new(gain_per_s.get(), limit)?))
             }
-            _ => Err(AssemblyError::Mismatch("command_mode velocity needs control.gains.rate".into())),
+            _ => Err(AssemblyError::Gains { mode: "velocity", gains: "rate" }),
         },
         config::CommandMode::Torque => {
             Ok(Servo::Torque(Box::new(TorqueServo::new(&torque_servo(rig)?, &linkage(rig)?, period_s(rig))?)))
@@ -192,7 +188,7 @@ fn servo(rig: &config::Rig) -> Result<Servo, AssemblyError> {
 pub fn torque_servo(rig: &config::Rig) -> Result<TorqueServoParameters, AssemblyError> {
     let control = &rig.control;
     let Some((gains, is_cartesian)) = gains(control) else {
-        return Err(AssemblyError::Mismatch("command_mode torque needs control.gains joint or cartesian".into()));
+        return Err(AssemblyError::Gains { mode: "torque", gains: "joint or cartesian" });
     };
     Ok(TorqueServoParameters {
         law: match control.law {
@@ -263,7 +259,7 @@ fn brake_s(drive: &config::Drive) -> f64 {
 /// # Errors
 /// If there is none.
 pub fn profile(name: &config::ProfileName) -> Result<Arc<DeviceProfile>, AssemblyError> {
-    let missing = || AssemblyError::Mismatch(format!("there is no device profile named {}", name.as_str()));
+    let missing = || AssemblyError::NoProfile(name.as_str().to_owned());
     name.get().cloned().ok_or_else(missing)
 }
 

@@ -47,7 +47,7 @@ pub(super) fn segment_of(rig: &config::Rig, homing: [Option<HomingOrder>; 2]) ->
     let drives = [(Device::LeftDrive, left), (Device::RightDrive, right)];
     let mut stations = Vec::new();
     for ((device, drive), homing) in drives.into_iter().zip(homing) {
-        let not_here = || AssemblyError::Mismatch(format!("`{}` has no position on a segment", drive.name));
+        let not_here = || AssemblyError::NoPosition(drive.name.clone());
         let (profile, limits) = (profile(&drive.profile)?, drive_limits(rig, &scaling(drive)?)?);
         let setup = SegmentDrive {
             name: drive.name.clone(),
@@ -87,7 +87,7 @@ pub fn segment_sensor() -> Identity {
 
 /// A sensor with the objects of ATI's, by its own clock: 6000h counts, 6010h status, 6020h sample counter, 7010h control.
 fn sensor(sensor: &config::Sensor) -> Result<StationSetup, AssemblyError> {
-    let not_here = || AssemblyError::Mismatch("`sensor` has no position on a segment".to_owned());
+    let not_here = || AssemblyError::NoPosition("sensor".to_owned());
     let position = sensor.protocol.position().ok_or_else(not_here)?;
     let identity = segment_sensor();
     let mapped = |index, sub, quantity| Mapped { at: Address::new(index, sub), bits: 32, quantity };

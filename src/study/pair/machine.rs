@@ -137,7 +137,7 @@ impl<S: Surface<N>, const N: usize> Pair<S, N> {
         surroundings: Surroundings<N>,
     ) -> Result<Self, RigError> {
         if !matches!(fixture.parameters().coupling, yieldwall_motion::fixture::Coupling::Admittance(_)) {
-            return Err(RigError::Mismatch("a pair needs a fixture with the coupling `admittance`".into()));
+            return Err(RigError::NoAdmittance);
         }
         let start = hand.target(0.0).position_m;
         fixture.reset(&start)?;
