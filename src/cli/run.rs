@@ -35,7 +35,7 @@ use super::tune::{Masses, advice};
 use yieldwall_config::injection::{Injection, Kind};
 use yieldwall_config::{self as config, Diagnostic, Document, Loaded, Severity, Source};
 use yieldwall_record::Trace;
-use yieldwall_rig::report::{Overrides, RunReport, replay, run_rig};
+use yieldwall_rig::report::{Overrides, RunReport, Shortcoming, replay, run_rig};
 use yieldwall_rig::{self as rig, RigError};
 use yieldwall_run::recorder::{Wanted, Watched};
 
@@ -244,23 +244,19 @@ pub(super) fn judge_run(
     scene: &config::Scene,
     of_arguments: &[Injection],
 ) -> Result<(), Failure> {
-    if report.is_stopped() {
-        let stopped = with_findings(ending::stopped(report, rig), &report.segment);
-        return Err(with_told(stopped, &report.emergencies, &report.errors, rig));
-    }
-    let of_scene = scene.faults.iter().filter_map(|fault| fault.injection().ok());
-    let injected: Vec<Injection> = of_scene.chain(of_arguments.iter().copied()).collect();
-    ending::held_too_long(report, &injected)?;
-    ending::never_came(report, of_arguments)?;
-    // A push by injection is no fault of the loop.
-    if !injected.is_empty() {
-        return Ok(());
-    }
-    ending::at_limit_too_long(report)?;
-    if report.measures.is_within_bound() {
-        return Ok(());
-    }
-    Err(above_bound(&report.measures, &rig.rig.name, &advice(rig, scene)))
+    let Some(shortcoming) = report.shortcoming(scene, of_arguments) else { return Ok(()) };
+    let simulated_s = report.simulated_s();
+    Err(match shortcoming {
+        Shortcoming::Stopped => {
+            let stopped = with_findings(ending::stopped(report, rig), &report.segment);
+            with_told(stopped, &report.emergencies, &report.errors, rig)
+        }
+        Shortcoming::EndedHeld(fault) => ending::ended_held(fault),
+        Shortcoming::HeldLong { fault, held_s } => ending::held_too_long(fault, held_s, simulated_s),
+        Shortcoming::NeverCame(injection) => ending::never_came(&injection, simulated_s),
+        Shortcoming::AtLimit { at_limit_s } => ending::at_limit_too_long(at_limit_s, simulated_s),
+        Shortcoming::AboveBound => above_bound(&report.measures, &rig.rig.name, &advice(rig, scene)),
+    })
 }
 
 /// Draws a run into a file, if there is to be one.

@@ -1,9 +1,11 @@
 //! The trace of a run, the measures taken from it, and a recording run again.
 
+mod judgement;
 pub mod measures;
 #[cfg(feature = "recording")]
 pub mod replay;
 mod run;
 
+pub use judgement::Shortcoming;
 pub use run::{Overrides, RunReport, Seen, Stage, measured, measured_device, run_device, run_rig};
 pub use yieldwall_run::Watch;
