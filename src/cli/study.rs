@@ -1,6 +1,7 @@
 //! `yieldwall study`: tables and charts of speed, accuracy and stability.
 
 mod document;
+mod page;
 
 use std::io::{self, IsTerminal};
 use std::num::NonZeroUsize;
@@ -59,6 +60,22 @@ pub(super) struct Arguments {
     /// Throw away the points that the folder holds, and compute all
     #[arg(long, conflicts_with_all = ["merge", "any_build", "point", "shard"])]
     fresh: bool,
+    /// Compute nothing: write the tables and findings of the study into a page, docs/studies.md unless another FILE is given
+    ///
+    /// The page holds them between the lines `<!-- begin: STUDY-NAME -->` and `<!-- end -->`. Text outside these lines stays as it
+    /// is. If the tables do not show a finding, the command names the rows and writes nothing.
+    #[arg(
+        long,
+        value_name = "FILE",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "docs/studies.md",
+        conflicts_with_all = ["out", "jobs", "shard", "merge", "point", "any_build", "fresh", "mujoco"]
+    )]
+    page: Option<PathBuf>,
+    /// With --page: folder of the tables, DIR/study-STUDY-TABLE.csv
+    #[arg(long, value_name = "DIR", default_value = "docs/data", requires = "page")]
+    tables: PathBuf,
     /// For `plant`: the program that runs its scene in MuJoCo; hil-tests/peers/mujoco builds it and prints its name
     #[arg(long, value_name = "PROGRAM")]
     mujoco: Option<PathBuf>,
@@ -109,6 +126,11 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let named = |name: &str, options: &Options| {
         study(name, options).ok_or_else(|| Failure::new(Exit::Internal, format!("no study {name}"), ""))
     };
+    if let Some(path) = &arguments.page {
+        let names = NAMES.into_iter().filter(|name| [*name, ALL].contains(&arguments.name.as_str()));
+        let studies = names.map(|name| named(name, &options)).collect::<Result<Vec<_>, _>>()?;
+        return page::write(path, &arguments.tables, &studies, output);
+    }
     if arguments.name != ALL {
         options.check(&arguments.name, !arguments.merge).map_err(|error| options_failure(&error))?;
         let study = named(&arguments.name, &options)?;

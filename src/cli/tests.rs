@@ -84,8 +84,13 @@ fn exit_codes_tell_what_happened() {
         "all --point mass:1",
         "all --mujoco no-such-program",
         "all --merge --out no-such-folder",
+        "hold --page --merge",
+        "hold --tables docs/data",
     ] {
         assert_eq!(exit(&format!("yieldwall -q study {study}")), Exit::Usage, "{study}");
+    }
+    for study in ["hold --page=no-such-page.md", "hold --page=Cargo.toml --tables no-such-folder"] {
+        assert_eq!(exit(&format!("yieldwall -q study {study}")), Exit::ConfigInvalid, "{study}");
     }
 }
 

@@ -2,8 +2,6 @@
 
 mod ablation;
 pub mod bench;
-#[cfg(test)]
-mod claims;
 mod control;
 mod curvature;
 mod cycle;
@@ -13,6 +11,7 @@ mod edge;
 mod energy;
 mod hold;
 mod machine;
+pub mod page;
 pub mod pair;
 pub mod plant;
 pub mod reproduce;

@@ -3,6 +3,7 @@
 //! A term whose absence changes no output of a scene by more than the scene's own tolerance is one that the scene need not
 //! model: a figure that hung on it would hang on nothing.
 
+pub(super) mod page;
 mod term;
 
 use serde_json::Value;

@@ -5,6 +5,7 @@
 //! The loop is the [bench](super::bench) of all studies: exact angles and forces, no bus, no counts, no guard.
 
 mod machine;
+pub(super) mod page;
 mod servo;
 mod trial;
 

@@ -5,6 +5,7 @@
 
 mod draw;
 mod machine;
+pub(super) mod page;
 mod trial;
 
 use serde_json::Value;

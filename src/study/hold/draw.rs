@@ -83,7 +83,7 @@ fn window(impacts: &Table, pushes: &Table) -> Chart {
 }
 
 /// What a rig has that says nothing of it.
-const DEFAULT: Rule = Rule::Automatic(150);
+pub(super) const DEFAULT: Rule = Rule::Automatic(150);
 
 /// Lower edge of the axis of shares, in percent.
 const LEAST: f64 = 0.005;

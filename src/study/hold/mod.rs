@@ -8,6 +8,7 @@
 //! A row is 3000 hands under one rule. How many break through has Wilson's interval of 95 % beside it.
 
 mod draw;
+pub(super) mod page;
 mod trial;
 
 use serde_json::Value;

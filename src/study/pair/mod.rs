@@ -6,6 +6,7 @@
 //! them, in one dimension, where [`bench`](super::bench) has one arm.
 
 mod machine;
+pub(super) mod page;
 mod trial;
 
 pub use machine::{Pair, PairParameters, PairRow, PairServo, Placement, Surroundings};

@@ -10,6 +10,7 @@ mod events;
 mod machine;
 mod method;
 mod mujoco;
+pub(super) mod page;
 mod reading;
 mod scene;
 mod speed;

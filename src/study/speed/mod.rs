@@ -8,6 +8,7 @@
 //! the [bench](super::bench) of all studies: exact angles and forces, no bus, no counts, no guard.
 
 mod draw;
+pub(super) mod page;
 mod runs;
 mod track;
 mod trial;

@@ -11,6 +11,7 @@ mod friction;
 mod held;
 mod impact;
 mod mass;
+pub(super) mod page;
 mod samples;
 mod singular;
 mod sliding;

@@ -8,6 +8,29 @@ use serde_json::{Map, Value};
 use super::super::chart::Estimate;
 use super::Sweep;
 
+/// The cells of a line of CSV.
+fn cells(line: &str) -> Vec<String> {
+    let (mut cells, mut is_quoted) = (vec![String::new()], false);
+    let mut letters = line.chars().peekable();
+    while let Some(letter) = letters.next() {
+        match letter {
+            '"' if is_quoted && letters.next_if_eq(&'"').is_some() => {
+                cells.last_mut().into_iter().for_each(|cell| cell.push('"'))
+            }
+            '"' => is_quoted = !is_quoted,
+            ',' if !is_quoted => cells.push(String::new()),
+            _ => cells.last_mut().into_iter().for_each(|cell| cell.push(letter)),
+        }
+    }
+    cells
+}
+
+/// What a cell holds: nothing, a number, a truth value or a word.
+fn value(cell: &str) -> Value {
+    let number = serde_json::from_str(cell).ok().filter(|value: &Value| value.is_number() || value.is_boolean());
+    number.unwrap_or_else(|| if cell.is_empty() { Value::Null } else { cell.into() })
+}
+
 /// The points of a table that have been computed.
 #[derive(Clone, Debug)]
 pub struct Table {
@@ -76,6 +99,44 @@ impl Table {
         text
     }
 
+    /// Reads what [`Table::csv`] writes of all points, and of further ones that another program has added.
+    ///
+    /// # Errors
+    /// The first mistake.
+    pub fn from_csv(sweep: &dyn Sweep, text: &str) -> Result<Self, String> {
+        let mut table = Self::new(sweep);
+        let mut lines = (1..).zip(text.lines());
+        let found = cells(lines.next().map_or("", |(_, line)| line));
+        let wanted: Vec<&str> = ["index"].into_iter().chain(table.columns.iter().copied()).collect();
+        if let Some(column) = wanted.iter().find(|column| !found.iter().any(|name| name == *column)) {
+            return Err(format!("the first line has no column {column}"));
+        }
+        if found != wanted {
+            return Err(format!("the first line is not {}", wanted.join(",")));
+        }
+        for (index, (line, text)) in (0..).zip(lines) {
+            let texts = cells(text);
+            if texts[0] != index.to_string() || texts.len() != wanted.len() {
+                return Err(format!("line {line} is not point {index} with {} cells", wanted.len()));
+            }
+            if let Some(place) =
+                texts.iter().position(|text| text.parse::<f64>().is_ok_and(|number| !number.is_finite()))
+            {
+                return Err(format!(
+                    "line {line} has {} in column {}, where a number or an empty cell belongs",
+                    texts[place], wanted[place]
+                ));
+            }
+            table.cells.insert(index, texts.iter().skip(1).map(|text| value(text)).collect());
+        }
+        let found = table.cells.len() as u64;
+        if found < table.points {
+            return Err(format!("{found} of {} points are there", table.points));
+        }
+        table.points = found;
+        Ok(table)
+    }
+
     /// The rows as JSON objects.
     pub fn json(&self) -> Value {
         self.rows().map(|row| row.json()).collect()
@@ -111,9 +172,14 @@ impl<'a> Row<'a> {
         self.cell(column).as_bool().unwrap_or(false)
     }
 
+    /// The table and the number of the point, as `--point` takes them.
+    pub fn place(&self) -> String {
+        format!("{}:{}", self.table, self.index)
+    }
+
     /// The command that computes this point of a study again, alone.
     pub fn command(&self, study: &str) -> String {
-        format!("yieldwall study {study} --point {}:{}", self.table, self.index)
+        format!("yieldwall study {study} --point {}", self.place())
     }
 
     /// The point as an object, with its number.
@@ -144,6 +210,31 @@ mod tests {
         fn point(&self, index: u64, _: Clock<'_>) -> Vec<Value> {
             let half = if index == 2 { f64::NAN } else { index as f64 / 2.0 };
             vec![index.into(), half.into(), Value::from("so, \"so\"")]
+        }
+    }
+
+    fn whole() -> Table {
+        let mut table = Table::new(&Halves);
+        (0..3).for_each(|index| table.insert(index, Halves.point(index, &|| std::time::Duration::ZERO)));
+        table
+    }
+
+    #[test]
+    fn a_table_comes_back_from_its_csv_or_with_the_first_mistake_in_it() {
+        let csv = whole().csv();
+        let back = Table::from_csv(&Halves, &csv).unwrap();
+        assert_eq!((back.csv(), back.json()), (csv.clone(), whole().json()));
+        let mistakes = [
+            ("half_m", "half_mm", "the first line has no column half_m"),
+            ("remark", "remark,more", "the first line is not index,whole_m,half_m,remark"),
+            ("2,2,,", "3,2,,", "line 4 is not point 2 with 4 cells"),
+            ("2,2,,", "2,2,", "line 4 is not point 2 with 4 cells"),
+            ("0.5", "NaN", "line 3 has NaN in column half_m, where a number or an empty cell belongs"),
+            ("0.5", "1e999", "line 3 has 1e999 in column half_m, where a number or an empty cell belongs"),
+            ("2,2,,\"so, \"\"so\"\"\"\n", "", "2 of 3 points are there"),
+        ];
+        for (right, wrong, mistake) in mistakes {
+            assert_eq!(Table::from_csv(&Halves, &csv.replacen(right, wrong, 1)).unwrap_err(), mistake);
         }
     }
 

@@ -8,9 +8,9 @@ use super::trial::GRIPS;
 use super::{device, of_aid, of_errors};
 
 /// A tool that jumps back by less than this, in m, is not thrown.
-const THROWN_M: f64 = 1e-3;
+pub(super) const THROWN_M: f64 = 1e-3;
 /// A law that lets a press above R move the tool by this share of what it moves without a fixture gives way.
-const GIVES_WAY: f64 = 0.5;
+pub(super) const GIVES_WAY: f64 = 0.5;
 /// A law that errs by more than this share of another's error is alike.
 const ALIKE: f64 = 0.9;
 /// Width of a cell of the map, in thousandths of the panel.
@@ -159,14 +159,14 @@ fn best<'a>(rows: &[Row<'a>], yield_n: f64, may: impl Fn(&Row<'_>) -> bool) -> O
 
 /// Who may win a cell of the map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Field {
+pub(super) enum Field {
     All,
     /// Laws that give way, and with which the tool is not thrown.
     Yielding,
 }
 
 /// The law that wins a cell of the map, if one does.
-fn winner(errors: &Table, grip: &str, yield_n: f64, aim_m: f64, field: Field) -> Option<Law> {
+pub(super) fn winner(errors: &Table, grip: &str, yield_n: f64, aim_m: f64, field: Field) -> Option<Law> {
     let rows: Vec<Row<'_>> = of_errors(errors, grip, aim_m).collect();
     let free_m = of_aid(rows.iter().copied(), &Aid::NONE).map_or(f64::NAN, |row| row.number("press_m"));
     let gives_way = |row: &Row<'_>| yield_n >= PRESS_N || row.number("press_m") > GIVES_WAY * free_m;
@@ -264,66 +264,5 @@ fn on_device(device: &Table) -> Chart {
             panel("let go", GRIPS[0].name, ["resting_m_per_s"; 3], 1.0, rest()),
         ],
         columns: 2,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use serde_json::Value;
-
-    use super::super::runs::Runs;
-    use super::super::trial::Grip;
-    use super::*;
-
-    fn file(path: &str) -> String {
-        std::fs::read_to_string(format!("{}/../../{path}", env!("CARGO_MANIFEST_DIR"))).unwrap()
-    }
-
-    /// The table `errors` of the page.
-    fn errors() -> Table {
-        let mut table = Table::new(&Runs::errors());
-        let cell = |text: &str| match text {
-            "" => Value::Null,
-            text => text.parse::<f64>().map_or_else(|_| text.into(), Value::from),
-        };
-        for (index, line) in (0..).zip(file("docs/data/study-task-errors.csv").lines().skip(1)) {
-            table.insert(index, line.split(',').skip(1).map(cell).collect());
-        }
-        assert!(table.missing().is_empty());
-        table
-    }
-
-    /// Cells that a law wins: R in N, and the error of the aim in mm.
-    fn won(errors: &Table, grip: Grip, field: Field, law: Option<Law>) -> Vec<(f64, f64)> {
-        let cells = YIELDS_N.into_iter().flat_map(|yield_n| AIMS_M.map(|aim_m| (yield_n, aim_m)));
-        let is_won = |(yield_n, aim_m): &(f64, f64)| winner(errors, grip.name, *yield_n, *aim_m, field) == law;
-        cells.filter(is_won).map(|(yield_n, aim_m)| (yield_n, 1e3 * aim_m)).collect()
-    }
-
-    /// A winner comes of the errors of all users, of which no formula beside the page's sentences speaks.
-    #[test]
-    fn the_page_says_what_the_map_shows() {
-        let errors = errors();
-        let [soft, stiff] = GRIPS;
-        let all = |grip, law| won(&errors, grip, Field::All, law);
-        let (viscous, plastic) = (Some(Law::Viscous), Some(Law::Plastic));
-        assert_eq!(all(soft, viscous), [(5.0, 5.0), (5.0, 10.0)]);
-        assert_eq!((all(soft, plastic), all(stiff, plastic)), (Vec::new(), vec![(40.0, 1.25)]));
-        let of_both = |law| all(soft, law).len() + all(stiff, law).len();
-        let sentences = format!(
-            "Of these laws viscous fields win {} of 32 cells: with the soft hand at R = 5 N and 5 and 10 mm, with the stiff hand {} of 16. \
-             Plastic wins one, with the stiff hand at R = 40 N and 1.25 mm. No law wins the other {}.",
-            of_both(viscous),
-            all(stiff, viscous).len(),
-            of_both(None),
-        );
-        assert!(file("docs/studies.md").contains(&sentences), "{sentences}");
-
-        // Of laws that give way, where the press is above R.
-        let yielding = |grip, law| -> Vec<_> {
-            won(&errors, grip, Field::Yielding, law).into_iter().filter(|(yield_n, _)| *yield_n < PRESS_N).collect()
-        };
-        assert_eq!(yielding(soft, plastic).len(), 8);
-        assert_eq!(yielding(stiff, viscous), [(5.0, 5.0), (5.0, 10.0), (10.0, 5.0), (10.0, 10.0)]);
     }
 }

@@ -14,6 +14,7 @@
 mod aid;
 mod device;
 mod draw;
+pub(super) mod page;
 mod runs;
 mod trial;
 mod way;

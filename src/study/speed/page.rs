@@ -1,0 +1,80 @@
+//! The study's parts of `docs/studies.md`.
+
+use super::super::page::{PageError, Rows, Tables, bullets, digits, markdown, relation};
+use super::super::task::{Aid, Law};
+use super::runs::{WIDTHS_M, YIELDS_N};
+
+/// R of the findings, in N.
+const YIELD_N: f64 = YIELDS_N[1];
+
+fn of_aid<'a>(rows: &Rows<'a>, aid: &Aid) -> Rows<'a> {
+    rows.with("law", aid.law.name()).with("hardness", aid.hardness).with("yield_n", aid.yield_n)
+}
+
+pub(crate) fn widths(tables: &Tables<'_>) -> Result<String, PageError> {
+    let widths = tables.read("widths")?;
+    let circle = widths.all().with("way", "circle");
+    let springs = [Aid::saturated(1e3, YIELD_N), Aid::saturated(1e5, YIELD_N)];
+    let fields = [Aid::viscous(0.1, YIELD_N), Aid::viscous(0.01, YIELD_N)];
+    let mut lines = Vec::new();
+    for aid in [Aid::NONE].into_iter().chain(YIELDS_N.map(Aid::plastic)).chain(springs).chain(fields) {
+        let mut line = vec![aid.name(), aid.yield_n.map_or(String::new(), |yield_n| format!("{yield_n} N"))];
+        for width_m in [0.002, 0.008, 0.032] {
+            let row = of_aid(&circle.with("width_m", width_m), &aid);
+            let [time_s, low_s, high_s] =
+                [row.number("time_s")?, row.number("time_low_s")?, row.number("time_high_s")?];
+            line.push(format!(
+                "{time_s:.2} ({low_s:.2} to {high_s:.2}), {}",
+                digits(1e3 * row.number("error_rms_m")?, 2)
+            ));
+        }
+        lines.push(line);
+    }
+    Ok(markdown(&["law", "R", "band of 2 mm: time, s (95 %), RMS error, mm", "8 mm", "32 mm"], &lines))
+}
+
+pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
+    let (widths, beside) = (tables.read("widths")?, tables.read("beside")?);
+    let circle = widths.all().with("way", "circle");
+    let free = circle.with("law", Law::None.name());
+    let time_s = |width_m: f64| free.with("width_m", width_m).number("time_s");
+    let (wide_s, narrow_s) = (time_s(WIDTHS_M[4])?, time_s(WIDTHS_M[0])?);
+    relation(
+        narrow_s > 2.0 * wide_s,
+        "a narrow band takes a free hand more than twice as long",
+        free.with("width_m", WIDTHS_M[0]).iter(),
+    )?;
+    let plastic = of_aid(&circle, &Aid::plastic(YIELD_N));
+    let held_s = plastic.least("time_s")?;
+    plastic.check("the time with plastic is within 1 % in all bands", |row| row.number("time_s") < 1.01 * held_s)?;
+
+    let edge = beside.all().with("beside_m", 0.004);
+    let (held, spring, free) = (
+        of_aid(&edge, &Aid::plastic(YIELD_N)),
+        of_aid(&edge, &Aid::saturated(1e5, YIELD_N)),
+        of_aid(&edge, &Aid::NONE),
+    );
+    let slow_s = free.number("time_high_s")?;
+    for fixture in [&held, &spring] {
+        fixture.check("a stiff fixture on the edge of the band is slower than none", |row| {
+            row.number("time_low_s") > slow_s
+        })?;
+    }
+    let gives = of_aid(&edge, &Aid::plastic(YIELDS_N[0]));
+    let low_s = free.number("time_low_s")?;
+    gives.check("plastic that gives way there is faster than none", |row| row.number("time_high_s") < low_s)?;
+    Ok(bullets(&[
+        format!(
+            "**With plastic the time does not depend on the band.** On the circle the median is {held_s:.1} s in all bands of 2 to 32 mm. Without a fixture it grows from {wide_s:.1} to {narrow_s:.1} s."
+        ),
+        format!(
+            "**A fixture in the wrong place holds there.** If it lies 4 mm beside the way, on the edge of the band, users take {:.1} s with plastic of R = {YIELD_N} N and {:.1} s with a spring of 1e5 N/m. \
+             They take {:.1} s without a fixture. Plastic of R = {} N gives way, and they take {:.1} s.",
+            held.number("time_s")?,
+            spring.number("time_s")?,
+            free.number("time_s")?,
+            YIELDS_N[0],
+            gives.number("time_s")?
+        ),
+    ]))
+}

@@ -1,0 +1,104 @@
+//! The study's parts of `docs/studies.md`.
+
+use super::super::page::{PageError, Rows, Tables, bullets, digits, markdown, relation};
+
+const HANDS_N_PER_M: [f64; 5] = [300.0, 500.0, 1000.0, 3000.0, 10_000.0];
+/// Settings of the table `mass-rows`, in words, and whether theory knows them.
+const SETTINGS: [(&str, &str, bool); 9] = [
+    ("no delay", "no delay", true),
+    ("1 cycle", "force 1 cycle late", true),
+    ("3 cycles", "force 3 cycles late", true),
+    ("low pass 30 Hz", "low pass of 30 Hz", true),
+    ("1 cycle, servo x2", "1 cycle, servo twice as fast", true),
+    ("1 cycle, servo /2", "1 cycle, servo half as fast", true),
+    ("dry, 1 cycle, b 30", "1 cycle, joints of 10 N m, b = 30 N s/m", false),
+    ("dry, 1 cycle", "1 cycle, joints of 10 N m", false),
+    ("dry, 1 cycle, F 3 N", "1 cycle, joints of 10 N m, F = 3 N", false),
+];
+
+/// A mass; the grid ends at 0.02 and 10 kg, and an empty cell is a mass beyond it.
+fn kg(row: &Rows<'_>, column: &str) -> Result<String, PageError> {
+    let mass_kg = row.one()?.cell(column).as_f64().unwrap_or(f64::INFINITY);
+    Ok(match mass_kg {
+        ..0.02 => "<0.02".to_owned(),
+        10.0.. => ">10".to_owned(),
+        _ => format!("{mass_kg:.2}"),
+    })
+}
+
+pub(crate) fn masses(tables: &Tables<'_>) -> Result<String, PageError> {
+    let rows = tables.read("mass-rows")?;
+    let mut lines = Vec::new();
+    for (setting, words, has_theory) in SETTINGS {
+        let mut line = vec![words.to_owned()];
+        for hand_n_per_m in HANDS_N_PER_M {
+            let row = rows.all().with("setting", setting).with("hand_n_per_m", hand_n_per_m);
+            let theory = if has_theory { format!(" / {}", kg(&row, "theory_kg")?) } else { String::new() };
+            line.push(kg(&row, "measured_kg")? + &theory);
+        }
+        lines.push(line);
+    }
+    Ok(markdown(&["setting, kg: simulated / theory", "300 N/m", "500", "1000", "3000", "10 000"], &lines))
+}
+
+pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
+    let (rows, theory) = (tables.read("mass-rows")?, tables.read("mass-theory")?);
+    let stiff = rows.all().with("hand_n_per_m", 3000);
+    let late = stiff.filter("up to 3 cycles", |row| ["no delay", "1 cycle", "3 cycles"].contains(&row.word("setting")));
+    late.check("the crossover formula is too heavy", |row| row.number("crossover_kg") > row.number("theory_kg"))?;
+    let ends = |column| Ok::<_, PageError>([digits(late.least(column)?, 2), digits(late.greatest(column)?, 2)]);
+    let ([crossover, crossover_most], [exact, exact_most]) = (ends("crossover_kg")?, ends("theory_kg")?);
+    let soft = theory
+        .all()
+        .with("setting", "1 cycle of delay")
+        .filter("hands up to 1 kN/m", |row| row.number("hand_n_per_m") <= 1000.0);
+    soft.check("the crossover formula is too light", |row| row.number("crossover_kg") < row.number("least_mass_kg"))?;
+    let share = soft.iter().map(|row| row.number("crossover_kg") / row.number("least_mass_kg")).fold(1.0, f64::min);
+
+    let friction = tables.read("friction")?;
+    let below = friction.all().filter("push below F", |row| row.number("push_over_friction") < 1.0);
+    below.with("law", "proxy").check("the proxy stands still", |row| row.number("moved_m") == 0.0)?;
+    let sign = below.with("law", "sign of the last velocity");
+    sign.check("the sign of the last velocity chatters", |row| row.number("chatter_m_per_s") > 0.0)?;
+    let smooth = below.filter("law = tanh", |row| row.word("law").starts_with("tanh"));
+    smooth.check("friction smoothed by tanh creeps", |row| row.number("moved_m") > 1e-4)?;
+
+    let samples = tables.read("samples")?;
+    let mean_mj = |trouble: &str, hand_n_per_m: f64, mass_kg: f64, share: f64| {
+        let runs = samples.all().with("trouble", trouble).with("hand_n_per_m", hand_n_per_m);
+        let given = runs.with("virtual_mass_kg", mass_kg).with("share", share).numbers("given_j")?;
+        Ok::<_, PageError>(1e3 * given.iter().sum::<f64>() / given.len() as f64)
+    };
+    samples
+        .all()
+        .with("share", 0.0)
+        .check("with all samples the rig gives back no energy", |row| row.number("given_j") == 0.0)?;
+    let row = [mean_mj("lost, 10 in a row", 3000.0, 0.5, 0.2)?, mean_mj("lost, 10 in a row", 3000.0, 0.5, 0.7)?];
+    let mut single = 0.0_f64;
+    for (hand_n_per_m, mass_kg) in [(1e3, 0.5), (1e3, 2.0), (3e3, 0.5), (3e3, 2.0)] {
+        single = single.max(mean_mj("lost, one at a time", hand_n_per_m, mass_kg, 0.5)?);
+    }
+    let half = samples.all().with("share", 0.5);
+    relation(single < row[0], "samples lost one at a time cost less than ten in a row", half.iter())?;
+    Ok(bullets(&[
+        format!(
+            "**The usual crossover formula for the least mass is wrong both ways.** At 3000 N/m, with up to 3 cycles of delay, it asks for {crossover} to {crossover_most} kg, and the sampled loop needs {exact} to {exact_most} kg. \
+             For hands of up to 1 kN/m and one cycle of delay it is too light, by up to {:.0} %.",
+            100.0 * (1.0 - share)
+        ),
+        format!(
+            "**Friction from the last velocity fails below F.** The proxy stands still to the last bit. The sign of the last velocity chatters by {} to {} mm/s, and friction smoothed by tanh creeps by {} to {} mm.",
+            digits(1e3 * sign.least("chatter_m_per_s")?, 2),
+            digits(1e3 * sign.greatest("chatter_m_per_s")?, 2),
+            digits(1e3 * smooth.least("moved_m")?, 2),
+            digits(1e3 * smooth.greatest("moved_m")?, 2)
+        ),
+        format!(
+            "**Force samples lost in a row give back energy.** With all samples the rig gives back none. With ten lost in a row, a hand of 3000 N/m and a proxy of 0.5 kg, the mean is {} mJ at 20 % and {} mJ at 70 %. \
+             With half of the samples lost one at a time it is at most {} mJ.",
+            digits(row[0], 2),
+            digits(row[1], 2),
+            digits(single, 1)
+        ),
+    ]))
+}
