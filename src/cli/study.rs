@@ -145,11 +145,6 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     for name in NAMES {
         let options = if name == PLANT { &options } else { &Options::default() };
         let study = named(name, options)?;
-        // What measures time is left to a run without shards.
-        let is_timed = study.sweeps().iter().all(|sweep| sweep.is_timed());
-        if arguments.shard.is_some() && is_timed {
-            continue;
-        }
         output.news(&format!("{name}: {}", study.about()))?;
         let document = compute_or_draw(study.as_ref(), options, arguments, output)?;
         documents.extend(document.map(|document| (name.to_owned(), document)));
@@ -169,11 +164,6 @@ fn compute_or_draw(
         return print(sweep, &one, output).map(|()| None);
     }
     let timed: Vec<_> = study.sweeps().iter().filter(|sweep| sweep.is_timed()).map(|sweep| sweep.name()).collect();
-    if arguments.shard.is_some() && timed.len() == study.sweeps().len() {
-        let message =
-            format!("--shard: {} measures time, and times of several runs are not to be compared", study.name());
-        return Err(Failure::new(Exit::Usage, message, "leave --shard away: one run computes all of this study"));
-    }
     let folder = arguments.out.join(study.name());
     let build = build();
     let edition = edition(&build, options);

@@ -80,7 +80,6 @@ fn exit_codes_tell_what_happened() {
     for study in [
         "hold --mujoco mujoco",
         "plant --mujoco no-such-program",
-        "fixture --shard 1/2",
         "all --point mass:1",
         "all --mujoco no-such-program",
         "all --merge --out no-such-folder",

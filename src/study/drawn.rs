@@ -4,46 +4,15 @@ use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
 use nalgebra::Vector2;
-use rand_xoshiro::SplitMix64;
-use rand_xoshiro::rand_core::SeedableRng;
 
 use super::bench::BenchParameters;
 use yieldwall_config as config;
-use yieldwall_motion::elementary;
 use yieldwall_motion::fixture::{Fixture, Shape2};
 use yieldwall_rig::simulated_arm;
 use yieldwall_run::assembly::{planar_fixture, torque_servo};
-use yieldwall_sim::share_of_one;
 
 /// Peak over mean speed of a way by minimum jerk.
 pub(super) const PEAK: f64 = 1.875;
-
-/// A stream of random numbers. The same seed: the same numbers.
-pub(super) struct Dice(SplitMix64);
-
-impl Dice {
-    pub(super) fn new(seed: u64) -> Self {
-        Self(SplitMix64::seed_from_u64(seed))
-    }
-
-    /// Evenly.
-    pub(super) fn between(&mut self, least: f64, most: f64) -> f64 {
-        least + (most - least) * share_of_one(&mut self.0)
-    }
-
-    /// Evenly in the logarithm.
-    pub(super) fn log_between(&mut self, least: f64, most: f64) -> f64 {
-        least * elementary::powf(most / least, share_of_one(&mut self.0))
-    }
-
-    pub(super) fn chance(&mut self, probability: f64) -> bool {
-        share_of_one(&mut self.0) < probability
-    }
-
-    pub(super) fn one_of<T: Copy>(&mut self, choices: &[T]) -> T {
-        choices[(share_of_one(&mut self.0) * choices.len() as f64) as usize]
-    }
-}
 
 pub(super) fn positive(value: f64) -> config::Positive {
     config::Positive::new(value).unwrap_or_else(|| unreachable!("{value} is above zero"))

@@ -3,14 +3,12 @@
 mod ablation;
 pub mod bench;
 mod control;
-mod curvature;
 mod cycle;
 pub mod drawing;
 mod drawn;
-mod edge;
-mod energy;
 mod hold;
 mod machine;
+mod nudge;
 pub mod page;
 pub mod pair;
 pub mod plant;
@@ -80,8 +78,7 @@ impl Options {
 pub const PLANT: &str = "plant";
 
 /// Names of all studies.
-pub const NAMES: [&str; 12] =
-    ["ablation", "control", "cycle", "edge", "energy", "fixture", "hold", "pair", PLANT, "speed", "stability", "task"];
+pub const NAMES: [&str; 9] = ["ablation", "control", "cycle", "hold", "pair", PLANT, "speed", "stability", "task"];
 
 /// A study by its name.
 pub fn study(name: &str, options: &Options) -> Option<Box<dyn sweep::Study>> {
@@ -89,9 +86,6 @@ pub fn study(name: &str, options: &Options) -> Option<Box<dyn sweep::Study>> {
         "ablation" => Box::new(ablation::Ablation::new()),
         "control" => Box::new(control::Control::new()),
         "cycle" => Box::new(cycle::CycleStudy::new()),
-        "edge" => Box::new(edge::Edge::new()),
-        "energy" => Box::new(energy::Energy::new()),
-        "fixture" => Box::new(curvature::TangentOrExact::new()),
         "hold" => Box::new(hold::Hold::new()),
         "pair" => Box::new(pair::PairStudy::new()),
         PLANT => Box::new(plant::Integration::new(options.mujoco.clone())),

@@ -22,7 +22,7 @@ const UNKNOWN: &str = "least virtual mass: not known by these measurements, sinc
 /// What the numbers leave out.
 const LEFT_OUT: &str = "dry friction, torque limits and counts are left out: try the numbers in a run";
 
-/// What a bus adds where the sensor's clock is its own; the figures are those of `yieldwall study edge`.
+/// Effects of a bus where the sensor has its own clock.
 const SYNC_WAITS: &str = "SYNC waits for frames that the sensor sends by its own clock, which is left out: at some of its phases the rig \
                           may need more mass, and without dry friction it may swing slowly at every mass";
 const SAMPLE_MISSED: &str = "heartbeats that delay SYNC can decide whether a sample of the sensor's own clock is in time, which is left out: \

@@ -1,5 +1,7 @@
 //! The trace of a run, the measures taken from it, and a recording run again.
 
+#[cfg(test)]
+mod bound_tests;
 mod judgement;
 pub mod measures;
 #[cfg(feature = "recording")]

@@ -5,7 +5,7 @@ use std::hint::black_box;
 use std::ops::ControlFlow;
 
 use super::super::drawn::{finite, positive};
-use super::super::edge::Bench;
+use super::super::nudge::Bench;
 use super::super::sweep::Clock;
 use super::machine::Machine;
 use yieldwall_config::{self as config, ArcSpeed, AutomaticHold, PathSegment};

@@ -1,9 +1,14 @@
 //! A nudge on a whole rig without dry friction: does the swing grow?
 
+#[cfg(test)]
+mod drawn_rig;
+#[cfg(test)]
+mod tests;
+
 use std::f64::consts::TAU;
 use std::time::Duration;
 
-use super::super::drawn::{PEAK, finite, not_negative, positive};
+use super::drawn::{PEAK, finite, not_negative, positive};
 use yieldwall_config::{self as config, PathSegment};
 use yieldwall_motion::control::Grip;
 use yieldwall_motion::elementary;

@@ -5,15 +5,43 @@ use std::f64::consts::TAU;
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
-use super::super::drawn::{Dice, finite, not_negative, positive, shipped};
+use super::super::drawn::{finite, not_negative, positive, shipped};
 use yieldwall_config::{self as config, CommandMode, ControlGains, SensorProtocol, Surface};
 use yieldwall_motion::control::Grip;
 use yieldwall_motion::elementary;
+use yieldwall_sim::share_of_one;
 
 /// Seed of all rigs.
 const SEED: u64 = 2027;
 /// Periods that are drawn, us, and with them where a drawn torque servo is as stiff as at 1 ms in cycles of its own.
 const PERIODS_US: [u32; 8] = [500, 1000, 1000, 1200, 2000, 4000, 5000, 10_000];
+
+/// A stream of random numbers. The same seed: the same numbers.
+struct Dice(SplitMix64);
+
+impl Dice {
+    fn new(seed: u64) -> Self {
+        Self(SplitMix64::seed_from_u64(seed))
+    }
+
+    /// Evenly.
+    fn between(&mut self, least: f64, most: f64) -> f64 {
+        least + (most - least) * share_of_one(&mut self.0)
+    }
+
+    /// Evenly in the logarithm.
+    fn log_between(&mut self, least: f64, most: f64) -> f64 {
+        least * elementary::powf(most / least, share_of_one(&mut self.0))
+    }
+
+    fn chance(&mut self, probability: f64) -> bool {
+        share_of_one(&mut self.0) < probability
+    }
+
+    fn one_of<T: Copy>(&mut self, choices: &[T]) -> T {
+        choices[(share_of_one(&mut self.0) * choices.len() as f64) as usize]
+    }
+}
 
 /// A rig with its hand.
 #[derive(Clone, Debug)]

@@ -1,16 +1,25 @@
-//! Rigs and hands that a case draws: clean runs by passive hands, and loops that swing.
+//! The bound by which `run` judges the energy of a run: passive hands keep within it, and loops that swing pass it or are stopped.
 
 use std::f64::consts::TAU;
 use std::ops::ControlFlow;
 
+use rand_xoshiro::SplitMix64;
+use rand_xoshiro::rand_core::SeedableRng;
 use serde_json::{Value, json};
 
-use super::super::drawn::{Dice, PEAK, shipped};
+use super::{Overrides, RunReport, Watch, run_rig};
+use crate::analysis::{hand_of, held_masses};
+use crate::sample::share;
 use yieldwall_config as config;
 use yieldwall_motion::elementary;
-use yieldwall_rig::analysis::{hand_of, held_masses};
-use yieldwall_rig::report::{Overrides, RunReport, Watch, run_rig};
+use yieldwall_sim::share_of_one;
 
+/// Peak over mean speed of a way by minimum jerk.
+const PEAK: f64 = 1.875;
+/// Cases of passive hands: every rig and errand, with friction and without.
+const CLEAN: u64 = 210;
+/// A tool that in the last second of a run is faster on average, m/s, long after the hand's aim came to rest, swings.
+const SWINGS_M_PER_S: f64 = 0.01;
 /// Seed of all cases.
 const SEED: u64 = 0xe4e5;
 /// Rigs of the clean runs, by their cycle: 0.5 ms is the first one at twice its rate, on a bus that costs no time.
@@ -37,15 +46,9 @@ const SWING_SPEED_LIMIT_M_PER_S: f64 = 1.5;
 const SWING_CYCLE_S: f64 = 1e-3;
 
 /// A rig with a scene.
-pub(super) struct Trial {
-    pub(super) rig: config::Rig,
-    pub(super) scene: config::Scene,
-    pub(super) is_frictionless: bool,
-    pub(super) errand: &'static str,
-    /// Virtual mass, kg.
-    pub(super) virtual_kg: f64,
-    /// Least virtual mass with this hand, kg.
-    pub(super) least_kg: f64,
+struct Trial {
+    rig: config::Rig,
+    scene: config::Scene,
 }
 
 /// Puts a value at a place of a document.
@@ -93,7 +96,7 @@ fn with_mass(rig: &config::Rig, virtual_kg: f64) -> Result<config::Rig, String> 
 
 impl Trial {
     /// A passive hand without tremor on a rig with the mass of its file, or a heavier one where the hand asks for that.
-    pub(super) fn clean(case: u64) -> Result<Self, String> {
+    fn clean(case: u64) -> Result<Self, String> {
         let mut draws = Dice::new(SEED ^ case);
         let (rig, scene) = of_cycle(CYCLES[(case % CYCLES.len() as u64) as usize])?;
         let is_frictionless = (case / CYCLES.len() as u64) % 2 == 1;
@@ -155,11 +158,11 @@ impl Trial {
             config::Coupling::Impedance { .. } => return Err("not of the admittance type".to_owned()),
         };
         let virtual_kg = shipped_kg.max(RESERVE * least_kg);
-        Ok(Self { rig: with_mass(&rig, virtual_kg)?, scene, is_frictionless, errand, virtual_kg, least_kg })
+        Ok(Self { rig: with_mass(&rig, virtual_kg)?, scene })
     }
 
     /// A stiff hand on a rig without friction whose mass is a share of the least one that `tune fixture` gives.
-    pub(super) fn swinging(case: u64) -> Result<Self, String> {
+    fn swinging(case: u64) -> Result<Self, String> {
         let mut draws = Dice::new(SEED ^ (case + 1_000_000));
         let (rig, scene) = of_cycle(CYCLES[1 + (case % (CYCLES.len() as u64 - 1)) as usize])?;
         let rig = without_friction(&rig)?;
@@ -178,19 +181,64 @@ impl Trial {
         let virtual_kg = least_kg * draws.between(0.5, 0.9);
         // The bound is to be tried, not the guard.
         let rig = put(&rig, &[("/guard/tool_speed_limit_m_per_s", json!(SWING_SPEED_LIMIT_M_PER_S))])?;
-        Ok(Self {
-            rig: with_mass(&rig, virtual_kg)?,
-            scene,
-            is_frictionless: true,
-            errand: "swing",
-            virtual_kg,
-            least_kg,
-        })
+        Ok(Self { rig: with_mass(&rig, virtual_kg)?, scene })
     }
 
     /// Runs it.
-    pub(super) fn run(&self) -> Result<RunReport, String> {
+    fn run(&self) -> Result<RunReport, String> {
         run_rig(&self.rig, &self.scene, &Overrides::default(), Watch::default(), |_| ControlFlow::Continue(()))
             .map_err(|error| error.to_string())
     }
+}
+
+/// A stream of random numbers.
+struct Dice(SplitMix64);
+
+impl Dice {
+    fn new(seed: u64) -> Self {
+        Self(SplitMix64::seed_from_u64(seed))
+    }
+
+    fn between(&mut self, least: f64, most: f64) -> f64 {
+        least + (most - least) * share_of_one(&mut self.0)
+    }
+}
+
+fn shipped(name: &str) -> Result<(config::Rig, config::Scene), String> {
+    let rig = config::load_rig(config::builtin(name)).map_err(|report| report.to_string())?;
+    let scene = rig.scene().map_err(|report| report.to_string())?.value;
+    Ok((rig.value, scene))
+}
+
+/// Root of the mean square of the tool's speed in the last second.
+fn last_m_per_s(report: &RunReport) -> f64 {
+    let cycles = (1.0 / report.period_s) as usize;
+    let rows = &report.trace.rows[report.trace.rows.len().saturating_sub(cycles)..];
+    let square = |[x, y, z]: [f64; 3]| x * x + y * y + z * z;
+    let sum: f64 = rows.iter().map(|row| square(row.tool_velocity_m_per_s)).sum();
+    (sum / rows.len().max(1) as f64).sqrt()
+}
+
+fn is_stopped(report: &RunReport) -> bool {
+    report.state.is_some_and(|state| state.is_latched())
+}
+
+#[test]
+fn passive_hands_keep_within_the_bound() {
+    for case in share((0..CLEAN).step_by(5), 10) {
+        let report = Trial::clean(case).and_then(|trial| trial.run()).unwrap();
+        let is_within = report.measures.is_within_bound();
+        assert!(is_within && !is_stopped(&report), "{case}: {:?}", report.cause);
+    }
+}
+
+#[test]
+fn the_bound_or_the_guard_finds_loops_that_swing() {
+    // 1 ms by torque and by position, 2 ms.
+    let runs =
+        (0..18).filter(|case| case % 6 < 3).map(|case| Trial::swinging(case).and_then(|trial| trial.run()).unwrap());
+    let swinging: Vec<RunReport> = runs.filter(|report| last_m_per_s(report) > SWINGS_M_PER_S).collect();
+    let is_above = |report: &&RunReport| !is_stopped(report) && !report.measures.is_within_bound();
+    assert!(swinging.iter().filter(is_above).count() >= 6, "few of {} loops pass the bound", swinging.len());
+    assert!(swinging.iter().all(|report| is_stopped(report) || !report.measures.is_within_bound()));
 }
