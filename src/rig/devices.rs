@@ -42,7 +42,7 @@ pub(super) fn simulated(rig: &config::Rig) -> Result<&config::Simulation, RigErr
 }
 
 fn model(scene: &config::Scene) -> Result<&config::SceneModel, RigError> {
-    scene.model.as_ref().ok_or_else(|| RigError::NoModel("model"))
+    scene.model.as_ref().ok_or(RigError::NoModel("model"))
 }
 
 /// What a simulated drive does in a manner of its own.

@@ -75,7 +75,7 @@ impl ImpedanceRig {
         let device = PointMass::new(parameters, hand.mass_kg(), start)?;
         let control = ImpedanceLoop::new(config, fixture, device.reported_position_m().into())?;
         let step = scene.device_model.map(|model| model.plant_step_us);
-        let step = step.ok_or_else(|| RigError::NoModel("device_model"))?;
+        let step = step.ok_or(RigError::NoModel("device_model"))?;
         let longest_step_s = f64::from(step) * 1e-6;
         Ok(Self { device, hand, control, period_s, longest_step_s, sample: 0 })
     }

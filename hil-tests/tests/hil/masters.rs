@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use hil_tests::network::Real;
+use hil_tests::processes;
 use yieldwall::canopen::{Frame, cob};
 use yieldwall::link::{CanLink, SocketCanSettings};
 
@@ -188,6 +189,8 @@ fn a_device_that_is_on_the_bus_keeps_a_simulated_one_away_and_a_master_does_not(
 #[test]
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
 fn two_masters_in_any_order_of_start_stop_and_kill() {
+    // Twenty rounds take 200 s on a machine with nothing else to do.
+    processes::set_limit(3 * processes::LIMIT);
     let sim = lockstep(RIG);
     for seed in seeds(20) {
         println!("round {seed}: YIELDWALL_SEED={seed} replays it alone");

@@ -40,7 +40,7 @@ impl TorqueMeter {
     /// A meter at the drive of a joint that takes so many samples at most.
     pub(super) fn new(rig: &config::Rig, joint: usize, most: u32) -> Result<Self, RunError> {
         let drive = rig.drives.get(joint).zip(Device::DRIVES.get(joint).copied());
-        let (drive, device) = drive.ok_or_else(|| AssemblyError::NoJoint(joint))?;
+        let (drive, device) = drive.ok_or(AssemblyError::NoJoint(joint))?;
         let scaling = scaling(drive)?;
         let samples = Vec::with_capacity(most as usize);
         Ok(Self { drive: device, scaling, is_pending: false, asked_at: None, samples })
