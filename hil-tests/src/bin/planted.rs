@@ -83,12 +83,12 @@ const DEFECTS: [Defect; 18] = [
     defect(
         "set-points go out although the last ones have not left",
         "src/bus/master.rs",
-        "if is_mute {",
-        "if self.is_silent() {",
+        "if self.networks.is_mute() {",
+        "if self.networks.is_silent() {",
     ),
     defect(
         "SYNC leaves although a stranger's set-point was heard",
-        "src/bus/can/mod.rs",
+        "src/bus/can/network.rs",
         "self.is_sync_held = self.is_mute() || self.is_overwritten;",
         "self.is_sync_held = self.is_mute();",
     ),
