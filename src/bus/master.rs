@@ -113,14 +113,14 @@ impl Master {
         self.axes.iter_mut().zip(are_homing).for_each(|(axis, is_homing)| axis.set_homing(is_homing));
     }
 
-    /// How far each drive is with homing, by its last statusword.
+    /// Progress of each drive with homing, by its last statusword.
     ///
     /// Real-time: yes.
     pub fn homing(&self) -> [HomingState; 2] {
         self.axes.each_ref().map(Axis::homing)
     }
 
-    /// What entered the last cycle; before the first one, that nothing has arrived.
+    /// Inputs of the last cycle; before the first one they say that nothing has arrived.
     ///
     /// Real-time: yes.
     pub fn last_inputs(&self) -> &Inputs {

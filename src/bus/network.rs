@@ -21,10 +21,10 @@ use yieldwall_motion::guard::{Device, DeviceSet, Directive, State};
 /// It is sans-I/O. CAN frames that it sends go to the outbox of a call, Ethernet frames wait for [`Network::drain`]. From
 /// [`Network::on_packet`] on, the methods are real-time while the network is operational, but for the reports.
 pub trait Network: Send + Sync {
-    /// Where the network stands.
+    /// The phase of the network.
     fn phase(&self) -> &Phase;
 
-    /// How long another master has to be listened for before anything is sent.
+    /// Time for which the caller listens for another master before it sends anything.
     fn listening(&self) -> Duration;
 
     /// Begins to listen for another master, with nothing sent until [`Network::announce`] or [`Network::start`]. One that is
@@ -38,13 +38,13 @@ pub trait Network: Send + Sync {
     /// Begins the boot. Nothing is remembered of what was before but the emergencies, and nothing is enabled.
     fn start(&mut self, now: Time, out: &mut dyn Outbox);
 
-    /// When [`Network::poll`] has to be called again at the latest.
+    /// The latest moment for the next call of [`Network::poll`].
     fn next_deadline(&self) -> Time;
 
     /// Does what time asks for: heartbeat, watched devices, waits of the boot.
     fn poll(&mut self, now: Time, out: &mut dyn Outbox);
 
-    /// What the boot waits for; of several devices the one that is given up first. Nothing when there is no boot.
+    /// The device that the boot waits for; of several, the one that it gives up first. `None` when no boot is under way.
     fn waiting(&self, now: Time) -> Option<Waiting<'_>>;
 
     /// Leaves the network: the devices go to Pre-operational, where nobody waits for set-points. For a rig that was stopped.
@@ -57,7 +57,7 @@ pub trait Network: Send + Sync {
     /// on its way is then not watched.
     fn on_echo(&mut self, _frame: &Frame) {}
 
-    /// Notes what the interface to a bus tells; the next cycle acts on it.
+    /// Notes an event of the interface to a bus; the next cycle acts on it.
     fn on_link(&mut self, bus: BusId, event: LinkEvent);
 
     /// Gives away the Ethernet frames that are to be sent, in their order, after each call that may have made some.
@@ -77,35 +77,33 @@ pub trait Network: Send + Sync {
     /// The devices of which something is missing that answers [`Network::open`].
     fn missing(&self, now: Time) -> DeviceSet;
 
-    /// What has come by `now`, and what has happened since the last cycle.
+    /// Words that came by `now`, and events since the last cycle.
     fn take(&mut self, now: Time) -> Arrived;
 
-    /// Notes what the cycle has decided: the state of the rig, whether nothing is sent any more, whether the drives are being stopped.
+    /// Notes the decision of the cycle: the state of the rig, silence, a stop of the drives.
     fn heed(&mut self, state: State, directive: &Directive);
 
-    /// The end of a cycle: what the drives shall do, which the next SYNC makes them apply, and behind it what can wait.
+    /// The end of a cycle: sends set-points, which the drives apply at the next SYNC, and behind them frames that can wait.
     fn close(&mut self, now: Time, orders: &[DriveOrders; 2], out: &mut dyn Outbox);
 
-    /// Has set-points leave whatever holds them back.
+    /// Lets set-points leave, whatever holds them back.
     fn unmute(&mut self) {}
 
-    /// Whether nothing is sent any more, so that the drives' watchdogs act. A link then drops what its queue still holds,
-    /// and sends nothing of it later.
+    /// The network sends nothing any more, so that the drives' watchdogs act. A link then drops its queue and sends nothing of it later.
     fn is_silent(&self) -> bool;
 
-    /// Whether neither SYNC nor set-points are sent in this cycle.
+    /// The network sends neither SYNC nor set-points in this cycle.
     fn is_mute(&self) -> bool {
         self.is_silent()
     }
 
-    /// Whether SYNC was held back in this cycle, since the set-points of an earlier one are still on their way, a drive may
-    /// hold a set-point of somebody else, or nothing is sent at all: no process data can come.
+    /// The network held SYNC back in this cycle: set-points of an earlier cycle are still on their way, a drive may hold a foreign
+    /// set-point, or the network is silent. No process data can come.
     fn is_sync_held(&self) -> bool {
         self.is_silent()
     }
 
-    /// Whether set-points, or SYNC where there are none, were sent that have not been seen on their bus yet, or a frame of a segment has
-    /// not come back.
+    /// The bus has not shown the last set-points yet (SYNC, on a bus without set-points), or a frame of a segment has not come back.
     fn is_in_flight(&self) -> bool;
 
     /// The bus whose frames are Ethernet frames, if it has one.
@@ -113,18 +111,17 @@ pub trait Network: Send + Sync {
         None
     }
 
-    /// Has frames bear this source address where they bear one, as [`EthercatNetwork::set_source`].
+    /// Sets the source address of Ethernet frames, as [`EthercatNetwork::set_source`].
     fn set_source(&mut self, _source: [u8; 6]) {}
 
-    /// Has nothing count that has to be in time: in lockstep time stands still between the cycles, and no grid can be moved.
+    /// Ignores lateness from now on: in lockstep time stands still between the cycles, and nobody can move the grid.
     fn set_lockstep(&mut self) {}
 
-    /// How late the next [`Network::open`] is against its grid point. The reference clock of a segment is told of the grid, not of how late
-    /// this computer has woken up.
+    /// Notes by how much the next [`Network::open`] comes after its grid point. The reference clock of a segment follows the grid, not the
+    /// moment at which this computer woke up.
     fn note_late(&mut self, _late: Duration) {}
 
-    /// By how much the grid point after this cycle is moved, in ns, so that the cycles follow the reference clock of a segment: at most 1 % of
-    /// a period.
+    /// Shift of the next grid point in ns, by which the cycles follow the reference clock of a segment: at most 1 % of a period.
     fn grid_shift_ns(&self) -> i64 {
         0
     }
@@ -144,13 +141,13 @@ pub trait Network: Send + Sync {
     /// not act.
     fn repeat(&mut self) {}
 
-    /// What [`Network::open`] sends, outside of any cycle; nothing while a drive may hold a set-point of somebody else.
+    /// Sends the frames of [`Network::open`] outside of any cycle; none while a drive may hold a foreign set-point.
     fn repeat_sync(&mut self, out: &mut dyn Outbox);
 
-    /// What drives shall do, outside of any cycle.
+    /// Sends set-points outside of any cycle.
     fn repeat_set_points(&mut self, now: Time, orders: &[DriveOrders; 2], out: &mut dyn Outbox);
 
-    /// A heartbeat if one is due; when the last one was sent. `None` where there is none.
+    /// Sends a heartbeat that is due. Returns the moment of the last one; `None` where the network has no heartbeat.
     fn repeat_heartbeat(&mut self, _now: Time, _out: &mut dyn Outbox) -> Option<Time> {
         None
     }
@@ -166,17 +163,17 @@ pub trait Network: Send + Sync {
     /// Asks the devices to leave operation while they go on getting outputs, until they are booted again; for a watchdog drill.
     fn leave_op(&mut self) {}
 
-    /// Outside of any cycle, the statuswords of the left and of the right drive that the inputs since [`Network::repeat_sync`] have
-    /// brought; nothing where they do not come without outputs.
+    /// Takes, outside of any cycle, the statuswords of the left and of the right drive that came since [`Network::repeat_sync`]. `None`
+    /// where inputs do not come without outputs.
     fn take_statuswords(&mut self, _now: Time) -> Option<[Option<u16>; 2]> {
         None
     }
 
-    /// Whether a device is on this network.
+    /// The device is on this network.
     fn has(&self, device: Device) -> bool;
 
-    /// Begins to read or to write an object of a device; how that ends is told by [`Network::answer`]. A device is asked one thing at a time,
-    /// and nothing while it is configured.
+    /// Begins to read or to write an object of a device; [`Network::answer`] returns the outcome. A device takes one request at a time, and
+    /// none during the boot.
     ///
     /// # Errors
     /// If the network was not booted, the device has no objects or has not answered the last request, or the value is too long.
@@ -188,7 +185,7 @@ pub trait Network: Send + Sync {
         out: &mut dyn Outbox,
     ) -> Result<(), ObjectError>;
 
-    /// How what was asked of a device last has ended.
+    /// The outcome of the last request to a device.
     fn answer(&self, device: Device) -> ObjectAnswer<'_>;
 
     /// The node id of a device; `None` where devices have none.
@@ -196,27 +193,27 @@ pub trait Network: Send + Sync {
         None
     }
 
-    /// What the devices told last by emergency messages, the oldest first.
+    /// The last emergency messages of the devices, the oldest first.
     fn told(&self) -> Vec<EmergencyReport>;
 
-    /// Forgets what the devices have told, for a report of what comes.
+    /// Forgets the emergency messages so far.
     fn forget_told(&mut self);
 
     /// The objects that the boot writes, of each device.
     fn written(&self) -> Vec<Written>;
 
-    /// All that the boot will send beside what is repeated, where that is known before.
+    /// The frames and objects that the boot will send, but for repetitions, where they are known before.
     fn plan(&self) -> Option<BootPlan> {
         None
     }
 
-    /// What is wrong with the devices since the network was started, a line each, beside what is in the record of each cycle.
+    /// Faults of the devices since the start of the network, a line each, beyond the record of each cycle.
     fn findings(&self) -> Vec<String> {
         Vec::new()
     }
 
-    /// How often somebody else began to write to a device. While the rig is enabled that is a fault, until the network is started anew;
-    /// otherwise it is only counted. Reading is nobody's harm.
+    /// Number of foreign writes to devices that began. While the rig is enabled such a write is a fault, until the network starts anew;
+    /// otherwise the network counts it. A foreign read is harmless.
     fn foreign_downloads(&self) -> u32 {
         0
     }
@@ -241,7 +238,7 @@ impl Clone for Box<dyn Network> {
 pub struct Networks(Vec<Box<dyn Network>>);
 
 impl Networks {
-    /// Those of a rig whose devices are on CAN, on an EtherCAT segment, or some here and some there.
+    /// The networks of a rig with devices on CAN, on an EtherCAT segment, or on both.
     ///
     /// # Errors
     /// If node identifiers are out of range or used twice, if a profile lacks the process data of the command mode; as
@@ -273,7 +270,7 @@ impl Networks {
     }
 }
 
-/// Of several, what is said of one is joined: the one that is behind, the earliest moment, the first that knows.
+/// Joins the answers of several networks: the phase of the slowest, the earliest moment, the first that knows.
 impl Network for Networks {
     fn phase(&self) -> &Phase {
         let phases = || self.all().map(Network::phase);

@@ -189,7 +189,7 @@ impl Plan<'_> {
     }
 }
 
-/// Whether the buses keep the cycle: of a bus with timing an error, unless it is to be ignored; `None` if it cannot be.
+/// Checks that the buses keep the cycle. A bus with timing that does not is an error, unless the options ignore it.
 pub(super) fn check_buses(rig: &Loaded<Rig>, is_ignored: Option<bool>, output: &mut Output) -> Result<(), Failure> {
     for plan in plans(&rig.value).map_err(|error| rig_failure(&error))? {
         let Some(mut finding) = plan.finding(rig) else { continue };

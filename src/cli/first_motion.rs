@@ -83,7 +83,7 @@ impl OnBus {
     }
 }
 
-/// What the act came to, with each emergency once, and whether the devices got back what they held.
+/// The outcome of the act, with each emergency once, and the outcome of the restoration of the devices.
 pub(super) fn concluded<T>(
     events: &Events,
     outcome: Result<Outcome<T>, ThreadError>,

@@ -1,4 +1,4 @@
-//! What a run leaves on disk, in words.
+//! Words for the files that a run leaves on disk.
 
 use std::path::{Path, PathBuf};
 

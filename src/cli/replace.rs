@@ -2,7 +2,7 @@
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Read, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::failure::{Exit, Failure};
 
@@ -215,6 +215,35 @@ pub(super) fn no_folder(folder: &Path, error: &io::Error) -> Failure {
     };
     let message = format!("folder {} {why}", folder.display());
     Failure::about_file(Exit::Usage, folder, message, "choose a folder you can write to")
+}
+
+/// The path beside a file at which its new text waits.
+pub(super) fn beside(path: &Path) -> PathBuf {
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(format!(".new-{}", std::process::id()));
+    path.with_file_name(name)
+}
+
+/// Writes a new text beside a file and puts it in place of the file once `check` accepts it there. Without that the file stays as it is.
+pub(super) fn exchange(
+    path: &Path,
+    text: &str,
+    failure: impl Fn(io::Error) -> Failure,
+    check: impl FnOnce(&Path) -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    // A link stays one, and leads to the new text.
+    let path = &fs::canonicalize(path).map_err(&failure)?;
+    let beside = beside(path);
+    let permissions = fs::metadata(path).map_err(&failure)?.permissions();
+    let written = File::create_new(&beside)
+        .and_then(|mut file| file.write_all(text.as_bytes()))
+        .and_then(|()| fs::set_permissions(&beside, permissions));
+    let checked = written.map_err(&failure).and_then(|()| check(&beside));
+    let placed = checked.and_then(|()| fs::rename(&beside, path).map_err(&failure));
+    placed.inspect_err(|_| {
+        // It may not be there.
+        let _ = fs::remove_file(&beside);
+    })
 }
 
 #[cfg(test)]

@@ -64,7 +64,7 @@ pub enum RigError {
     InjectionNeeds {
         /// Its name.
         injection: &'static str,
-        /// What is not there.
+        /// The thing that it needs.
         needed: &'static str,
     },
     /// An injection at the computer that runs the master, which is not here.
@@ -84,11 +84,11 @@ pub enum RigError {
     /// A point of the scene has another number of coordinates than the machine.
     #[error("{point} of the scene has {found} coordinates, this machine has {wanted}")]
     Coordinates {
-        /// Which point.
+        /// Name of the point.
         point: String,
         /// Its coordinates.
         found: usize,
-        /// Those of the machine.
+        /// Coordinates of the machine.
         wanted: usize,
     },
     /// No device of a segment is simulated here.

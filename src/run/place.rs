@@ -23,7 +23,7 @@ pub enum Process {
     Dead,
 }
 
-/// What somebody at the arm is asked to do. The network is left meanwhile.
+/// A task for somebody at the arm. The network is left meanwhile.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Task {
     /// Have this force in N, in the base frame, pull at the tool, or with a force of zero none.

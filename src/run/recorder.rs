@@ -55,7 +55,7 @@ pub enum Watched<'a> {
 }
 
 impl<'a> Watched<'a> {
-    /// Whether the cycle waits for a thread that writes, or drops what the thread does not take.
+    /// The cycle waits for a thread that writes, or drops the records that the thread does not take.
     pub fn backpressure(self) -> Backpressure {
         match self {
             Watched::Simulation(_) | Watched::Lockstep(_) => Backpressure::Wait,
@@ -301,7 +301,7 @@ fn make_folder_of(path: &Path) -> Result<(), RecorderError> {
     folder.map_or(Ok(()), |folder| fs::create_dir_all(folder).map_err(RecorderError::of_folder(folder)))
 }
 
-/// Has records go into a folder, which is made; never over another recording.
+/// Starts a recording in a folder, and makes the folder; never over another recording.
 fn record_into<T: Recorded>(
     folder: &Path,
     about: &About,

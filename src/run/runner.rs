@@ -69,7 +69,7 @@ pub struct LinkCounts {
 /// time advances by one period: for simulated devices on a computer of any speed.
 pub struct Runner<P: ?Sized> {
     pub(super) master: Master,
-    /// Whether its place is a [`VirtualPlace`].
+    /// Its place is a [`VirtualPlace`].
     pub(super) is_virtual: bool,
     pace: Pace,
     pub(super) period: Duration,
@@ -236,7 +236,7 @@ impl<P: Place> Runner<P> {
 }
 
 impl<P: Place + ?Sized> Runner<P> {
-    /// Has the boots from now on bring the drives up in homing mode, for [`bringup::home`](fn@crate::bringup::home). Nothing is sent.
+    /// Makes the next boots bring the drives up in homing mode, for [`bringup::home`](fn@crate::bringup::home). Nothing is sent.
     ///
     /// # Errors
     /// If a drive has no homing.
@@ -363,7 +363,7 @@ impl<P: Place + ?Sized> Runner<P> {
         self.last.as_ref().map_or(JointAngles::default(), |outputs| outputs.signals.measured_angles)
     }
 
-    /// Where the joints are led.
+    /// Angles to which the joints are guided.
     pub(super) fn led_angles(&self) -> JointAngles {
         self.last.as_ref().map_or(JointAngles::default(), |outputs| outputs.signals.target_angles)
     }

@@ -1,4 +1,4 @@
-//! What looks on while a rig runs.
+//! Listeners to a rig that runs.
 
 use crate::{BootWatch, ErrorWatch, Observer, Tap};
 

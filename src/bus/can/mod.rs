@@ -40,7 +40,7 @@ pub use waiting::Waiting;
 pub(super) struct CanNetwork {
     id: NodeId,
     heartbeat: Duration,
-    /// How long another master is listened for.
+    /// Time for which it listens for another master.
     listening: Duration,
     next_heartbeat: Time,
     phase: Phase,
@@ -70,7 +70,7 @@ pub(super) struct CanNetwork {
     is_overwritten: bool,
     /// Whether SYNC of this cycle is held back.
     is_sync_held: bool,
-    /// Whether the rig is enabled, or tries to be.
+    /// The rig is enabled, or tries to be.
     is_enabled: bool,
     /// SDO downloads of somebody else to configured nodes.
     foreign_downloads: u32,

@@ -16,7 +16,7 @@ use yieldwall_fieldbus::time::Time;
 use yieldwall_fieldbus::{LinkEvent, Packet};
 use yieldwall_motion::guard::{Device, DeviceSet, Directive, State};
 
-/// How far apart both frames of a sample on plain CAN may come in lockstep.
+/// Greatest time between both frames of a sample on plain CAN, in lockstep.
 const PAIR_GAP: Duration = Duration::from_secs(1);
 
 impl Network for CanNetwork {
@@ -117,7 +117,7 @@ impl Network for CanNetwork {
             link.heartbeat_lost |= node.device.only_if(!(node.is_operational || node.has_restarted));
         }
         if link.intruder {
-            // What nodes do in the cycle of a stranger's command is its effect; if it stays, the next cycle shows it.
+            // A foreign command explains what nodes do in its cycle; if that stays, the next cycle shows it.
             (link.heartbeat_lost, link.node_reset) = (DeviceSet::NONE, DeviceSet::NONE);
         }
         Arrived { drives: arrivals.drives, sample: arrivals.sample, link }
@@ -126,7 +126,7 @@ impl Network for CanNetwork {
     fn heed(&mut self, state: State, directive: &Directive) {
         self.is_enabled = !(state == State::Idle || state.is_latched());
         if self.is_silent && !directive.is_silent {
-            // A person has the exchange go on: what was on its way is gone.
+            // A person lets the exchange go on: frames that were on their way are gone.
             self.lines.iter_mut().for_each(|line| line.in_flight = 0);
         }
         self.is_silent = directive.is_silent;
@@ -134,7 +134,7 @@ impl Network for CanNetwork {
 
     fn close(&mut self, now: Time, orders: &[DriveOrders; 2], mut out: &mut dyn Outbox) {
         self.image.send(orders, &mut out);
-        // What was heard up to the computation is the cycle's cause to stop both drives.
+        // The cycle has answered a foreign set-point that came before the computation: it stops both drives.
         self.is_overwritten = false;
         self.lines.iter_mut().for_each(Line::note_set_points);
         self.send_heartbeat(now, &mut out);

@@ -49,7 +49,7 @@ impl CanNetwork {
         self.send_heartbeat(now, out);
     }
 
-    /// When [`CanNetwork::on_time`] has to be called again at the latest.
+    /// The latest moment for the next call of [`CanNetwork::on_time`].
     ///
     /// Real-time: yes.
     pub(super) fn deadline(&self) -> Time {

@@ -17,7 +17,7 @@ use yieldwall_fieldbus::time::Time;
 use yieldwall_fieldbus::{LinkEvent, Packet};
 use yieldwall_motion::guard::{Device, DeviceSet, Directive, State};
 
-/// How long frames of another master are listened for on a segment: ten cycles of a slow one.
+/// Time for which a segment listens for frames of another master: ten cycles of a slow one.
 pub const SEGMENT_LISTENING: Duration = Duration::from_millis(100);
 
 /// A segment, and the frames that it is to be sent.

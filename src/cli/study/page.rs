@@ -6,7 +6,7 @@ use serde_json::json;
 
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
-use crate::replace::unwritten;
+use crate::replace::{exchange, unwritten};
 use yieldwall_study::page::{PageError, refresh};
 use yieldwall_study::sweep::Study;
 
@@ -28,7 +28,7 @@ pub(super) fn write(
         changed.extend(blocks.1);
     }
     if !changed.is_empty() {
-        std::fs::write(path, new).map_err(|error| unwritten(path, &error))?;
+        exchange(path, &new, |error| unwritten(path, &error), |_| Ok(()))?;
     }
     if output.is_json() {
         return output.report(json!({ "page": path, "tables": tables, "changed": changed }));

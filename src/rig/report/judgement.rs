@@ -1,4 +1,4 @@
-//! Whether a run ended as it should.
+//! Judgement of a run: did it end as it should?
 
 use super::RunReport;
 use yieldwall_config as config;

@@ -13,27 +13,27 @@ use yieldwall_config as config;
 use yieldwall_motion::quantity::{Force, JointAngles, TipPoint};
 use yieldwall_motion::sensing::Wrench;
 
-/// How long the force sensor is listened to under each pull, s.
+/// Time of measurement under each pull, s.
 const LISTENING_S: f64 = 1.0;
-/// How long the arm comes to rest at a point, and how long its angles are looked at then, s.
+/// Time for the arm to come to rest at a point, and time of measurement then, s.
 const SETTLING_S: f64 = 0.2;
 const LOOKING_S: f64 = 0.2;
 
 /// Somebody at the arm; whether it was done.
 pub type Helper<'a> = &'a mut dyn FnMut(&mut dyn Place, Task) -> bool;
 
-/// What a force sensor has shown under a known force.
+/// Reading of a force sensor under a known force.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pulled {
     /// The force in N, base frame.
     pub force: Force,
-    /// The same in the frame of the sensor as the rig file has it mounted.
+    /// The force in the frame of the sensor, mounted as in the rig file.
     pub expected: Wrench,
-    /// What was shown, in the sensor's frame, by the calibration of the rig file and with no zero taken from it.
+    /// The reading in the sensor's frame, by the calibration of the rig file, without a zero.
     pub shown: Wrenches,
 }
 
-/// Has this force pull at the tool along x and y of the base frame, both ways, and listens to the force sensor at rest and under each.
+/// Asks for pulls of this force at the tool, along x and y of the base frame, both ways, and reads the force sensor at rest and under each.
 /// Nothing is enabled.
 ///
 /// # Errors
@@ -71,7 +71,7 @@ pub fn pulls(
     Ok(all)
 }
 
-/// Has the tool be led to points, one after the other, and looks at the angles of the joints at each. Nothing is enabled.
+/// Asks for the tool at points, one after the other, and measures the angles of the joints at each. Nothing is enabled.
 ///
 /// # Errors
 /// If the network cannot be booted, a drive that has to be homed was not, or nobody leads the tool.

@@ -24,16 +24,16 @@ use yieldwall_motion::guard::{Device, State};
 /// Cycles in which everything is sent before something stays away, so that its last moment is known.
 const CYCLES_REPEATED: u32 = 20;
 
-/// How the joints are led: to where they are.
+/// Limits of the guidance, which holds the joints where they are.
 const HOLDS: LeadLimits = LeadLimits { rate_rad_per_s: 0.1, acceleration_rad_per_s2: 1.0 };
 
-/// What is asked of one drive, and what it said.
+/// Requests to one drive, and its answers.
 struct Watched {
     drive: Device,
     is_asked: bool,
     asked_at: Time,
     answered_at: Time,
-    /// When the question was asked that it answered last.
+    /// Moment of the request that it answered last.
     told_of: Time,
     longest_gap: Duration,
     stopped_at: Option<Time>,
@@ -90,7 +90,7 @@ impl Watched {
         }
     }
 
-    /// Whether it has stopped, or has told of its state at `limit` or later, or does not tell.
+    /// It has stopped, reported a state of `limit` or later, or does not report.
     fn is_known(&self, now: Time, limit: Time, patience: Duration) -> bool {
         let is_mute = now.since(limit) >= patience;
         now >= limit && (self.told_of >= limit || is_mute) || self.stopped_at.is_some()

@@ -21,31 +21,31 @@ use yieldwall_config as config;
 use yieldwall_motion::guard::{Cause, Device, State};
 use yieldwall_motion::quantity::JointAngles;
 
-/// How far a joint may go beyond its way, and one that holds from where it was, rad. An arm that is stopped still slides.
+/// Greatest motion of a joint beyond its way, and of a joint that holds, rad. An arm still slides after the stop.
 pub const HOMING_BEYOND_RAD: f64 = 0.05;
-/// How far from home a joint may stand when it was found, rad, beside what it needs to come to rest.
+/// Greatest distance of a joint from home when the drive has found it, rad, beyond its way to rest.
 const OFF_RAD: f64 = 2e-3;
-/// How long a drive is watched that says that it is home, s.
+/// Time for which the loop watches a drive that reports home, s.
 const REST_S: f64 = 0.3;
-/// How long a way may take beyond what its rate needs, s.
+/// Time that a way may take beyond the time at its rate, s.
 const PATIENCE_S: f64 = 3.0;
-/// How long a drive may take to begin that still tells how it homed before, s.
+/// Time in which a drive that still reports an earlier homing has to begin, s.
 const BEGINS_S: f64 = 2.0;
 
-/// What is asked of the drives.
+/// Request to the drives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HomePlan {
-    /// Which joints are homed, the left one first.
+    /// Joints to home, the left one first.
     pub joints: [bool; 2],
-    /// How far each joint may go, rad.
+    /// Greatest way of each joint, rad.
     within_rad: [f64; 2],
-    /// How fast each goes, rad/s.
+    /// Rate of each joint, rad/s.
     rate_rad_per_s: [f64; 2],
     /// Angle of each joint at home, rad.
     home: JointAngles,
-    /// Whether each joint is found on its way, and comes to rest behind home: 1, or 0 where it stands.
+    /// 1 for a joint that finds home on its way and comes to rest behind it, 0 for one that stands.
     slides: [f64; 2],
-    /// Which way each joint looks for home, if its method looks one way alone: 1 or -1.
+    /// Direction in which each joint looks for home, if its method looks one way alone: 1 or -1.
     one_way: [Option<f64>; 2],
     /// Greatest rate of a joint of the rig, rad/s: a faster one is a jump to the reference.
     fastest_rad_per_s: f64,
@@ -93,7 +93,7 @@ fn one_way(drive: &config::Drive) -> Option<f64> {
     }
 }
 
-/// Why a drive did not find its reference.
+/// Reason why a drive did not find its reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NotHome {
     /// It has given up (statusword, bit 13).
@@ -116,31 +116,31 @@ pub enum NotHome {
     Jumped(usize),
 }
 
-/// What became of one joint.
+/// Outcome for one joint.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct JointHomed {
-    /// How far it went at most, either way, rad.
+    /// Greatest distance from its start, either way, rad.
     pub farthest_rad: f64,
-    /// How far it went in the end, rad.
+    /// Distance from its start in the end, rad.
     pub way_rad: f64,
-    /// Where it stands in the end by its position, rad.
+    /// Final angle by its position, rad.
     pub angle_rad: f64,
-    /// Whether its drive says that its position refers to home.
+    /// Its drive reports that its position refers to home.
     pub is_referenced: bool,
-    /// Whether its drive has found home now.
+    /// Its drive has found home now.
     pub is_homed: bool,
 }
 
-/// What homing has shown.
+/// Outcome of homing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Homed {
-    /// How it ended; [`Ended::Whole`] if all joints that were asked for are homed.
+    /// The end; [`Ended::Whole`] if all requested joints are homed.
     pub ended: Ended,
     /// State of the supervisor before the rig was stopped.
     pub state: State,
     /// The fault that led to it.
     pub cause: Option<Cause>,
-    /// Which joint did not find its reference, 0 the left one, and why.
+    /// The joint that did not find its reference, 0 the left one, and the reason.
     pub failed: Option<(usize, NotHome)>,
     /// Time from enabling to the end, s.
     pub time_s: f64,
@@ -148,9 +148,9 @@ pub struct Homed {
     pub joints: [JointHomed; 2],
 }
 
-/// What is seen of a joint while it homes.
+/// Measurements of a joint while it homes.
 struct Seen<'a> {
-    /// How far each joint has gone at most, rad.
+    /// Greatest distance of each joint from its start, rad.
     farthest: &'a mut [f64; 2],
     /// Cycles since the rig was enabled.
     cycles: &'a mut u32,
@@ -176,7 +176,7 @@ pub fn home(
     home_traced(runner, rig, plan, permit, is_interrupted).map(|(homed, _)| homed)
 }
 
-/// The same, with what each drive that was asked for has told.
+/// Homes as [`home`], and returns the positions that each requested drive reported.
 fn home_traced(
     runner: &mut Runner<dyn Place>,
     rig: &config::Rig,
@@ -242,7 +242,7 @@ fn home_all(
     Ok(Homed { ended, state, cause, failed, time_s, joints: [of(0), of(1)] })
 }
 
-/// Whether the linkage goes as far as each joint may, from where the arm is taken to be. A joint that is not homed may be as far from
+/// Checks that the linkage allows the greatest way of each joint, from the assumed pose of the arm. A joint that is not homed may be as far from
 /// there as a person may have put it.
 fn check_homing_way(runner: &Runner<dyn Place>, plan: &HomePlan) -> Result<(), RunError> {
     let from = runner.angles();
@@ -262,7 +262,7 @@ fn check_homing_way(runner: &Runner<dyn Place>, plan: &HomePlan) -> Result<(), R
     if least < 1.0 { Err(RunError::WayBlocked { share: least }) } else { Ok(()) }
 }
 
-/// Whether home lies ahead of each joint whose drive still knows where it is, and looks for it one way alone.
+/// Checks that home lies ahead of each joint whose drive still knows its position and looks for home one way alone.
 fn check_home_ahead(runner: &Runner<dyn Place>, plan: &HomePlan) -> Result<(), RunError> {
     let ahead = (plan.home - runner.master().referenced_angles()).to_array();
     let states = runner.master().homing();
@@ -299,7 +299,7 @@ fn home_one(
     let mut bounds = [HOMING_BEYOND_RAD; 2];
     bounds.iter_mut().skip(joint).take(1).for_each(|bound| *bound += within);
     let from = runner.angles();
-    // What a drive has told before it was asked is none of its answer.
+    // A report from before the request is no answer to it.
     let is_silent = |homing: HomingState| !homing.is_over && !homing.has_failed;
     let mut has_begun = runner.master().homing().get(joint).is_some_and(|homing| is_silent(*homing));
     let (mut rested, mut is_referenced) = (0, false);

@@ -15,32 +15,32 @@ use yieldwall_motion::guard::{Cause, State};
 use yieldwall_motion::quantity::JointAngles;
 use yieldwall_record::{AROUND_FAULT_S, CycleRecord};
 
-/// How long the joints are watched at their targets, s. One whose encoder stands still just short of it is pushed on more and more meanwhile.
+/// Time at the targets, s. A joint whose encoder stands still just short of its target is pushed on more and more meanwhile.
 const REST_S: f64 = 0.05;
-/// How long a way may take beyond what its rate and its acceleration need, s.
+/// Time that a way may take beyond its rate and its acceleration, s.
 const PATIENCE_S: f64 = 1.0;
-/// How much farther than it takes to come to rest a joint is led while a key holds, in periods.
+/// Distance in periods by which the target is ahead of the way to rest while a key holds.
 const AHEAD_PERIODS: f64 = 2.0;
 
-/// What is asked of the joints.
+/// Request to the joints.
 #[derive(Clone, Copy, Debug)]
 pub struct Jog<'a> {
-    /// How far each joint goes from where it is, rad; with keys at most and to either side. One of which it is zero holds.
+    /// Way of each joint from where it is, rad; with keys the greatest, to either side. A joint with a way of zero holds.
     pub by: JointAngles,
     /// Keys of a person who leads the joints; a joint rests [`Keys::HOLDS_S`] after the last one.
     pub keys: Option<&'a Keys>,
-    /// How fast.
+    /// Rate and acceleration.
     pub limits: LeadLimits,
     /// Cycles of process data before the rig is enabled, as of [`Play::settling`](crate::Play::settling).
     pub settling: u32,
-    /// Whether the drives of joints that are led are asked for their torque (6077h) in torque mode too.
+    /// The loop asks the drives of guided joints for their torque (6077h) in torque mode too.
     pub is_metered: bool,
 }
 
-/// What a jog has shown.
+/// Outcome of a jog.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Jogged {
-    /// How it ended; [`Ended::Whole`] if the joints came to their targets.
+    /// The end; [`Ended::Whole`] if the joints came to their targets.
     pub ended: Ended,
     /// State of the supervisor before the rig was stopped.
     pub state: State,
@@ -56,7 +56,7 @@ pub struct Jogged {
     pub deviation: JointAngles,
 }
 
-/// Where the joints go.
+/// Way of the joints.
 enum Way<'a> {
     /// To these targets, then the end.
     To(JointAngles),
@@ -65,7 +65,7 @@ enum Way<'a> {
 }
 
 impl Way<'_> {
-    /// Where the joints are led in the next cycle, from where they are led now.
+    /// Targets of the next cycle, from the present targets.
     fn targets(&mut self, now: JointAngles, jog: &Jog<'_>, period_s: f64) -> Option<JointAngles> {
         let (led, from, is_over) = match self {
             Way::To(_) => return None,
@@ -89,7 +89,7 @@ impl Way<'_> {
         })
     }
 
-    /// Whether joints that rest have come to their end.
+    /// Joints that rest have come to their end.
     fn is_over(&self) -> bool {
         match self {
             Way::To(_) => true,

@@ -1,5 +1,5 @@
-//! What is done with a rig before it is used, on a [`Runner`](crate::Runner) of any place: watchdog drill, commissioning, homing, jog,
-//! identification of joints, calibration.
+//! Bring-up of a rig on a [`Runner`](crate::Runner) of any place: watchdog drill, commissioning, homing, jog, identification of joints,
+//! calibration.
 //!
 //! Each takes `&mut Runner<dyn Place>`, so that it is compiled once: a cycle costs a call by table more here, and nowhere else.
 

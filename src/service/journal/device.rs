@@ -24,7 +24,7 @@ const STATUSWORD: Address = Address::new(0x6041, 0);
 pub struct DevicePlace {
     /// Name of the interface.
     pub interface: String,
-    /// Whether the interface has an EtherCAT segment, and not a CAN bus.
+    /// The interface has an EtherCAT segment, and not a CAN bus.
     pub is_on_ethercat: bool,
     /// Node id, or position on the segment.
     pub number: u16,
@@ -97,7 +97,7 @@ pub enum DeviceError {
     OtherDevice,
 }
 
-/// Whether a drive with this statusword has its power stage on, or is about to take it off: nothing is written then.
+/// A drive with this statusword has its power stage on, or is about to take it off: nobody may write to it then.
 pub fn is_powered(statusword: Statusword) -> bool {
     matches!(
         statusword.state(),

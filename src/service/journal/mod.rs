@@ -45,7 +45,7 @@ pub struct Journals {
 pub struct BusInterface {
     /// Name of the interface.
     pub name: String,
-    /// Whether it has an EtherCAT segment, and not a CAN bus.
+    /// It has an EtherCAT segment, and not a CAN bus.
     pub is_on_ethercat: bool,
 }
 
@@ -63,7 +63,7 @@ pub struct Restored {
     pub devices: Vec<(String, usize)>,
     /// Objects that could not be read before, with their devices. They stay as they were written.
     pub unreadable: Vec<(String, Address)>,
-    /// Whether all other objects hold what they held.
+    /// Success if all other objects hold their former values.
     pub end: Result<(), JournalError>,
 }
 
@@ -322,7 +322,7 @@ impl Journal {
         Restored { devices, unreadable, end }
     }
 
-    /// Whether its process is still there.
+    /// Its process is still there.
     fn is_at_work(&self) -> bool {
         let Kept { process, process_began, .. } = self.kept;
         process != std::process::id() && process_began.is_some() && began(process) == process_began

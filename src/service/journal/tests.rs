@@ -139,7 +139,7 @@ impl Folder {
         Journals { folder: Some(self.0.clone()), command: "jog".to_owned(), now_unix_s: 7 }
     }
 
-    /// How many journals are open.
+    /// Number of open journals.
     fn count(&self) -> usize {
         fs::read_dir(&self.0).map_or(0, Iterator::count)
     }

@@ -10,7 +10,7 @@
 
 mod rows;
 
-pub(crate) use rows::{Rows, bullets, digits, length, markdown, relation};
+pub(crate) use rows::{Rows, bullets, digits, in_unit, length, markdown, relation};
 
 use std::path::{Path, PathBuf};
 
@@ -46,7 +46,7 @@ const BLOCKS: [(&str, Write); 17] = [
 const BEGIN: &str = "<!-- begin: ";
 const END: &str = "<!-- end -->";
 
-/// Why a page cannot be written.
+/// Reason why a page cannot be written.
 #[derive(Debug, Error)]
 pub enum PageError {
     /// A table cannot be read, or is none of this study.
@@ -78,7 +78,7 @@ pub enum PageError {
     Block {
         /// The block.
         block: &'static str,
-        /// Why.
+        /// Reason.
         error: Box<PageError>,
     },
 }

@@ -19,7 +19,7 @@ impl Table {
     }
 }
 
-/// Whether a cell is this value. Empty cells are `null` and an empty word; whole numbers and others are alike.
+/// Compares a cell with a value. Empty cells are `null` and an empty word; whole numbers and others are alike.
 fn is(cell: &Value, value: &Value) -> bool {
     match (cell.as_f64(), value.as_f64()) {
         (Some(cell), Some(value)) => cell == value,
@@ -123,11 +123,17 @@ pub(crate) fn digits(value: f64, count: usize) -> String {
     }
 }
 
+/// A length in a unit near its size. A share of a unit from `from` on is rounded up to one.
+pub(crate) fn in_unit(value_m: f64, from: f64) -> (f64, &'static str) {
+    let units = [(1.0, "m"), (1e-3, "mm"), (1e-6, "um"), (1e-9, "nm"), (1e-12, "pm")];
+    let (unit_m, unit) = units.into_iter().find(|(unit_m, _)| value_m.abs() >= from * unit_m).unwrap_or((1e-15, "fm"));
+    (value_m / unit_m, unit)
+}
+
 /// A length with two significant digits and its unit.
 pub(crate) fn length(value_m: f64) -> String {
-    let units = [(1e-3, "mm"), (1e-6, "um"), (1e-9, "nm"), (1e-12, "pm")];
-    let (unit_m, unit) = units.into_iter().find(|(unit_m, _)| value_m.abs() >= 0.995 * unit_m).unwrap_or(units[3]);
-    if value_m == 0.0 { "0".to_owned() } else { format!("{} {unit}", digits(value_m / unit_m, 2)) }
+    let (value, unit) = in_unit(value_m, 0.995);
+    if value_m == 0.0 { "0".to_owned() } else { format!("{} {unit}", digits(value, 2)) }
 }
 
 /// A table in Markdown.

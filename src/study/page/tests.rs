@@ -69,7 +69,7 @@ fn squares() -> Table {
     table
 }
 
-/// What a page becomes whose table is this text.
+/// The new page, if this text is the table.
 fn written(page: &str, csv: &str, name: &str) -> Result<(String, Vec<&'static str>), String> {
     let folder = std::env::temp_dir().join(format!("yieldwall-page-{name}-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();

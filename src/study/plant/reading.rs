@@ -3,6 +3,7 @@
 use super::contestant::{Contestant, MUJOCO, OURS};
 use super::speed::REFERENCE_STEP_S;
 use crate::chart::{Axis, Chart, Color, Mark, Panel, Series};
+use crate::page::in_unit;
 use crate::sweep::{Report, Row, Table};
 
 /// Step at which MuJoCo is usually run, in s.
@@ -48,9 +49,8 @@ fn length(metres: f64) -> String {
     if metres == 0.0 {
         return "0".to_owned();
     }
-    let units = [(1.0, "m"), (1e-3, "mm"), (1e-6, "um"), (1e-9, "nm"), (1e-12, "pm")];
-    let (size, unit) = units.into_iter().find(|(size, _)| metres >= 0.9995 * size).unwrap_or((1e-15, "fm"));
-    format!("{:.3} {unit}", metres / size)
+    let (value, unit) = in_unit(metres, 0.9995);
+    format!("{value:.3} {unit}")
 }
 
 fn duration(seconds: f64) -> String {

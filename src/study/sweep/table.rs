@@ -25,7 +25,7 @@ fn cells(line: &str) -> Vec<String> {
     cells
 }
 
-/// What a cell holds: nothing, a number, a truth value or a word.
+/// Content of a cell: nothing, a number, a truth value or a word.
 fn value(cell: &str) -> Value {
     let number = serde_json::from_str(cell).ok().filter(|value: &Value| value.is_number() || value.is_boolean());
     number.unwrap_or_else(|| if cell.is_empty() { Value::Null } else { cell.into() })

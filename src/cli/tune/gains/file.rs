@@ -1,11 +1,11 @@
 //! Gains in the file of a rig: numbers in the place of numbers, and nothing else.
 
 use std::fs;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::Change;
 use crate::failure::{Exit, Failure};
+use crate::replace::{beside, exchange};
 use yieldwall_config::{Loaded, Rig, Severity, Source, load_rig};
 
 /// Where the gains of a rig stand.
@@ -116,35 +116,17 @@ impl Edit {
     /// Writes it beside the file, reads it as a rig, and puts it in the place of the file if it is the same rig but for the gains.
     pub(super) fn carry_out(self) -> Result<PathBuf, Failure> {
         let refused = |message: String| Failure::about_file(Exit::Usage, &self.path, message, "nothing was written");
-        let beside = beside(&self.path);
         let io = |error: std::io::Error| refused(format!("{}: {error}", self.path.display()));
-        let permissions = fs::metadata(&self.path).map_err(io)?.permissions();
-        let written = fs::File::create_new(&beside)
-            .and_then(|mut file| file.write_all(self.text.as_bytes()))
-            .and_then(|()| fs::set_permissions(&beside, permissions));
-        let checked = written.map_err(io).and_then(|()| match load_rig(Source::disk(&beside)) {
+        exchange(&self.path, &self.text, io, |beside| match load_rig(Source::disk(beside)) {
             Ok(rig) if rig.value == self.wanted => Ok(()),
             Ok(_) => Err(refused(format!(
                 "{}: with these gains it would be another rig in more than them",
                 self.path.display()
             ))),
             Err(report) => Err(Failure::from(report)),
-        });
-        let placed = checked.and_then(|()| fs::rename(&beside, &self.path).map_err(io));
-        if let Err(failure) = placed {
-            // It may not be there.
-            let _ = fs::remove_file(&beside);
-            return Err(failure);
-        }
+        })?;
         Ok(self.path)
     }
-}
-
-/// Where a file is written before it takes the place of this one.
-fn beside(path: &Path) -> PathBuf {
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(format!(".new-{}", std::process::id()));
-    path.with_file_name(name)
 }
 
 /// Refuses a rig whose file cannot get other gains, for those that are known once much was done.

@@ -15,7 +15,7 @@ use yieldwall_config as config;
 use yieldwall_motion::cycle::LeadLimits;
 use yieldwall_motion::quantity::JointAngles;
 
-/// Why it is not known by how much the reference of a joint shifts.
+/// Reason why the shift of a joint's reference is unknown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NoShift {
     /// The position did not jump when the drive took its reference for the first time, so that nobody knows when it takes it.
@@ -31,9 +31,9 @@ pub enum NoShift {
 pub struct Repeated {
     /// Each homing, the first one first; the last one may have ended otherwise than well.
     pub homed: Vec<Homed>,
-    /// How the joints were led back, if that did not end well.
+    /// Outcome of the way back, if it did not end well.
     pub stopped: Option<Jogged>,
-    /// Of which joint shifts are not known, 0 the left one, and why: nothing was done after the homing that showed it.
+    /// Joint with unknown shifts, 0 the left one, and the reason: the homing that showed it is the last.
     pub unknown: Option<(usize, NoShift)>,
     /// By how much the reference of each joint has shifted from one homing to the next, rad: where home was found, in positions as they
     /// were, less where it was found before.
@@ -58,7 +58,7 @@ pub fn home_repeatedly(
     mut told: impl FnMut(&Homed),
 ) -> Result<Repeated, NotProven> {
     let mut repeated = Repeated { homed: Vec::new(), stopped: None, unknown: None, shifts_rad: Default::default() };
-    // How long before it says so each drive takes its reference, and how far its joint went.
+    // Cycles from the jump of the reference to the report of it, for each drive, and the way of its joint.
     let mut leads = [None; 2];
     let mut way_rad = [0.0; 2];
     for time in 0..times {
@@ -98,7 +98,7 @@ pub fn home_repeatedly(
     Ok(repeated)
 }
 
-/// Whether the first homing of a joint shows what the others are measured by.
+/// Checks that the first homing of a joint shows the reference for the others.
 fn check_first(plan: &HomePlan, joint: usize, way_rad: f64, has_jumped: bool) -> Result<(), NoShift> {
     // It comes up to its rate, and is seen at it.
     let least_rad = plan.rate_rad_per_s.get(joint).copied().unwrap_or_default() * HOMING_COMES_UP_S;

@@ -43,11 +43,11 @@ use yieldwall_record::CycleRecord;
 
 /// Shares of the rated torque that are tried one after the other, unless a torque is asked for: with little torque nothing runs away far.
 const TORQUE_SHARES: [f64; 3] = [0.25, 0.35, 0.5];
-/// How far a joint may be led beyond its way before the rig is stopped, rad.
+/// Greatest motion of a joint beyond its way before the rig stops, rad.
 const BEYOND_RAD: f64 = 0.02;
 /// A joint that has gone so far the other way runs away, rad.
 const AWAY_RAD: f64 = 2e-3;
-/// What the reference may change its rate by, rad/s^2: as good as any, since the course itself is smooth and its rate is bounded.
+/// Greatest acceleration of the reference, rad/s^2: any will do, since the course is smooth and its rate has a bound.
 const ACCELERATION: f64 = 1e6;
 /// Greatest rate of the reference, rad/s: that of the fastest travel, and room for a step.
 const MOST_RATE: f64 = 1.25 * RATES[0];
@@ -56,7 +56,7 @@ const CUT_SHARE: f64 = 0.98;
 /// Cycles of process data in which the angles are looked at before the way is chosen.
 const LOOK_CYCLES: u32 = 20;
 
-/// What is asked for.
+/// Request for one joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopPlan {
     /// Index of the joint, 0 the left one.
@@ -65,10 +65,10 @@ pub struct LoopPlan {
     pub torque_n_m: Option<Positive>,
 }
 
-/// How far any joint may be led from where it was enabled, rad.
+/// Greatest motion of any joint from where it was enabled, rad.
 pub const LOOP_BOUND_RAD: f64 = WAY_RAD + BEYOND_RAD;
 
-/// How a joint follows its reference at one frequency.
+/// Response of a joint to its reference at one frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Follows {
     /// The frequency, Hz.
@@ -88,7 +88,7 @@ pub struct StepAnswer {
     pub rise_s: Option<f64>,
 }
 
-/// What was identified of a joint and its loop.
+/// Identified properties of a joint and its loop.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointLoop {
     /// Index of the joint, 0 the left one.
@@ -101,9 +101,9 @@ pub struct JointLoop {
     pub dynamics: Result<Dynamics, NotIdentified>,
     /// Mass beyond the force sensor, and the age of the force, in every mode.
     pub handle: Result<Handle, NotIdentified>,
-    /// Whether the drive closes the loop, and torques are those that it tells.
+    /// The drive closes the loop, and reports the torques.
     pub is_told: bool,
-    /// How the joint follows its reference.
+    /// Responses of the joint to its reference.
     pub follows: Vec<Follows>,
     /// Time by which the angle is behind the reference at the lowest frequencies, s.
     pub lag_s: Option<f64>,
@@ -115,10 +115,10 @@ pub struct JointLoop {
     pub left_out: usize,
 }
 
-/// How an identification ended.
+/// Outcome of an identification.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoopTraced {
-    /// How it ended; [`Ended::Whole`] if the joint went its whole course.
+    /// The end; [`Ended::Whole`] if the joint went its whole course.
     pub ended: Ended,
     /// State of the supervisor before the rig was stopped.
     pub state: State,
@@ -128,15 +128,15 @@ pub struct LoopTraced {
     pub time_s: f64,
     /// The torque limit, N m.
     pub torque_n_m: f64,
-    /// Whether the joint ran the other way than it was led.
+    /// The joint ran against its reference.
     pub ran_away: bool,
-    /// Whether the torque was cut to its limit where it was looked at.
+    /// The torque was at its limit within the evaluated parts.
     pub is_cut: bool,
-    /// What was identified of a joint that went its whole course without that.
+    /// Identified properties, if the joint went its whole course without either.
     pub found: Option<JointLoop>,
 }
 
-/// Who says that a rig which was booted may be moved within bounds.
+/// Gives the permit to move a booted rig within bounds.
 pub type Prove<'a> = &'a mut dyn FnMut(&mut Runner<dyn Place>, &config::Rig, Bounds) -> Result<Permit, NotProven>;
 
 /// Boots, leads a joint along its course, stops the rig, and identifies the joint from that; again with more torque where it does not
@@ -215,7 +215,7 @@ fn led_along(
     let mut meter = if is_told { Some(TorqueMeter::new(rig, joint, cycles as u32)?) } else { None };
     let drive = rig.drives.get(joint).ok_or(RunError::WayBlocked { share: 0.0 })?;
     let scaling = scaling(drive)?;
-    // What the drive is sent is whole parts of a thousand.
+    // The drive gets whole parts of a thousand.
     let sent = |torque: f64| scaling.torque_per_mille(torque).map_or(torque, |raw| scaling.torque_n_m(raw.value));
     let mut samples: Vec<Sample> = Vec::with_capacity(cycles);
     let (mut skipped, mut ran_away) = (Vec::with_capacity(cycles), false);
@@ -295,7 +295,7 @@ fn led_along(
     Ok(LoopTraced { ended, state, cause, time_s, torque_n_m, ran_away, is_cut, found })
 }
 
-/// Which way a joint is free for the whole course: 1 counter-clockwise, else -1.
+/// Direction in which a joint is free for the whole course: 1 counter-clockwise, else -1.
 fn free_direction(runner: &Runner<dyn Place>, joint: usize) -> Result<f64, RunError> {
     let share = |sign: f64| {
         let mut by = [0.0; 2];

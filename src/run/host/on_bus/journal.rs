@@ -19,7 +19,7 @@ pub enum BringUp {}
 #[derive(Default)]
 pub(super) struct Kept {
     journal: Option<Journal>,
-    /// Whether something may have been written.
+    /// The boot may have written something.
     is_written: bool,
 }
 
