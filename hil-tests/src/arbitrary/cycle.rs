@@ -112,7 +112,7 @@ pub(super) fn timing(bytes: &mut Bytes<'_>) -> Timing {
 /// Any events on the bus, most of them not there.
 fn link(bytes: &mut Bytes<'_>) -> LinkEvents {
     let bits = bytes.u16();
-    let devices = DeviceSet::from_bits(bytes.u8());
+    let devices = DeviceSet::from_bits(bytes.u8().into());
     let at = |bit: u32| devices.only_if(bits >> bit & 1 != 0);
     let is = |bit: u32| bits >> bit & 1 != 0;
     LinkEvents {

@@ -157,15 +157,15 @@ impl Scalar for Fault {
 }
 
 impl Scalar for DeviceSet {
-    const TYPE: &'static str = "uint8";
-    const SIZE: usize = 1;
+    const TYPE: &'static str = "uint16";
+    const SIZE: usize = 2;
 
     fn bits(self) -> u64 {
         DeviceSet::bits(self).into()
     }
 
     fn of_bits(bits: u64) -> Option<Self> {
-        let set = Self::from_bits(u8::try_from(bits).ok()?);
+        let set = Self::from_bits(u16::try_from(bits).ok()?);
         (u64::from(DeviceSet::bits(set)) == bits).then_some(set)
     }
 
@@ -174,8 +174,8 @@ impl Scalar for DeviceSet {
     }
 
     fn codes() -> Vec<(String, u64)> {
-        (0..8)
-            .map(|bit| Self::from_bits(1 << bit))
+        Self::from_bits(u16::MAX)
+            .iter()
             .map(|device| (device.to_string().replace(' ', "-"), DeviceSet::bits(device).into()))
             .collect()
     }

@@ -38,7 +38,7 @@ impl Device {
 
 /// The devices that a fault concerns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct DeviceSet(u8);
+pub struct DeviceSet(u16);
 
 impl DeviceSet {
     /// No device.
@@ -88,7 +88,7 @@ impl DeviceSet {
     /// Real-time: yes.
     pub fn drives_where(concerns: [bool; 2]) -> Self {
         let [left, right] = concerns;
-        Self(u8::from(left) | u8::from(right) << 1)
+        Self(u16::from(left) | u16::from(right) << 1)
     }
 
     /// This set if `is_so`, else none.
@@ -109,13 +109,18 @@ impl DeviceSet {
     }
 
     /// One bit per device: left drive, right drive, force sensor, host, interfaces.
-    pub const fn bits(self) -> u8 {
+    pub const fn bits(self) -> u16 {
         self.0
     }
 
-    /// The set with these bits.
-    pub const fn from_bits(bits: u8) -> Self {
-        Self(bits)
+    /// The set with these bits; bits of no device are left out.
+    pub const fn from_bits(bits: u16) -> Self {
+        Self(bits & ((1 << Self::NAMES.len()) - 1))
+    }
+
+    /// The devices, one at a time.
+    pub fn iter(self) -> impl Iterator<Item = Self> {
+        (0..Self::NAMES.len()).map(move |bit| self & Self(1 << bit)).filter(|device| !device.is_empty())
     }
 }
 
@@ -170,6 +175,7 @@ mod tests {
         assert_eq!(DeviceSet::drives_where([true, true]), DeviceSet::DRIVES);
         assert_eq!(set & DeviceSet::DRIVES, DeviceSet::RIGHT_DRIVE);
         assert_eq!(DeviceSet::from_bits(0xa2).to_string(), "right drive, second interface, fourth interface");
+        assert_eq!(DeviceSet::from_bits(0xffff).iter().map(DeviceSet::bits).sum::<u16>(), 0xff);
         assert_eq!([0, 3, 4].map(|bus| DeviceSet::interface(bus).bits()), [0x10, 0x80, 8]);
         assert!(DeviceSet::drive(2).is_empty() && DeviceSet::HOST.only_if(false).is_empty());
         assert_eq!(DeviceSet::NONE.to_string(), "");
