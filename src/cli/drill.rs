@@ -16,7 +16,8 @@ use super::on_bus::{
     different, live_failure, only_for_can, point_to_doctor, thread_failure, told_at_boot, warn, warn_of, with_told,
 };
 use super::output::Output;
-use super::run::{judge, settled_json, settled_text, watchdogs_json, watchdogs_text};
+use super::report_text::{settled_json, settled_text, watchdogs_json, watchdogs_text};
+use super::unsafe_drives::judge;
 use yieldwall_config::{self as config, Source};
 use yieldwall_record::trusted;
 use yieldwall_run::host::{News, RigOnBus};

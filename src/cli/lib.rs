@@ -49,6 +49,7 @@ mod live;
 #[cfg(feature = "full")]
 mod manual;
 mod margins;
+mod masses;
 mod new;
 #[cfg(target_os = "linux")]
 mod on_bus;
@@ -64,6 +65,7 @@ mod rehearsal;
 mod render;
 mod replace;
 mod replay;
+mod report_text;
 mod reproduce;
 mod run;
 #[cfg(target_os = "linux")]
@@ -74,6 +76,7 @@ mod study;
 #[cfg(target_os = "linux")]
 mod tui;
 mod tune;
+mod unsafe_drives;
 mod usage;
 
 use std::ffi::OsString;

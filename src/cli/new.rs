@@ -19,7 +19,7 @@ use super::failure::{Exit, Failure};
 use super::fit;
 use super::output::Output;
 use super::replace::Replace;
-use super::tune::Masses;
+use super::masses::Masses;
 use yieldwall_config::{self as config, Bus, Document, Loaded, Rig, Severity, Source};
 use yieldwall_drives::profiles::{DeviceProfile, EncoderKind, Reaction, Servo, SetPointWatch, SyncWatch, Tried};
 use yieldwall_drives::watchdog::Watchdog;

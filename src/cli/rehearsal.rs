@@ -4,7 +4,8 @@ use std::ops::ControlFlow;
 
 use super::ending::{SOFTER_COUPLING, above_bound, rig_failure};
 use super::failure::Failure;
-use super::run::{NOTHING_ENABLED, judge, judge_run};
+use super::run::judge_run;
+use super::unsafe_drives::{NOTHING_ENABLED, judge};
 use serde_json::{Value, json};
 
 use yieldwall_config::{self as config, Diagnostic, ImpedanceDevice, Loaded, Rig, Severity};

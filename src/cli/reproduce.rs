@@ -10,7 +10,7 @@ use super::output::Output;
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
 use super::replace::Replace;
-use super::run::{measures_text, tool_text};
+use super::report_text::{measures_text, tool_text};
 use yieldwall_rig::report::Stage;
 use yieldwall_study::drawing;
 use yieldwall_study::reproduce::{FIGURES, FigureRun, HandScale, Mode, ReproduceError, reproduce, reproduce_file};

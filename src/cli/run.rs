@@ -2,8 +2,6 @@
 
 mod device;
 mod facts;
-mod unsafe_drives;
-mod words;
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -11,11 +9,6 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use self::facts::Facts;
-pub(super) use self::unsafe_drives::{NOTHING_ENABLED, judge};
-pub(super) use self::words::{
-    counted_json, counted_text, finding_json, finding_text, measures_text, mode_text, settled_json, settled_text,
-    tool_text, watchdogs_json, watchdogs_text,
-};
 use super::bus::check_buses;
 use super::desk::plan::{self, Sender};
 use super::ending::{self, above_bound, rig_failure};
@@ -25,13 +18,14 @@ use super::faults::FaultArgument;
 use super::interrupt::{interrupted, on_interrupt, unless};
 use super::keep::{Keep, described};
 use super::margins::{Margins, has_other_inertia};
+use super::masses::{Masses, advice};
 use super::on_bus::{only_for_can, told_at_boot, with_findings, with_told};
 use super::output::Output;
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
 use super::replace::{Replace, Written};
 use super::tui::{Screen, View, check_terminal};
-use super::tune::{Masses, advice};
+use super::unsafe_drives::{NOTHING_ENABLED, judge};
 use yieldwall_config::injection::{Injection, Kind};
 use yieldwall_config::{self as config, Diagnostic, Document, Loaded, Severity, Source};
 use yieldwall_record::Trace;

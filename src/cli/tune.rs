@@ -3,13 +3,12 @@
 mod device;
 mod gains;
 mod joint_loop;
-mod masses;
 
 pub(super) use device::{coupled_finding, coupled_json, coupled_lines};
-pub(super) use masses::{Masses, advice};
 
 use super::failure::{Exit, Failure};
 use super::keep::state_folder;
+use super::masses::Masses;
 use super::output::Output;
 use yieldwall_config::{self as config, Document, Source};
 use yieldwall_rig::RigError;

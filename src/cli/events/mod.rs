@@ -20,8 +20,8 @@ use super::failure::{Exit, Failure};
 use super::fit;
 use super::output::Output;
 use super::printable::printable;
+use super::report_text::{finding_json, finding_text};
 #[cfg(target_os = "linux")]
-use super::run::{finding_json, finding_text};
 use super::tui::View;
 pub(super) use listener::Listening;
 #[cfg(target_os = "linux")]

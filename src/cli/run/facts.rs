@@ -9,10 +9,10 @@ use super::super::ending::{bus_names, devices_text};
 use super::super::keep::RunFiles;
 use super::super::margins::Margins;
 use super::super::on_bus::{document, drive_error_json, drive_error_text, text};
-use super::{
-    Arguments, counted_json, counted_text, measures_text, mode_text, settled_json, settled_text, simulated_interfaces,
-    watchdogs_json, watchdogs_text,
+use super::super::report_text::{
+    counted_json, counted_text, measures_text, mode_text, settled_json, settled_text, watchdogs_json, watchdogs_text,
 };
+use super::{Arguments, simulated_interfaces};
 use yieldwall_config as config;
 use yieldwall_motion::fixture::prediction;
 use yieldwall_rig::report::RunReport;

@@ -12,7 +12,7 @@ use crate::ending::rig_failure;
 use crate::failure::{Exit, Failure};
 use crate::margins::Margins;
 use crate::output::Output;
-use crate::tune::Masses;
+use crate::masses::Masses;
 use yieldwall_config::{
     self as config, CommandMode, ControlGains, ControlLaw, Loaded, NotNegative, Positive, Rig, Source,
 };

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 
 use super::gains::{Proposal, file, nothing, set};
-use super::masses::Masses;
+use crate::masses::Masses;
 use crate::bus::check_buses;
 use crate::commission::add_defects;
 use crate::ending::{rig_failure, stopped_by};

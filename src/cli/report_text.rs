@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
-use super::super::ending::scope_text;
+use super::ending::scope_text;
 use yieldwall_config as config;
 use yieldwall_motion::guard::Fault;
 use yieldwall_rig::report::measures::Measures;

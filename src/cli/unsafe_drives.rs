@@ -3,8 +3,8 @@
 use yieldwall_drives::profiles::{BuiltInWatch, HeartbeatWatch, Reaction, Servo, SetPointWatch, SyncWatch};
 use yieldwall_drives::watchdog::{HEARTBEAT_PERIODS, TORQUE_LIMIT, Watchdog};
 
-use super::super::failure::{Exit, Failure};
-use super::words::{copy_of, copying};
+use super::failure::{Exit, Failure};
+use super::report_text::{copy_of, copying};
 use yieldwall_config::{CommandMode, Drive, HEARTBEAT_CYCLES, Rig};
 use yieldwall_run::{Demands, Drilled, Unsafe};
 
