@@ -5,10 +5,11 @@ use super::error::BootError;
 use super::ethercat::SegmentSetup;
 use super::network::{Network, Networks};
 use super::setup::MasterSetup;
+use yieldwall_drives::cia402::Goal;
 use yieldwall_fieldbus::canopen::Outbox;
 use yieldwall_fieldbus::time::Time;
-use yieldwall_motion::cycle::{Cycle, Inputs, LinkEvents, Outputs, Timing};
-use yieldwall_motion::guard::{Allowed, Cause, DeviceSet, Directive, Fault, Request, State};
+use yieldwall_motion::cycle::{Cycle, DriveSample, Inputs, LinkEvents, Outputs, Timing};
+use yieldwall_motion::guard::{Allowed, Cause, DeviceSet, Directive, Fault, JointRest, Request, State};
 use yieldwall_motion::quantity::JointAngles;
 
 /// The master of one rig.
@@ -23,6 +24,8 @@ pub struct Master {
     inputs: Inputs,
     /// Whether the cycle failed and never runs again.
     has_failed: bool,
+    /// Of the joints, since it failed.
+    joint_rest: JointRest,
     last: Outputs,
 }
 
@@ -51,7 +54,7 @@ impl Master {
             timing: Timing::default(),
             request: Request::None,
         };
-        Self { networks, axes, inputs, has_failed: false, last: cycle.idle(), cycle }
+        Self { networks, axes, inputs, has_failed: false, joint_rest: JointRest::default(), last: cycle.idle(), cycle }
     }
 
     /// Its networks.
@@ -172,7 +175,7 @@ impl Master {
         let [left_words, right_words] = arrived.drives;
         let drives = [left.take(left_words), right.take(right_words)];
         if self.has_failed {
-            return self.last;
+            return self.end_failed(drives);
         }
         // A drive that no longer knows where it is has lost its supply, or its encoder.
         let lost = DeviceSet::drives_where(self.axes.each_ref().map(Axis::has_lost_reference));
@@ -187,18 +190,33 @@ impl Master {
     }
 
     /// Sends both drives a quick stop without the cycle, which has panicked in the caller's hands. It never runs again:
-    /// [`Master::send_set_points`] goes on to send the quick stop, the state is [`State::Disabled`] for good, and its cause
-    /// [`Fault::CyclePanicked`].
+    /// [`Master::send_set_points`] goes on to send the quick stop, and torque off once the joints rest. The state is [`State::Disabled`] for
+    /// good, and its cause [`Fault::CyclePanicked`].
     ///
     /// Real-time: yes.
     pub fn quick_stop_now(&mut self, now: Time, out: &mut dyn Outbox) {
-        self.has_failed = true;
+        if std::mem::replace(&mut self.has_failed, true) {
+            return self.send_set_points(now, out);
+        }
         self.last.command = Allowed::rest(self.last.command.get(), self.last.signals.measured_angles);
         self.last.directive = Directive::QUICK_STOP;
         self.last.releases_brakes = false;
         self.networks.unmute();
         self.networks.heed(self.last.directive.state, &self.last.directive);
         self.send_set_points(now, out);
+    }
+
+    /// A cycle without the one that failed: drives that were stopped and still make torque take it off once the joints rest.
+    fn end_failed(&mut self, drives: [DriveSample; 2]) -> Outputs {
+        self.inputs.drives = drives;
+        let [left, right] = drives.map(|drive| drive.angle_rad);
+        let angles = left.zip(right).map(|(left, right)| JointAngles::new(left, right));
+        let settings = self.cycle.settings();
+        let torque_may_go = self.joint_rest.step(angles, settings.period_s, settings.brake_s);
+        if torque_may_go && drives.iter().any(|drive| drive.state.has_torque()) {
+            self.last.directive.goal = Goal::SwitchOnDisabled;
+        }
+        self.last
     }
 
     /// Sends the set-points of the last [`Master::step`], which the next SYNC makes the drives apply, and behind them a

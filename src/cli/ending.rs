@@ -132,6 +132,10 @@ pub(super) fn rig_failure(error: &RigError) -> Failure {
         RigError::NotEnabled { .. } => {
             (Exit::DeviceFault, "`yieldwall state DRIVE` tells a drive's error code (603Fh) and what it means")
         }
+        RigError::NotStopped { .. } => (
+            Exit::SafetyStop,
+            "the simulated drives make torque until they are told Disable Voltage, and went on; please report it with the rig file",
+        ),
         RigError::Arm(_) => (Exit::SafetyStop, "the scene leads the simulated arm where it cannot go"),
         _ => (
             Exit::ConfigInvalid,

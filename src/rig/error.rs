@@ -122,7 +122,7 @@ pub enum RigError {
     NotStopped {
         /// How long it was waited for, in s.
         waited_s: f64,
-        /// State of the supervisor.
+        /// States of the drives, or of the supervisor.
         state: String,
     },
     /// The drives did not reach Operation Enabled.

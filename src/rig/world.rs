@@ -12,7 +12,6 @@ use yieldwall_fieldbus::time::Time;
 use yieldwall_motion::linkage::{FiveBar, Posture};
 use yieldwall_motion::quantity::{Force, JointAngles, JointRates, JointTorques, TipPoint, TipVelocity};
 use yieldwall_motion::sensing::{Calibration, Mounting};
-use yieldwall_run::has_torque;
 use yieldwall_sim::arm::Arm;
 use yieldwall_sim::hand::{Hand, HandLoad};
 use yieldwall_sim::standard_normal;
@@ -223,7 +222,7 @@ impl World {
         }
         if !states.is_empty() && states.iter().all(|state| *state == cia402::State::OperationEnabled) {
             self.take_tool(now);
-        } else if self.hand_from_s.is_finite() && !states.iter().copied().any(has_torque) {
+        } else if self.hand_from_s.is_finite() && !states.iter().any(|state| state.has_torque()) {
             self.let_go();
         }
     }

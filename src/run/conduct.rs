@@ -5,7 +5,6 @@ use std::time::Duration;
 use super::permit::{Ask, Permit};
 use yieldwall_bus::Waiting;
 use yieldwall_config as config;
-use yieldwall_drives::cia402;
 use yieldwall_motion::guard::State;
 
 /// Samples of the force sensor before the rig asks to be enabled, or as many cycles if those are longer: the drives have
@@ -19,8 +18,8 @@ const CYCLES_BETWEEN_ASKING: u32 = 50;
 const REFUSED_LIMIT_S: f64 = 1.5;
 /// The same after a reset: what was seen within the last seconds is forgotten by then, s.
 const REFUSED_AFTER_RESET_S: f64 = 5.0;
-/// Longest time that a stop may take, s.
-pub const STOP_LIMIT_S: f64 = 2.0;
+/// Longest time that a stop may take beside the closing of brakes, s: the ramp, and the second that joints have to come to rest.
+pub(crate) const STOP_LIMIT_S: f64 = 2.0;
 
 /// Cycles before the rig asks to be enabled: so many that the sensor's noise is known.
 pub fn settling_cycles(period: Duration, sample_period: Duration) -> u32 {
@@ -147,10 +146,4 @@ impl Enabling {
     fn cycles_in(&self, time_s: f64) -> u32 {
         (time_s / self.period_s) as u32
     }
-}
-
-/// Whether a drive in this state may make torque.
-pub fn has_torque(state: cia402::State) -> bool {
-    use cia402::State::{FaultReactionActive, OperationEnabled, QuickStopActive};
-    matches!(state, OperationEnabled | QuickStopActive | FaultReactionActive)
 }

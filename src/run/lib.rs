@@ -42,7 +42,7 @@ pub use bringup::{
     Key, Keys, LOOP_BOUND_RAD, LoopPlan, LoopTraced, LoopUnreadable, MeasuredLoop, NoShift, NotHome, Prove, Pulled,
     Repeated, STEP_RISE_S, StepAnswer, ToldTorque,
 };
-pub use conduct::{BootSteps, Enable, Enabling, STOP_LIMIT_S, has_torque, settling_cycles, settling_on_bus};
+pub use conduct::{BootSteps, Enable, Enabling, settling_cycles, settling_on_bus};
 pub use drilled::{
     CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Demands, Drilled, Finding, Settled, TORQUE_LIMIT, Unsafe, watchdogs,
 };

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque, settling_on_bus};
+use super::conduct::{Enable, Enabling, STOP_LIMIT_S, settling_on_bus};
 use super::error::RunError;
 use super::orders::Orders;
 use super::permit::{Ask, Permit};
@@ -14,6 +14,8 @@ use yieldwall_record::{AROUND_FAULT_S, CycleRecord};
 
 /// How long the drives are asked for their errors that did not come to run, s.
 const ERRORS_LIMIT_S: f64 = 0.5;
+/// A rig that is stopped waits no longer for drives that are not heard, s.
+const UNHEARD_S: f64 = 0.1;
 
 /// What is asked of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,9 +43,9 @@ pub enum Ended {
     Interrupted,
     /// The supervisor stopped the rig.
     Stopped,
-    /// A drive still said that it makes torque when the time for a stop was over.
+    /// A drive still told that it makes torque when the time for a stop was over, whatever had stopped the rig.
     StillMoving,
-    /// The cycle panicked; a quick stop was sent.
+    /// The cycle panicked; a quick stop was sent, and torque off after it.
     Panicked,
 }
 
@@ -123,19 +125,34 @@ impl<P: Place + ?Sized> Runner<P> {
             }
         }
         let (state, cause) = stopped.unwrap_or((self.state(), self.cause()));
-        match ended {
-            Ended::Stopped if orders.is_none() => {
-                for _ in 0..self.cycles_in(AROUND_FAULT_S) {
-                    self.ask_for_errors();
-                    self.run_cycle(Ask::Nothing);
-                }
-            }
-            Ended::Stopped if self.has_panicked() => ended = Ended::Panicked,
-            // The end may have been asked for right after the fault.
-            Ended::Whole | Ended::Interrupted | Ended::Stopped if !self.stop() => ended = Ended::StillMoving,
-            _ => {}
+        if ended == Ended::Stopped && self.has_panicked() {
+            ended = Ended::Panicked;
         }
+        // With orders a person has seen the drives' errors.
+        let ended = if orders.is_some() { self.end_stopped(ended) } else { self.end(ended) };
         Ok(Played { ended, state, cause, cycles, came_back })
+    }
+
+    /// Ends what the rig did: asks the drives for their errors if a fault has stopped it, and stops it; how it ended.
+    pub(super) fn end(&mut self, ended: Ended) -> Ended {
+        if ended == Ended::Stopped && self.state().is_latched() {
+            for _ in 0..self.cycles_in(AROUND_FAULT_S) {
+                self.ask_for_errors();
+                self.run_cycle(Ask::Nothing);
+            }
+        }
+        self.end_stopped(ended)
+    }
+
+    fn end_stopped(&mut self, ended: Ended) -> Ended {
+        let is_off = self.stop();
+        match ended {
+            Ended::Panicked => ended,
+            // Drives that are not heard are left to their watchdogs.
+            Ended::Stopped if !self.is_torque_told() => ended,
+            _ if is_off => ended,
+            _ => Ended::StillMoving,
+        }
     }
 
     /// Enables a booted rig after so many cycles of process data; one that does not come to run is stopped.
@@ -244,24 +261,38 @@ impl<P: Place + ?Sized> Runner<P> {
         }
     }
 
-    /// Stops the rig along its ramp; whether both drives said in time that they make no torque.
+    /// Stops the rig along its ramp; whether both drives said in time that they make no torque. Drives of a rig in a latched state that are not
+    /// heard for 0.1 s are not waited for.
     pub fn stop(&mut self) -> bool {
         // Drives that were told to go on, and have not yet, do so after the last look at them.
         let mut is_coming_up = self.state() == State::Enabling;
-        for _ in 0..self.cycles_in(STOP_LIMIT_S) {
+        let (mut unheard, most_unheard) = (0, self.cycles_in(UNHEARD_S).max(2));
+        for _ in 0..self.cycles_in(self.stop_limit_s()) {
             if !self.makes_torque() && !std::mem::take(&mut is_coming_up) {
                 return true;
             }
-            self.run_cycle(Ask::Stop);
-            if self.has_panicked() {
+            unheard = if self.state().is_latched() && !self.is_torque_told() { unheard + 1 } else { 0 };
+            if unheard > most_unheard {
                 return false;
             }
+            self.run_cycle(Ask::Stop);
         }
         !self.makes_torque()
     }
 
+    /// Whether a drive told in the last cycle that it makes torque.
+    fn is_torque_told(&self) -> bool {
+        let drives = &self.master().last_inputs().drives;
+        drives.iter().any(|drive| drive.state.has_torque() && drive.angle_rad.is_some())
+    }
+
+    /// Longest time that a stop may take, s. Brakes close twice at most: on the ramp, and after a quick stop.
+    pub fn stop_limit_s(&self) -> f64 {
+        STOP_LIMIT_S + 2.0 * self.master().cycle().settings().brake_s
+    }
+
     pub(super) fn makes_torque(&self) -> bool {
-        self.master().last_inputs().drives.iter().any(|drive| has_torque(drive.state))
+        self.master().last_inputs().drives.iter().any(|drive| drive.state.has_torque())
     }
 
     pub(super) fn cycles_in(&self, time_s: f64) -> u32 {

@@ -39,6 +39,13 @@ impl State {
         State::Fault,
     ];
 
+    /// Whether a drive in this state may make torque.
+    ///
+    /// Real-time: yes.
+    pub const fn has_torque(self) -> bool {
+        matches!(self, State::OperationEnabled | State::QuickStopActive | State::FaultReactionActive)
+    }
+
     /// The state that a statusword encodes; `None` for bit patterns that the standard does not define.
     ///
     /// Bit 5 counts only where the standard has it count: a drive may show either value of it in the four states whose

@@ -91,8 +91,7 @@ pub fn cia402(bytes: &[u8]) {
             None => assert_eq!(before, after),
         }
         assert_eq!(State::decode(machine.statusword()), Some(after));
-        let has_torque = matches!(after, State::OperationEnabled | State::QuickStopActive | State::FaultReactionActive);
-        assert!(reaction == Reaction::Off || has_torque, "{reaction:?} in {after:?}");
+        assert!(reaction == Reaction::Off || after.has_torque(), "{reaction:?} in {after:?}");
         assert!(reaction != Reaction::Follow || after == State::OperationEnabled);
     }
 }

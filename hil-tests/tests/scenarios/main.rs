@@ -9,6 +9,7 @@ mod bus_budget;
 mod buses;
 mod captured;
 mod data_sheets;
+mod endings;
 mod examples;
 mod exchange;
 mod faults;

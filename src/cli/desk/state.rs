@@ -1,4 +1,4 @@
-//! `yieldwall state`: where a drive is in the state machine of CiA 402, and out of Fault.
+//! `yieldwall state`: where a drive is in the state machine of CiA 402, out of Fault, and out of every state with torque.
 
 use std::time::Duration;
 
@@ -28,6 +28,9 @@ pub(crate) struct Arguments {
     /// Take the drive from Fault to Switch On Disabled: it has no torque before and after
     #[arg(long, group = "change")]
     reset_fault: bool,
+    /// Take the torque away from the drive, as from one that stays in Quick Stop Active. Hold the arm: it may drop
+    #[arg(long, group = "change")]
+    disable_voltage: bool,
     /// On EtherCAT: change the state though another master has the devices; it loses them, and what moves comes to rest by its watchdog
     #[arg(long, requires = "target")]
     take_over: bool,
@@ -42,13 +45,15 @@ const STATUSWORD: Address = Address::new(0x6041, 0);
 const CONTROLWORD: Address = Address::new(0x6040, 0);
 const ERROR_CODE: Address = Address::new(0x603f, 0);
 const MODE: Address = Address::new(0x6061, 0);
-/// How often it is looked whether a drive has left Fault, and how long is waited between: a second in all.
-const LEAVING_LOOKS: u32 = 50;
+/// How often it is looked whether a drive has left a state, and how long is waited between: a second in all.
+const LOOKS: u32 = 50;
 const LOOK: Duration = Duration::from_millis(20);
 
 pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let mut reached = match SegmentSession::taking_over(&arguments.place, arguments.take_over, output)? {
-        Some(desk) if arguments.reset_fault => DeviceHandle::on_segment(desk, &arguments.node, output)?,
+        Some(desk) if arguments.reset_fault || arguments.disable_voltage => {
+            DeviceHandle::on_segment(desk, &arguments.node, output)?
+        }
         Some(desk) => {
             let how = (arguments.take_over, arguments.dry_run);
             return segment::state::run(&arguments.node, arguments.target, how, desk, output);
@@ -67,6 +72,9 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let mut word = statusword(&mut reached)?;
     if arguments.reset_fault {
         word = reset_fault(arguments.dry_run, &mut reached, word, output)?;
+    }
+    if arguments.disable_voltage {
+        word = disable_voltage(arguments.dry_run, &mut reached, word, output)?;
     }
     let error = reached.number_of(ERROR_CODE, "reading its objects")?;
     let mode = reached.number_of(MODE, "reading its objects")?;
@@ -140,7 +148,7 @@ pub(super) fn refuse_powered(reached: &mut DeviceHandle) -> Result<(), Failure> 
 /// The failure that the power stage of a drive is on.
 pub(super) fn powered(words: &str, number: u16, arguments: &str, word: u16) -> Failure {
     let message = format!("{words} is in {}: nothing is written while its power stage is on", state_words(word));
-    let help = format!("`yieldwall od write {number} 6040h 0{arguments}` takes its torque away; hold the arm");
+    let help = format!("`yieldwall state {number} --disable-voltage{arguments}` takes its torque away; hold the arm");
     Failure::new(Exit::SafetyStop, message, help)
 }
 
@@ -151,32 +159,75 @@ pub(super) fn reset_fault(
     word: u16,
     output: &mut Output,
 ) -> Result<u16, Failure> {
-    let state = Statusword(word).state();
-    if state != Some(State::Fault) {
+    let is_fault = |word: u16| Statusword(word).state() == Some(State::Fault);
+    if !is_fault(word) {
         let message = format!("{} is in {} and not in Fault; nothing was written", reached.words(), state_words(word));
         return Err(Failure::new(Exit::Usage, message, "leave --reset-fault away"));
     }
     // The edge of bit 7 counts.
-    let words = [Command::DisableVoltage, Command::FaultReset, Command::DisableVoltage].map(Command::controlword);
-    if is_dry {
-        let each = words.map(|word| format!("would write 6040h:0 controlword {word:04X}h"));
-        output.news(&each.join("\n"))?;
-        return Ok(word);
-    }
-    for word in words {
-        let written = reached.objects()?.write(CONTROLWORD, &word.to_le_bytes());
-        written.map_err(|error| reached.failure("resetting its fault", error))?;
-    }
-    for _ in 0..LEAVING_LOOKS {
-        let word = statusword(reached)?;
-        if Statusword(word).state() != Some(State::Fault) {
-            return Ok(word);
-        }
-        reached.pause(LOOK)?;
+    let words = [Command::DisableVoltage, Command::FaultReset, Command::DisableVoltage];
+    let after = write_words(is_dry, reached, &words, "resetting its fault", is_fault, output)?;
+    if is_dry || !is_fault(after) {
+        return Ok(after);
     }
     let code = reached.read(ERROR_CODE).map_or(0, |bytes| number(&bytes) as u16);
     let explained = reached.explained(code);
     let message = format!("{} stays in Fault: {explained}", reached.words());
     let help = format!("its cause is still there: {}", explained.next);
     Err(Failure::new(Exit::DeviceFault, message, help))
+}
+
+/// Out of any state in which the power stage is on; the statusword afterwards.
+pub(super) fn disable_voltage(
+    is_dry: bool,
+    reached: &mut DeviceHandle,
+    word: u16,
+    output: &mut Output,
+) -> Result<u16, Failure> {
+    let is_on = |word: u16| is_powered(Statusword(word));
+    if !is_on(word) {
+        let message = format!(
+            "{} is in {}: its power stage is off already; nothing was written",
+            reached.words(),
+            state_words(word)
+        );
+        return Err(Failure::new(Exit::Usage, message, "leave --disable-voltage away"));
+    }
+    let words = [Command::DisableVoltage];
+    let after = write_words(is_dry, reached, &words, "taking its torque away", is_on, output)?;
+    if is_dry || !is_on(after) {
+        return Ok(after);
+    }
+    let message = format!("{} stays in {}: it may still make torque", reached.words(), state_words(after));
+    let help = "use the emergency stop if it moves; a master that sends process data overwrites the controlword, so end its program";
+    Err(Failure::new(Exit::SafetyStop, message, help))
+}
+
+/// Writes controlwords one after another and waits a second for the drive to leave the states of which `stays` is true; its statusword then.
+fn write_words(
+    is_dry: bool,
+    reached: &mut DeviceHandle,
+    words: &[Command],
+    doing: &str,
+    stays: impl Fn(u16) -> bool,
+    output: &mut Output,
+) -> Result<u16, Failure> {
+    let words: Vec<u16> = words.iter().map(|command| command.controlword()).collect();
+    if is_dry {
+        let each: Vec<_> = words.iter().map(|word| format!("would write 6040h:0 controlword {word:04X}h")).collect();
+        output.news(&each.join("\n"))?;
+        return statusword(reached);
+    }
+    for word in words {
+        let written = reached.objects()?.write(CONTROLWORD, &word.to_le_bytes());
+        written.map_err(|error| reached.failure(doing, error))?;
+    }
+    for _ in 0..LOOKS {
+        let word = statusword(reached)?;
+        if !stays(word) {
+            return Ok(word);
+        }
+        reached.pause(LOOK)?;
+    }
+    statusword(reached)
 }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::place::{DeviceSession, Place};
 use super::reached::DeviceHandle;
-use super::state::{refuse_powered, reset_fault, statusword};
+use super::state::{disable_voltage, refuse_powered, reset_fault, statusword};
 use crate::failure::Exit;
 use crate::output::Output;
 use yieldwall_fieldbus::canopen::{NmtCommand, NmtState, nmt, node_id};
@@ -54,6 +54,29 @@ fn nothing_is_written_to_a_drive_whose_power_stage_is_on() {
     let DeviceHandle::Node(mut desk, _) = reached else { panic!("on CAN") };
     let sensor = desk.node("wrist").unwrap();
     assert!(refuse_powered(&mut DeviceHandle::Node(desk, sensor)).is_ok());
+}
+
+#[test]
+fn a_drive_that_stays_in_quick_stop_active_loses_its_torque() {
+    let (mut desk, mut output) = desk();
+    let node = desk.node("left").unwrap();
+    let mut write = |index, value: &[u8]| desk.service.write(node.id, Address::new(index, 0), value).unwrap();
+    write(0x605a, &[6, 0]);
+    desk.service.command(NmtCommand::StartRemoteNode, Some(node.id)).unwrap();
+    let mut reached = DeviceHandle::Node(Box::new(desk), node);
+    for word in [0x06_u16, 0x07, 0x0f, 0x02] {
+        reached.objects().unwrap().write(Address::new(0x6040, 0), &word.to_le_bytes()).unwrap();
+        reached.pause(Duration::from_millis(5)).unwrap();
+    }
+    reached.pause(Duration::from_secs(2)).unwrap();
+    let word = statusword(&mut reached).unwrap();
+    assert_eq!(word & 0x6f, 0x07, "{word:04x}: Quick Stop Active");
+    let dry = disable_voltage(true, &mut reached, word, &mut output).unwrap();
+    assert_eq!(dry & 0x6f, 0x07, "{dry:04x}: nothing was written");
+    let after = disable_voltage(false, &mut reached, word, &mut output).unwrap();
+    assert_eq!(after & 0x4f, 0x40, "{after:04x}: Switch On Disabled");
+    let again = disable_voltage(false, &mut reached, after, &mut output).unwrap_err();
+    assert_eq!(again.exit, Exit::Usage);
 }
 
 /// Commands in advice come to the same device, wherever it is.

@@ -11,8 +11,8 @@ mod watch;
 
 use crate::fixture::{EXCESS_FORGETTING_S, Excess, Fixture, Shape2};
 use crate::guard::{
-    Allowed, Cause, DeviceSet, Directive, Fault, FaultCounts, Gate, JointCommand, Measured, Motion, Reaction, Request,
-    State, StopRamp, Supervisor,
+    Allowed, Cause, DeviceSet, Directive, Fault, FaultCounts, Gate, JointCommand, JointRest, Measured, Motion,
+    Reaction, Request, State, StopRamp, Supervisor,
 };
 use crate::linkage::{FiveBar, Posture};
 use crate::quantity::{Force, JointAngles, JointTorques, TipDisplacement, TipPoint};
@@ -239,6 +239,8 @@ pub struct Cycle {
     enabling_cycles: u32,
     /// Cycles for which the brakes of a rig that is stopped have been closed.
     braked_cycles: u32,
+    /// Of a rig in a latched state.
+    joint_rest: JointRest,
     excess: Excess<2>,
     /// Work of the fixture on the proxy in its last step, beyond what its spring lost, J.
     brought_j: f64,
@@ -280,6 +282,7 @@ impl Cycle {
             needed: None,
             enabling_cycles: 0,
             braked_cycles: 0,
+            joint_rest: JointRest::default(),
             excess: Excess::new(period_s, mass_kg, EXCESS_FORGETTING_S),
             brought_j: 0.0,
             chatter: Chatter::default(),
@@ -464,6 +467,11 @@ impl Cycle {
         &self.servo
     }
 
+    /// What it knows besides its stages.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
     /// The gate, for reports.
     pub fn gate(&self) -> &Gate {
         &self.gate
@@ -481,12 +489,19 @@ impl Cycle {
         // Brakes close once the reference of a rig that is stopped rests, and torque goes once they are closed.
         let is_stopped = is_resting && self.supervisor.state() == State::Stopping;
         self.braked_cycles = if is_stopped { self.braked_cycles.saturating_add(1) } else { 0 };
-        let takes_cycles = (self.settings.brake_s / self.settings.period_s).ceil();
+        let Settings { brake_s, period_s, .. } = self.settings;
+        let is_measured = self.missed == [0; 2];
+        let at_rest = if self.supervisor.state().is_latched() {
+            self.joint_rest.step(is_measured.then_some(self.measured.angles), period_s, brake_s)
+        } else {
+            self.joint_rest = JointRest::default();
+            is_resting && (!is_stopped || f64::from(self.braked_cycles) > (brake_s / period_s).ceil())
+        };
         self.supervisor.step(&crate::guard::View {
             drives: drives.map(|drive| drive.state),
             worst: self.faults.worst().map(|(cause, reaction)| (cause, self.led_reaction(cause.fault, reaction))),
-            is_measured: self.missed == [0; 2],
-            at_rest: is_resting && (!is_stopped || f64::from(self.braked_cycles) > takes_cycles),
+            is_measured,
+            at_rest,
             request,
         })
     }

@@ -6,10 +6,12 @@
 
 pub mod fault;
 mod gate;
+mod joint_rest;
 mod stop;
 mod supervisor;
 
 pub use fault::{Cause, Device, DeviceSet, Fault, FaultCounts, Reaction};
 pub use gate::{Allowed, Gate, JointCommand, Limits, Measured};
+pub use joint_rest::JointRest;
 pub use stop::StopRamp;
 pub use supervisor::{Directive, Motion, Request, State, Supervisor, View};

@@ -31,7 +31,7 @@ pub enum State {
     Holding,
     /// The reference comes to rest along a ramp; a quick stop follows.
     Stopping,
-    /// Latched: quick stop was commanded.
+    /// Latched: quick stop was commanded. Drives that still make torque once the joints rest are told to take it off.
     Stopped,
     /// Latched: voltage off was commanded.
     Disabled,
@@ -127,7 +127,7 @@ pub struct View {
     pub worst: Option<(Cause, Reaction)>,
     /// Whether both angles were measured in this cycle, and not predicted.
     pub is_measured: bool,
-    /// Whether the reference is at rest.
+    /// Whether the reference is at rest; in a latched state whether torque may go, as [`JointRest`](super::JointRest) has it.
     pub at_rest: bool,
     /// What the person asks for.
     pub request: Request,
@@ -142,6 +142,8 @@ pub struct Supervisor {
     reaction: Option<Reaction>,
     clear_cycles: u16,
     resetting: bool,
+    /// Drives that were stopped still made torque once it could go, and are told to take it off.
+    takes_torque_off: bool,
 }
 
 impl Supervisor {
@@ -253,8 +255,10 @@ impl Supervisor {
             self.resetting = true;
             self.cause = None;
             self.reaction = None;
+            self.takes_torque_off = false;
             return State::Idle;
         }
+        self.takes_torque_off |= view.at_rest && view.drives.iter().any(|drive| drive.has_torque());
         match worst {
             Some((cause, reaction))
                 if Some(reaction) > self.reaction.max(Some(Reaction::StopRamp))
@@ -276,6 +280,7 @@ impl Supervisor {
             State::Holding | State::Stopping => (Motion::Halt, cia402::Goal::OperationEnabled),
             State::Stopped | State::Disabled | State::Lost => match self.reaction {
                 Some(Reaction::TorqueOff | Reaction::Silence) => (Motion::Rest, cia402::Goal::SwitchOnDisabled),
+                _ if self.takes_torque_off => (Motion::Rest, cia402::Goal::SwitchOnDisabled),
                 _ => (Motion::Rest, cia402::Goal::QuickStop),
             },
         };

@@ -6,6 +6,7 @@ use super::buses::DEVICES;
 use super::{EmbeddedRig, RigError};
 use crate::line::Line;
 use yieldwall_config as config;
+use yieldwall_drives::cia402;
 use yieldwall_motion::guard::{Request, State};
 use yieldwall_motion::quantity::{JointAngles, TipPoint};
 use yieldwall_motion::sensing::Wrench;
@@ -13,7 +14,7 @@ use yieldwall_record::CycleRecord;
 use yieldwall_run::bringup;
 use yieldwall_run::{
     Bounds, Enabling, HomePlan, Homed, Jog, Jogged, LoopPlan, LoopTraced, NotProven, Permit, Place, Pulled, Repeated,
-    RunError, Runner, STOP_LIMIT_S, Wrenches, has_torque, settling_cycles,
+    RunError, Runner, Wrenches, settling_cycles,
 };
 use yieldwall_sim::Drive;
 
@@ -46,14 +47,14 @@ impl EmbeddedRig {
             return Ok(());
         }
         self.place_mut().far.world.let_go();
-        let limit = (STOP_LIMIT_S / self.runner.period().as_secs_f64()) as u32;
-        for _ in 0..limit {
+        let waited_s = self.runner.stop_limit_s();
+        for _ in 0..(waited_s / self.runner.period().as_secs_f64()) as u32 {
             if self.state().is_latched() || self.state() == State::Idle {
                 return self.reset_and_enable();
             }
             self.run_cycle(Request::None)?;
         }
-        Err(RigError::NotStopped { waited_s: STOP_LIMIT_S, state: format!("{:?}", self.state()) })
+        Err(RigError::NotStopped { waited_s, state: format!("{:?}", self.state()) })
     }
 
     fn reset_and_enable(&mut self) -> Result<(), RigError> {
@@ -311,16 +312,17 @@ impl EmbeddedRig {
     /// Stops the rig along its ramp and runs until no drive makes torque; at once done if none does.
     ///
     /// # Errors
-    /// [`RigError::NotStopped`] if a drive still makes torque after 2 s; else as [`EmbeddedRig::run_cycle`].
+    /// [`RigError::NotStopped`] if a drive still makes torque after [`Runner::stop_limit_s`]; else as [`EmbeddedRig::run_cycle`].
     pub fn stop(&mut self) -> Result<(), RigError> {
-        let limit = (STOP_LIMIT_S / self.runner.period().as_secs_f64()) as u32;
-        for _ in 0..limit {
-            if !self.drive_states().into_iter().any(has_torque) {
+        let waited_s = self.runner.stop_limit_s();
+        for _ in 0..(waited_s / self.runner.period().as_secs_f64()) as u32 {
+            if !self.drive_states().into_iter().any(cia402::State::has_torque) {
                 return Ok(());
             }
             self.run_cycle(Request::Stop)?;
         }
-        Err(RigError::NotStopped { waited_s: STOP_LIMIT_S, state: format!("{:?}", self.state()) })
+        let [left, right] = self.drive_states();
+        Err(RigError::NotStopped { waited_s, state: format!("left drive {left:?}, right drive {right:?}") })
     }
 
     pub(super) fn boot(&mut self) -> Result<(), RigError> {

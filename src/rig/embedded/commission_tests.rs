@@ -121,7 +121,7 @@ fn left_alone(file: &str, change: impl Fn(&mut config::Rig, &mut config::Scene))
     change(&mut rig, &mut scene);
     let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
     let mut done = machine.commission(&rig, Step::Admittance.into(), &AtomicBool::new(false), |_| ()).unwrap();
-    assert!(!machine.drive_states().into_iter().any(yieldwall_run::has_torque));
+    assert!(!machine.drive_states().into_iter().any(cia402::State::has_torque));
     assert!(machine.drives().iter().all(|drive| drive.torque_limit_per_mille() == 1000), "{:?}", done.steps);
     done.steps.pop().unwrap()
 }

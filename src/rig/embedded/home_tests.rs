@@ -59,7 +59,7 @@ fn homed(
     }));
     let torque = config::Positive::new(15.0).unwrap();
     let homed = machine.home(rig, &plan, torque, &AtomicBool::new(false)).unwrap();
-    assert!(!machine.drive_states().into_iter().any(yieldwall_run::has_torque), "{homed:?}");
+    assert!(!machine.drive_states().into_iter().any(cia402::State::has_torque), "{homed:?}");
     let [left, right] = machine.arm().unwrap().motor_angles().to_array();
     let farthest = farthest.lock().unwrap().0;
     (homed, JointAngles::new(left, right), farthest)
@@ -274,7 +274,7 @@ fn repeated(
         homes.push(seen.lock().unwrap().0 - JointAngles::from(told));
     };
     let repeated = machine.home_repeatedly(rig, (&plan, times), bounds, &AtomicBool::new(false), told).unwrap();
-    assert!(!machine.drive_states().into_iter().any(yieldwall_run::has_torque), "{repeated:?}");
+    assert!(!machine.drive_states().into_iter().any(cia402::State::has_torque), "{repeated:?}");
     let farthest = seen.lock().unwrap().2;
     (repeated, homes, farthest)
 }

@@ -340,7 +340,7 @@ fn a_fault_at_either_drive_takes_the_torque_off_both_and_nothing_is_identified()
         let (end, states) = traced(&loaded, 0, &[broken], |_| ());
         assert_eq!((end.ended, end.found), (Ended::Stopped, None), "{target:?}");
         assert!(end.cause.is_some_and(|cause| cause.fault != Fault::FollowingError), "{:?}", end.cause);
-        assert!(!states.iter().any(|state| yieldwall_run::has_torque(*state)), "{states:?}");
+        assert!(!states.iter().any(|state| state.has_torque()), "{states:?}");
     }
 }
 

@@ -6,7 +6,7 @@ mod trace;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::jog::{end_lead, idle_before_lead};
+use super::jog::idle_before_lead;
 use crate::assembly::HOMING_COMES_UP_S;
 use crate::error::RunError;
 use crate::permit::{Ask, Permit};
@@ -229,7 +229,7 @@ fn home_all(
     let referenced = runner.master().homing().map(|homing| homing.is_referenced);
     let (taken, by_reference) = (runner.angles().to_array(), runner.master().referenced_angles().to_array());
     let way = (runner.angles() - start).to_array();
-    let ended = end_lead(runner, ended);
+    let ended = runner.end(ended);
     watch.finish(runner);
     let of = |joint: usize| JointHomed {
         farthest_rad: farthest.get(joint).copied().unwrap_or_default(),

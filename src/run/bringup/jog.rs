@@ -13,7 +13,7 @@ use yieldwall_config::{self as config, CommandMode};
 use yieldwall_motion::cycle::LeadLimits;
 use yieldwall_motion::guard::{Cause, State};
 use yieldwall_motion::quantity::JointAngles;
-use yieldwall_record::{AROUND_FAULT_S, CycleRecord};
+use yieldwall_record::CycleRecord;
 
 /// Time at the targets, s. A joint whose encoder stands still just short of its target is pushed on more and more meanwhile.
 const REST_S: f64 = 0.05;
@@ -201,7 +201,7 @@ fn led(
         }
     }
     let (state, cause, to) = (runner.state(), runner.cause(), measured(runner));
-    let ended = end_lead(runner, ended);
+    let ended = runner.end(ended);
     let time_s = f64::from(cycles) * runner.period().as_secs_f64();
     Ok(Jogged { ended, state, cause, time_s, from, to, deviation: deviation.into() })
 }
@@ -219,17 +219,4 @@ pub(super) fn idle_before_lead(
         runner.run_cycle(Ask::Nothing);
     }
     Ok(())
-}
-
-/// Asks the drives what is wrong if a fault has stopped joints that were led, or else stops them; how it ended.
-pub(super) fn end_lead(runner: &mut Runner<dyn Place>, ended: Ended) -> Ended {
-    if ended == Ended::Stopped && runner.state().is_latched() {
-        for _ in 0..runner.cycles_in(AROUND_FAULT_S) {
-            runner.ask_for_errors();
-            runner.run_cycle(Ask::Nothing);
-        }
-    } else if ended != Ended::Panicked && !runner.stop() {
-        return Ended::StillMoving;
-    }
-    ended
 }

@@ -61,17 +61,17 @@ pub(super) fn row(state: Option<State>) -> Row {
         Some(State::SwitchedOn) => row(
             "the power stage is on, and the drive takes no set-point",
             "a master enables it just now, or took set-points away",
-            "stay clear of the arm; `yieldwall od write NODE 6040h 0` takes its torque away",
+            "stay clear of the arm; `yieldwall state NODE --disable-voltage` takes its torque away",
         ),
         Some(State::OperationEnabled) => row(
             "the drive has torque and follows its set-points",
             "a master has enabled it",
-            "stay clear of the arm; `yieldwall od write NODE 6040h 0` takes its torque away",
+            "stay clear of the arm; `yieldwall state NODE --disable-voltage` takes its torque away",
         ),
         Some(State::QuickStopActive) => row(
             "the drive comes to rest by its quick stop, or has",
-            "a quick stop was commanded, or the drive misses its master",
-            "`yieldwall state NODE` shows where it ends; then start the run again",
+            "a quick stop was commanded, or the drive misses its master; some drives stay here with torque (605Ah 5 to 8)",
+            "hold the arm, and take the torque away by `yieldwall state NODE --disable-voltage`; then start the run again",
         ),
         Some(State::FaultReactionActive) => row(
             "the drive has found a fault and comes to rest",

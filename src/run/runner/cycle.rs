@@ -21,8 +21,8 @@ const IMPATIENCE: Duration = Duration::from_millis(2);
 /// time that passed between reading the one and the other.
 const SUSPENDED: Duration = Duration::from_millis(50);
 impl<P: Place + ?Sized> Runner<P> {
-    /// One period: SYNC, process data, the cycle, set-points. Nothing comes of it once a cycle has panicked, and in a period in which
-    /// the process does not run; in virtual time the periods go on all the same. A rig that is led farther than
+    /// One period: SYNC, process data, the cycle, set-points. Once a cycle has panicked the set-points stop the drives. Nothing comes of a
+    /// period in which the cycle panics or the process does not run. A rig that is led farther than
     /// its permit allows is stopped. A permit of another boot asks for nothing.
     ///
     /// Real-time: yes, if the observer and the tap are.
@@ -38,9 +38,6 @@ impl<P: Place + ?Sized> Runner<P> {
             Ask::Nothing if self.is_led_away() => Request::Stop,
             _ => ask.request(),
         };
-        if self.has_panicked && !self.is_virtual {
-            return None;
-        }
         if self.next_sync == Time::NEVER {
             // The first one may be too near.
             self.begin(2);

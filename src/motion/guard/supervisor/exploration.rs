@@ -108,11 +108,14 @@ fn check(before: &Supervisor, input: &Input, after: &Supervisor, directive: &Dir
             Goal::SwitchedOn
         }
         State::Enabling | State::Running | State::Holding | State::Stopping => Goal::OperationEnabled,
-        State::Stopped => Goal::QuickStop,
-        State::Disabled | State::Lost if after.reaction == Some(Reaction::QuickStop) => Goal::QuickStop,
-        State::Disabled | State::Lost => Goal::SwitchOnDisabled,
+        _ if after.takes_torque_off || after.reaction > Some(Reaction::QuickStop) => Goal::SwitchOnDisabled,
+        State::Stopped | State::Disabled | State::Lost => Goal::QuickStop,
     };
     assert_eq!(directive.goal, expected, "{case}");
+    // Drives that still make torque once it may go lose it, those of a latched rig alone, and until a reset.
+    let may_go = input.at_rest && input.drives.iter().any(|drive| drive.has_torque());
+    let is_due = from.is_latched() && to.is_latched() && (before.takes_torque_off || may_go);
+    assert_eq!(after.takes_torque_off, is_due, "torque-off: {case}");
     // A latched state remembers how it was entered, and no other state does.
     assert_eq!(after.reaction.is_some(), to.is_latched(), "{case}");
     assert!(after.reaction.is_none_or(|reaction| reaction >= Reaction::QuickStop), "{case}");
@@ -131,8 +134,9 @@ fn enables(from: State, input: &Input) -> bool {
 #[test]
 fn every_reachable_state_keeps_the_invariants_under_every_input() {
     let inputs = inputs();
-    let key =
-        |supervisor: &Supervisor| (supervisor.state, supervisor.clear_cycles, supervisor.cause, supervisor.reaction);
+    let key = |supervisor: &Supervisor| {
+        (supervisor.state, supervisor.clear_cycles, supervisor.cause, supervisor.reaction, supervisor.takes_torque_off)
+    };
     let mut seen = HashSet::from([key(&Supervisor::new())]);
     let mut waiting = VecDeque::from([Supervisor::new()]);
     let mut states = HashSet::new();

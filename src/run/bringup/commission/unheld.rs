@@ -4,7 +4,6 @@ use super::bench::{Bench, Found, Halt};
 use super::moving::{LED_BEYOND_RAD, TORQUE_SHARES, TRAVEL_RAD};
 use super::resting::unsigned_zero;
 use super::{Curve, Figure};
-use crate::bringup::jog::end_lead;
 use crate::permit::{Ask, Bounds};
 use crate::scene::Ended;
 use yieldwall_config::FixtureLaw;
@@ -174,7 +173,7 @@ impl Bench<'_> {
             }
         }
         let (state, cause, is_led_away) = (self.runner.state(), self.runner.cause(), self.runner.is_led_away());
-        let ended = end_lead(self.runner, ended);
+        let ended = self.runner.end(ended);
         if ended == Ended::Interrupted {
             return Err(Halt::Interrupted);
         }

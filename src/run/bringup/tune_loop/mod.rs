@@ -23,7 +23,7 @@ pub use self::record::{ForceFound, JointFound, LoopUnreadable, MeasuredLoop};
 use self::course::{Course, RATES, WAY_RAD};
 use self::felt::felt;
 use self::parts::{Sample, Trace};
-use super::jog::{end_lead, idle_before_lead};
+use super::jog::idle_before_lead;
 use super::push::{Push, Stand};
 use super::torque_meter::{Metered, TorqueMeter};
 use crate::assembly::scaling;
@@ -279,7 +279,7 @@ fn led_along(
     }
     let time_s = samples.len() as f64 * period_s;
     let (state, cause) = (runner.state(), runner.cause());
-    let ended = end_lead(runner, ended);
+    let ended = runner.end(ended);
     let told = meter.map_or_else(Vec::new, |mut meter| {
         meter.finish(runner);
         meter.into_samples()

@@ -1,0 +1,141 @@
+//! The end of a run: with each shipped drive in each mode it has, on both buses, however the run ends, no drive is left with torque.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use hil_tests::Scenario;
+use hil_tests::cable::{Cable, permit};
+use hil_tests::segment_cable::SegmentCable;
+use yieldwall::config::{CommandMode, ProfileName};
+use yieldwall::injection::{Injection, Kind, Target};
+use yieldwall::rig::{self, DeviceServer, SegmentServer};
+use yieldwall::run::{Ended, Pace, Place, Play, Played, Runner};
+use yieldwall::time::Time;
+use yieldwall_drives::cia402;
+use yieldwall_drives::profiles::{EncoderKind, Role};
+
+/// Each mode, and the shipped rig on CAN that has it.
+const MODES: [(&str, CommandMode, cia402::OperationMode); 3] = [
+    ("paper-admittance.yaml", CommandMode::Torque, cia402::OperationMode::CyclicTorque),
+    ("paper-admittance-csv.yaml", CommandMode::Velocity, cia402::OperationMode::CyclicVelocity),
+    ("paper-admittance-csp.yaml", CommandMode::Position, cia402::OperationMode::CyclicPosition),
+];
+const CYCLES: u64 = 400;
+
+/// A shipped rig with drives of this profile.
+fn scenario(file: &'static str, profile: &'static str) -> Scenario {
+    let mut scenario = Scenario::shipped(file);
+    for drive in &mut scenario.rig.drives {
+        drive.profile = ProfileName::from(profile.to_owned());
+        drive.encoder = Some(EncoderKind::MultiTurn);
+    }
+    scenario
+}
+
+/// The shipped rig on EtherCAT, in the mode of one on CAN.
+fn on_ethercat(can: &Scenario, profile: &'static str) -> Scenario {
+    let mut segment = scenario("paper-ethercat.yaml", profile);
+    segment.rig.rig.command_mode = can.rig.rig.command_mode;
+    segment.rig.control = can.rig.control.clone();
+    segment
+}
+
+/// How a run ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Way {
+    Whole,
+    Interrupted,
+    Fault,
+}
+
+const WAYS: [Way; 3] = [Way::Whole, Way::Interrupted, Way::Fault];
+
+fn is_off(states: impl IntoIterator<Item = cia402::State>) -> bool {
+    !states.into_iter().any(cia402::State::has_torque)
+}
+
+/// Runs a rig that is booted, and ends it that way.
+fn end<P: Place>(rig: &mut Runner<P>, way: Way, mut fail: impl FnMut()) -> Played {
+    let play = Play { cycles: if way == Way::Whole { CYCLES } else { 10 * CYCLES }, settling: 50 };
+    let (permit, is_interrupted) = (permit(rig), AtomicBool::new(false));
+    let mut cycles = 0;
+    rig.play(&play, &permit, &is_interrupted, |_| {
+        cycles += 1;
+        match way {
+            Way::Interrupted if cycles == CYCLES => is_interrupted.store(true, Ordering::Relaxed),
+            Way::Fault if cycles == CYCLES => fail(),
+            _ => {}
+        }
+    })
+    .unwrap()
+}
+
+fn embedded(scenario: &Scenario, way: Way) -> bool {
+    let mut session = scenario.run(CYCLES as usize);
+    if way == Way::Fault {
+        session.inject(Injection::new(Kind::DriveFault, 0.0).on(Target::RightDrive));
+        session.run(2000);
+        assert!(session.machine.state().is_latched());
+    } else {
+        session.machine.stop().unwrap();
+    }
+    is_off(session.machine.drive_states())
+}
+
+fn on_can(scenario: &Scenario, way: Way) -> bool {
+    let server = DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, Pace::Free).unwrap();
+    let cable = Cable::new(server);
+    let mut rig = Runner::on_link(&scenario.rig, cable.clone(), cable.clone(), Pace::Free).unwrap();
+    rig.boot().unwrap();
+    let played = end(&mut rig, way, || cable.set_passage(|_, is_own, frame| is_own || frame.id() != 0x182));
+    check(&played, way);
+    is_off(cable.look(|server| server.drive_states())) && cable.look(|server| server.torques_n_m()) == [0.0; 2]
+}
+
+fn on_segment(scenario: &Scenario, way: Way) -> bool {
+    let now = Time::from_micros(1_000_000);
+    let server = SegmentServer::new(&scenario.rig, &scenario.scene, 1, Pace::Free, [true; 3], now).unwrap();
+    let cable = SegmentCable::new(server, now);
+    let mut rig = Runner::on_link(&scenario.rig, cable.clone(), cable.clone(), Pace::Free).unwrap();
+    rig.boot().unwrap();
+    let fault = Injection::new(Kind::DriveFault, 0.0).on(Target::RightDrive);
+    let played = end(&mut rig, way, || cable.change(|server| server.inject(fault).unwrap()));
+    check(&played, way);
+    // Before the segment leaves OP.
+    is_off(cable.change(|server| server.drive_states()).into_iter().flatten())
+        && cable.change(|server| server.torques_n_m()) == [0.0; 2]
+}
+
+fn check(played: &Played, way: Way) {
+    let ended = match way {
+        Way::Whole => Ended::Whole,
+        Way::Interrupted => Ended::Interrupted,
+        Way::Fault => Ended::Stopped,
+    };
+    assert_eq!(played.ended, ended, "{way:?}: {played:?}");
+}
+
+#[test]
+fn no_drive_is_left_with_torque_whatever_its_profile_says_of_its_quick_stop() {
+    let profiles: Vec<_> = ProfileName::shipped()
+        .filter_map(|(name, profile)| match &profile.device {
+            Role::Servo(servo) => Some((name, servo)),
+            _ => None,
+        })
+        .collect();
+    assert!(profiles.len() >= 4, "{}", profiles.len());
+    println!("{:16} {:9} {:13} {:11} {:10} EtherCAT", "profile", "mode", "end", "simulation", "CAN");
+    for (name, servo) in profiles {
+        for (file, mode, _) in MODES.into_iter().filter(|(_, _, mode)| servo.process_data.of(*mode).is_some()) {
+            let can = scenario(file, name);
+            let segment = on_ethercat(&can, name);
+            for way in WAYS {
+                let off = [embedded(&can, way), on_can(&can, way), on_segment(&segment, way)];
+                let [sim, can, ethercat] = off.map(|is_off| if is_off { "no torque" } else { "TORQUE" });
+                println!("{name:16} {:9} {:13} {sim:11} {can:10} {ethercat}", format!("{mode:?}"), format!("{way:?}"));
+                assert_eq!(off, [true; 3], "{name} {mode:?} {way:?}: simulation, CAN, EtherCAT");
+            }
+            let drilled = rig::drill(&can.rig, &can.scene, |_| ()).unwrap();
+            assert!(!drilled.findings.is_empty(), "{name} {mode:?}");
+        }
+    }
+}
