@@ -27,6 +27,9 @@ pub(super) struct OnBus {
     /// Move also if this computer has not proved the timing that the rig asks for
     #[arg(long, requires = "bus")]
     ignore_latency: bool,
+    /// Confirm that a drive that keeps its own torque limit may use it, though it is higher than what the motion is to have
+    #[arg(long, requires = "bus")]
+    accept_drive_limit: bool,
 }
 
 /// A rig that has sent nothing yet.
@@ -77,7 +80,10 @@ impl OnBus {
         let is_interrupted = on_interrupt()?;
         let (names, pace) = (interfaces.names(), self.pace.pace());
         let on_bus = RigOnBus::open_for_bring_up(rig, names, pace, &journals(command), &is_interrupted);
-        let on_bus = on_bus.map_err(|error| not_opened(&error, rig, file, &interfaces))?;
+        let mut on_bus = on_bus.map_err(|error| not_opened(&error, rig, file, &interfaces))?;
+        if self.accept_drive_limit {
+            on_bus.accept_drive_limits();
+        }
         warn_of(output, on_bus.memory());
         Ok(Opened { on_bus, terms, interfaces, is_interrupted })
     }

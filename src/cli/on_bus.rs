@@ -115,7 +115,13 @@ pub(super) fn live_failure(error: &RunError) -> Failure {
         RunError::NoTorqueLimit { .. } => Failure::new(
             Exit::DeviceMismatch,
             error.to_string(),
-            "name its object in the device profile (limits.torque)",
+            "name its object in the device profile (`limits.torque`, or `limits.current` in another unit), or confirm by --accept-drive-limit that it may \
+             use the limit that its maker's tool shows",
+        ),
+        RunError::DriveLimit { .. } => Failure::new(
+            Exit::SafetyStop,
+            error.to_string(),
+            "lower it by the maker's tool, or confirm by --accept-drive-limit that the drive may use it; `commission` shows and asks",
         ),
         RunError::WayBlocked { .. } => Failure::new(
             Exit::SafetyStop,

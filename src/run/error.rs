@@ -113,6 +113,16 @@ pub enum RunError {
         /// Which one.
         which: Which,
     },
+    /// A drive keeps a torque limit of its own, which is higher than a first motion may have. Nothing was enabled.
+    #[error("{} keeps its own torque limit, {own_n_m:.2} N m, and it is to be moved with {most_n_m:.2} N m", .which.drive(""))]
+    DriveLimit {
+        /// Which one.
+        which: Which,
+        /// Its limit, N m.
+        own_n_m: f64,
+        /// Most torque for the motion, N m.
+        most_n_m: f64,
+    },
     /// A node does not tell an object.
     #[error("{which} does not tell object {index:04X}h:{sub}")]
     Unread {

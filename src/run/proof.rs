@@ -16,6 +16,7 @@ use super::place::Place;
 use super::runner::Runner;
 use crate::assembly::torque_limits_per_mille;
 use yieldwall_config as config;
+use yieldwall_drives::profiles::{CurrentLimit, LimitSetter, TorqueLimit};
 use yieldwall_drives::watchdog::Watchdog;
 use yieldwall_fieldbus::objects::Address;
 use yieldwall_motion::guard::Device;
@@ -139,7 +140,8 @@ impl<P: Place + ?Sized> Runner<P> {
         Ok(Permit::bounded(self, bounds))
     }
 
-    /// Tells both drives their torque limit, no more than the rig's own, and the controllers, which then do not count on more.
+    /// Tells both drives their torque limit, no more than the rig's own, and the controllers, which then do not count on more. A drive that keeps
+    /// its own has to hold no more, unless a person has confirmed it.
     pub(crate) fn limit_torque(&mut self, rig: &config::Rig, most: config::Positive) -> Result<(), RunError> {
         self.master.cycle_mut().lower_torque(most.get());
         let mut limited = rig.clone();
@@ -148,38 +150,115 @@ impl<P: Place + ?Sized> Runner<P> {
         }
         let per_mille = torque_limits_per_mille(&limited)?;
         for (device, per_mille) in Device::DRIVES.into_iter().zip(per_mille) {
-            self.set_torque_limit(rig, device, per_mille)?;
+            match torque_limit_of(rig, device) {
+                None if self.accepts_drive_limits => {}
+                None => return Err(RunError::NoTorqueLimit { which: self.which(device) }),
+                Some(TorqueLimit::PerMille(_)) => self.put_torque_limit(rig, device, Some(per_mille.into()))?,
+                Some(TorqueLimit::Current(current)) if current.set_by == LimitSetter::Master => {
+                    let rated = self.read(device, current.rated.index, current.rated.sub)?;
+                    self.put_torque_limit(rig, device, Some(CurrentLimit::value(per_mille, rated)))?;
+                }
+                Some(TorqueLimit::Current(current)) => {
+                    let own = self.kept_limit(rig, device, current)?;
+                    if own.per_mille > u32::from(per_mille) && !self.accepts_drive_limits {
+                        let (own_n_m, most_n_m) = (own.torque_n_m, limited.guard.torque_limit_n_m.get());
+                        return Err(RunError::DriveLimit { which: self.which(device), own_n_m, most_n_m });
+                    }
+                }
+            }
         }
         Ok(())
     }
 
-    /// The torque limit of a drive, per mille of rated.
-    pub(crate) fn torque_limit(&mut self, rig: &config::Rig, device: Device) -> Result<u32, RunError> {
-        let at = self.torque_limit_at(rig, device)?;
-        self.read(device, at.index, at.sub)
+    /// The torque limit of a drive whose limit the master does not set.
+    pub(crate) fn drive_limit(&mut self, rig: &config::Rig, device: Device) -> Result<DriveLimit, RunError> {
+        match torque_limit_of(rig, device) {
+            None => Ok(DriveLimit::Untold),
+            Some(TorqueLimit::Current(current)) if current.set_by == LimitSetter::Drive => {
+                Ok(DriveLimit::Kept(self.kept_limit(rig, device, current)?))
+            }
+            Some(_) => Ok(DriveLimit::OfMaster),
+        }
     }
 
-    /// Gives a drive a torque limit, per mille of rated, and looks whether it has taken it.
-    pub(crate) fn set_torque_limit(
+    fn kept_limit(&mut self, rig: &config::Rig, device: Device, current: &CurrentLimit) -> Result<KeptLimit, RunError> {
+        let held = self.read(device, current.limit.index, current.limit.sub)?;
+        let rated = self.read(device, current.rated.index, current.rated.sub)?;
+        let per_mille = CurrentLimit::per_mille(held, rated);
+        let torque_n_m = f64::from(per_mille) * 1e-3 * rated_n_m(rig, device);
+        Ok(KeptLimit { at: Address::new(current.limit.index, current.limit.sub), held, per_mille, torque_n_m })
+    }
+
+    /// Most torque of a drive at its joint by the limit that it holds, N m; the rig's own where no object tells it.
+    pub(crate) fn torque_limit_n_m(&mut self, rig: &config::Rig, device: Device) -> Result<f64, RunError> {
+        match torque_limit_of(rig, device) {
+            None => Ok(rig.guard.torque_limit_n_m.get()),
+            Some(TorqueLimit::Current(current)) => Ok(self.kept_limit(rig, device, current)?.torque_n_m),
+            Some(TorqueLimit::PerMille(limit)) => {
+                let per_mille = self.read(device, limit.index, limit.sub)?;
+                Ok(f64::from(per_mille) * 1e-3 * rated_n_m(rig, device))
+            }
+        }
+    }
+
+    /// The torque limit of a drive, in the unit of its object; none of a drive that keeps its own.
+    pub(crate) fn torque_limit(&mut self, rig: &config::Rig, device: Device) -> Result<Option<u32>, RunError> {
+        let limit = torque_limit_of(rig, device).filter(|limit| limit.set_by() == LimitSetter::Master);
+        let Some(object) = limit.map(TorqueLimit::object) else { return Ok(None) };
+        self.read(device, object.index, object.sub).map(Some)
+    }
+
+    /// Gives a drive a torque limit in the unit of its object, and looks whether it has taken it; a drive that keeps its own gets none.
+    pub(crate) fn put_torque_limit(
         &mut self,
         rig: &config::Rig,
         device: Device,
-        per_mille: u16,
+        value: Option<u32>,
     ) -> Result<(), RunError> {
-        let at = self.torque_limit_at(rig, device)?;
-        self.write(device, at, &per_mille.to_le_bytes())?;
-        let has_taken = self.read(device, at.index, at.sub)? == u32::from(per_mille);
+        let limit = torque_limit_of(rig, device).filter(|limit| limit.set_by() == LimitSetter::Master);
+        let Some((object, value)) = limit.map(TorqueLimit::object).zip(value) else { return Ok(()) };
+        let bytes = value.to_le_bytes();
+        let bytes = bytes.get(..usize::from(object.bytes())).unwrap_or(&bytes);
+        self.write(device, Address::new(object.index, object.sub), bytes)?;
+        let has_taken = self.read(device, object.index, object.sub)? == value;
         if has_taken { Ok(()) } else { Err(RunError::NoTorqueLimit { which: self.which(device) }) }
     }
+}
 
-    /// Where a drive has its torque limit by its profile.
-    fn torque_limit_at(&self, rig: &config::Rig, device: Device) -> Result<Address, RunError> {
-        let drive = Device::DRIVES.iter().position(|one| *one == device).and_then(|at| rig.drives.get(at));
-        let servo = drive.and_then(|drive| drive.profile.get()).and_then(|profile| profile.servo());
-        let limit = servo.and_then(|servo| servo.limits.torque.as_ref());
-        let limit = limit.ok_or(RunError::NoTorqueLimit { which: self.which(device) })?;
-        Ok(Address::new(limit.index, limit.sub))
-    }
+/// How a drive limits its torque, by its profile; nothing if the profile names no limit.
+fn torque_limit_of(rig: &config::Rig, device: Device) -> Option<TorqueLimit<'_>> {
+    let profile = drive_of(rig, device)?.profile.get()?;
+    profile.servo()?.limits.of_torque()
+}
+
+/// Whose the torque limit of a drive is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum DriveLimit {
+    /// The master sets it.
+    OfMaster,
+    /// The drive keeps it.
+    Kept(KeptLimit),
+    /// No object tells it.
+    Untold,
+}
+
+/// A torque limit that a drive keeps by itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct KeptLimit {
+    /// Its object, and what that holds.
+    pub(crate) at: Address,
+    pub(crate) held: u32,
+    /// The torque that it allows, per mille of rated, and at the joint in N m.
+    pub(crate) per_mille: u32,
+    pub(crate) torque_n_m: f64,
+}
+
+fn rated_n_m(rig: &config::Rig, device: Device) -> f64 {
+    drive_of(rig, device).map_or(0.0, |drive| drive.rated_torque_n_m.get())
+}
+
+fn drive_of(rig: &config::Rig, device: Device) -> Option<&config::Drive> {
+    Device::DRIVES.iter().position(|one| *one == device).and_then(|at| rig.drives.get(at))
 }
 
 impl<P: Place + ?Sized> Runner<P> {

@@ -109,6 +109,8 @@ pub struct Runner<P: ?Sized> {
     pub(super) enabling: Enabling,
     /// How the force sensor is tared before the rig is enabled, if it is.
     pub(super) tared: Option<Tared>,
+    /// Whether a person has confirmed the torque limits that drives keep by themselves.
+    pub(super) accepts_drive_limits: bool,
     /// Whether joints are led in place of the fixture, so that no force moves them.
     pub(super) leads: bool,
     /// Of each drive, whether its profile is one of simulated drives.
@@ -215,6 +217,7 @@ impl<P: Place> Runner<P> {
             inquiry: Inquiry::new(),
             enabling: Enabling::new(rig),
             tared: Tared::of(rig),
+            accepts_drive_limits: is_virtual,
             leads: false,
             has_simulated_profile: rig
                 .drives
@@ -276,6 +279,11 @@ impl<P: Place + ?Sized> Runner<P> {
     /// Has `watch` follow every boot from now on.
     pub fn set_boot_watch(&mut self, watch: BootWatch) {
         self.boot_watch = Some(watch);
+    }
+
+    /// Has drives that keep a torque limit of their own be moved for the first time with no lower one: a person has confirmed it.
+    pub fn accept_drive_limits(&mut self) {
+        self.accepts_drive_limits = true;
     }
 
     /// Whether a permit is of the present boot of this rig. A cycle with one of another boot asks for nothing.

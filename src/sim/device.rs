@@ -107,10 +107,42 @@ pub(super) fn mapping(profile: &DeviceProfile, pdo: &Pdo) -> Vec<(u16, u8, u8)> 
 
 /// An unsigned object of a profile, 0 at power-on.
 pub(super) fn plain(entry: &Entry) -> Object {
+    holding(entry, 0)
+}
+
+/// An unsigned object of a profile that holds this at power-on, or as much of it as it can.
+pub(super) fn holding(entry: &Entry, value: u16) -> Object {
     match entry.bits {
-        8 => Object::new(entry.index, entry.sub, 0u8),
-        16 => Object::new(entry.index, entry.sub, 0u16),
-        _ => Object::new(entry.index, entry.sub, 0u32),
+        8 => Object::new(entry.index, entry.sub, u8::try_from(value).unwrap_or(u8::MAX)),
+        16 => Object::new(entry.index, entry.sub, value),
+        _ => Object::new(entry.index, entry.sub, u32::from(value)),
+    }
+}
+
+/// Access to an unsigned object of a profile.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Unsigned {
+    U8(Handle<u8>),
+    U16(Handle<u16>),
+    U32(Handle<u32>),
+}
+
+impl Unsigned {
+    pub(super) fn of(od: &ObjectDictionary, entry: &Entry) -> Result<Self, DictionaryError> {
+        let (index, sub) = (entry.index, entry.sub);
+        Ok(match entry.bits {
+            8 => Self::U8(od.handle(index, sub)?),
+            16 => Self::U16(od.handle(index, sub)?),
+            _ => Self::U32(od.handle(index, sub)?),
+        })
+    }
+
+    pub(super) fn get(self, od: &ObjectDictionary) -> u32 {
+        match self {
+            Self::U8(handle) => od.get(handle).into(),
+            Self::U16(handle) => od.get(handle).into(),
+            Self::U32(handle) => od.get(handle),
+        }
     }
 }
 

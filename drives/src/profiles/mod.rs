@@ -6,9 +6,9 @@
 mod servo;
 
 pub use servo::{
-    BitState, Brake, BrakeHolder, BrakeOutput, BuiltInWatch, CycleTime, Encoder, EncoderKind, EncoderSide,
-    HeartbeatWatch, Homing, Limits, MotorSpeed, OptionCodes, PositionAtHome, ProcessData, Reaction, Servo,
-    ServoObjects, SetPointWatch, Setting, SyncWatch, TimeUnit, TimedObject, Watchdogs,
+    BitState, Brake, BrakeHolder, BrakeOutput, BuiltInWatch, CurrentLimit, CycleTime, Encoder, EncoderKind,
+    EncoderSide, HeartbeatWatch, Homing, LimitSetter, Limits, MotorSpeed, OptionCodes, PositionAtHome, ProcessData,
+    Reaction, Servo, ServoObjects, SetPointWatch, Setting, SyncWatch, TimeUnit, TimedObject, TorqueLimit, Watchdogs,
 };
 
 use std::collections::BTreeMap;

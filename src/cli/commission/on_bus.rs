@@ -87,6 +87,12 @@ impl Person for AtTheTerminal {
         }
     }
 
+    fn accepts_drive_limit(&mut self, text: &str) -> bool {
+        // With --yes nobody is asked; --accept-drive-limit says it then.
+        self.names.is_some()
+            && self.typed.agrees_while(&format!("{text} Write yes if it may be moved with this limit:"), || ())
+    }
+
     fn pull(&mut self, force: Force) -> bool {
         if self.names.is_none() {
             return false;

@@ -4,8 +4,8 @@ use serde_json::{Value, json};
 
 use super::super::bus::{Plan, plans, to_json};
 use super::super::margins::{Margins, has_other_inertia};
-use super::super::rehearsal::{self, Rehearsal};
 use super::super::masses::Masses;
+use super::super::rehearsal::{self, Rehearsal};
 use super::super::tune;
 use yieldwall_config::{self as config, Diagnostic, Document, ImpedanceDevice, Loaded, Report, Rig, Severity, Source};
 use yieldwall_rig::analysis::{Coupled, coupled_device};

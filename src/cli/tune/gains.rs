@@ -11,8 +11,8 @@ use crate::confirm::agreed;
 use crate::ending::rig_failure;
 use crate::failure::{Exit, Failure};
 use crate::margins::Margins;
-use crate::output::Output;
 use crate::masses::Masses;
+use crate::output::Output;
 use yieldwall_config::{
     self as config, CommandMode, ControlGains, ControlLaw, Loaded, NotNegative, Positive, Rig, Source,
 };

@@ -8,13 +8,13 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 
 use super::gains::{Proposal, file, nothing, set};
-use crate::masses::Masses;
 use crate::bus::check_buses;
 use crate::commission::add_defects;
 use crate::ending::{rig_failure, stopped_by};
 use crate::failure::{Exit, Failure, both};
 use crate::interrupt::{interrupted, on_interrupt};
 use crate::margins::Margins;
+use crate::masses::Masses;
 use crate::output::Output;
 use crate::replace::Replace;
 use yieldwall_config::{self as config, CommandMode, ControlLaw, Loaded, Positive, Rig, Source};

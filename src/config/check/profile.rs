@@ -2,8 +2,8 @@
 
 use yieldwall_drives::cia402::State;
 use yieldwall_drives::profiles::{
-    BrakeHolder, DeviceProfile, Entry, ForceSensor, HeartbeatWatch, Homing, Pdo, PdoMap, Quantity, Revisions, Role,
-    Servo, SetPointWatch, Setting, SyncWatch,
+    BrakeHolder, DeviceProfile, Entry, ForceSensor, HeartbeatWatch, Homing, Limits, Pdo, PdoMap, Quantity, Revisions,
+    Role, Servo, SetPointWatch, Setting, SyncWatch,
 };
 
 use super::Findings;
@@ -58,6 +58,7 @@ fn check_servo(findings: &mut Findings, profile: &DeviceProfile, servo: &Servo) 
     }
     let limits = &servo.limits;
     check.optional("device.servo.limits.torque", limits.torque.as_ref(), 16);
+    check.current_limit(limits);
     check.optional("device.servo.limits.following_error", limits.following_error.as_ref(), 32);
     if let Some(speed) = &limits.motor_speed {
         for (key, entry) in
@@ -188,6 +189,24 @@ impl Checked<'_> {
     fn optional(&mut self, key: &str, entry: Option<&Entry>, bits: u8) {
         if let Some(entry) = entry {
             self.entry(key, entry, Some(bits));
+        }
+    }
+
+    fn current_limit(&mut self, limits: &Limits) {
+        const KEY: &str = "device.servo.limits.current";
+        let Some(current) = &limits.current else { return };
+        for (key, entry) in [("limit", &current.limit), ("rated", &current.rated)] {
+            let at = format!("{KEY}.{key}");
+            self.entry(&at, entry, None);
+            if entry.bits < 16 {
+                let message = format!("`{at}.bits` is {}, and a torque in another unit has 16 or 32 bits", entry.bits);
+                self.findings.error(&at, message, "compare the length with the source");
+            }
+        }
+        if limits.torque.is_some() {
+            let message =
+                format!("`{KEY}` and `device.servo.limits.torque` are both there, and a drive is told one limit");
+            self.findings.error(KEY, message, "leave out `current`");
         }
     }
 

@@ -45,6 +45,11 @@ impl Attendant for Onlooker {
         place.power_cycle()
     }
 
+    fn accepts_drive_limit(&mut self, _: &str) -> bool {
+        // Nothing real moves.
+        true
+    }
+
     fn pull(&mut self, place: &mut dyn Place, force: Force) -> bool {
         place.attend(Task::Pull(force))
     }

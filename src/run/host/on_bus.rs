@@ -310,6 +310,11 @@ impl RigOnBus {
 }
 
 impl RigOnBus<BringUp> {
+    /// As [`Runner::accept_drive_limits`].
+    pub fn accept_drive_limits(&mut self) {
+        self.runner.accept_drive_limits();
+    }
+
     /// Boots, proves, tells the drives how little torque they may make, enables, leads the joints and stops, on a thread of its own. Nobody
     /// may hold the handle.
     ///

@@ -7,9 +7,10 @@ use yieldwall_drives::cia402::{
     OperationMode, OptionCodes, Reaction, State, StateMachine, Statusword, Transition, controlword,
 };
 use yieldwall_drives::objects::error_code;
-use yieldwall_drives::profiles::{BrakeOutput, Homing, Reaction as Missed, Servo as Model};
+use yieldwall_drives::profiles::{BrakeOutput, CurrentLimit, Homing, Reaction as Missed, Servo as Model};
 use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
 
+use super::super::device::Unsigned;
 use super::homing::{Home, Speed};
 use super::objects::Objects;
 use super::servo::{Motion, Plan, Servo, TorqueRange};
@@ -49,6 +50,7 @@ pub(super) struct Device {
     pub(super) refuses_mode: bool,
     pub(super) forgets_torque_limit: bool,
     pub(super) watches: Watches,
+    current: Option<CurrentObjects>,
     pub(super) machine: StateMachine,
     pub(super) servo: Servo,
     mode: Option<OperationMode>,
@@ -84,6 +86,24 @@ pub(super) struct Device {
     pub(super) is_stale: bool,
 }
 
+/// The objects of a drive that limits its torque by its current.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct CurrentObjects {
+    limit: Unsigned,
+    rated: Unsigned,
+}
+
+impl CurrentObjects {
+    fn of(od: &ObjectDictionary, model: &Model) -> Result<Option<Self>, DictionaryError> {
+        let Some(current) = &model.limits.current else { return Ok(None) };
+        Ok(Some(Self { limit: Unsigned::of(od, &current.limit)?, rated: Unsigned::of(od, &current.rated)? }))
+    }
+
+    fn per_mille(self, od: &ObjectDictionary) -> u16 {
+        CurrentLimit::per_mille(self.limit.get(od), self.rated.get(od)).try_into().unwrap_or(u16::MAX)
+    }
+}
+
 impl Device {
     pub(super) fn new(od: ObjectDictionary, settings: &AxisSettings, model: &Model) -> Result<Self, DictionaryError> {
         Ok(Device {
@@ -96,6 +116,7 @@ impl Device {
             refuses_mode: false,
             forgets_torque_limit: false,
             watches: Watches::new(&od, model)?,
+            current: CurrentObjects::of(&od, model)?,
             machine: StateMachine::new(OptionCodes::default()),
             servo: Servo::new(settings.position_loop),
             mode: None,
@@ -223,7 +244,8 @@ impl Device {
     }
 
     pub(super) fn torque_limit_per_mille(&self) -> u16 {
-        self.od.get(self.objects.max_torque)
+        let of_current = self.current.map_or(u16::MAX, |current| current.per_mille(&self.od));
+        self.od.get(self.objects.max_torque).min(of_current)
     }
 
     pub(super) fn set_ignores_controlword(&mut self, ignores: bool) {
@@ -488,10 +510,10 @@ impl Device {
         }
     }
 
-    /// The smallest of the torque limits 6072h, 60E0h and 60E1h in each direction of the joint; none in the direction in which it
+    /// The smallest of the torque limits 6072h, that of the current, 60E0h and 60E1h in each direction of the joint; none in the direction in which it
     /// turns faster than 6080h allows. The motor is the joint.
     fn torque_range(&self) -> TorqueRange {
-        let most = self.od.get(self.objects.max_torque);
+        let most = self.torque_limit_per_mille();
         let limit = |other: u16| most.min(other).min(i16::MAX as u16) as i16;
         let positive = self.scaling.torque_n_m(limit(self.od.get(self.objects.positive_torque_limit)));
         let negative = self.scaling.torque_n_m(-limit(self.od.get(self.objects.negative_torque_limit)));

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use yieldwall_drives::cia402::OptionCodes;
 use yieldwall_drives::objects as cia;
-use yieldwall_drives::profiles::{Entry, Servo, SetPointWatch, Setting, SyncWatch};
+use yieldwall_drives::profiles::{Entry, LimitSetter, Servo, SetPointWatch, Setting, SyncWatch};
 use yieldwall_drives::scaling::AxisScaling;
 
-use super::super::device::{DeviceError, commanded, declare, handle, identity, mark, plain, shown};
+use super::super::device::{DeviceError, commanded, declare, handle, holding, identity, mark, plain, shown};
 use super::DriveSettings;
 use yieldwall_fieldbus::canopen::{CanopenError, CommunicationProfile, PdoParameters, cob};
 use yieldwall_fieldbus::objects::{Access, Builder, DictionaryError, Handle, Object, ObjectDictionary};
@@ -23,6 +23,8 @@ const FOLLOWING_ERROR_MS: i64 = 10;
 const HOMING_METHOD: i64 = 37;
 const HOMING_RAD_PER_S: f64 = 0.05;
 const HOMING_RAD_PER_S2: f64 = 0.5;
+/// Rated current of a drive that limits its current, and its limit at power-on, mA.
+const RATED_CURRENT_MA: u16 = 5000;
 /// Speed limit at power-on, r/min of the motor.
 const MAX_MOTOR_RPM: i64 = 3000;
 
@@ -146,7 +148,27 @@ pub(super) fn build(
         .object(declare(cia::DIGITAL_OUTPUT_MASK, 0))
         .object(commanded(cia::TARGET_VELOCITY, 0))
         .object(fixed(cia::SUPPORTED_MODES, servo.supported_modes().into()));
-    of_profile(builder, servo).build()
+    of_profile(of_current(builder, servo), servo).build()
+}
+
+/// The objects of a drive that limits its torque by its current.
+fn of_current(builder: Builder, servo: &Servo) -> Builder {
+    let Some(current) = &servo.limits.current else { return builder };
+    let access = match current.set_by {
+        LimitSetter::Master => Access::ReadWrite,
+        LimitSetter::Drive => Access::ReadOnly,
+    };
+    let (limit, rated) = (&current.limit, &current.rated);
+    // A record says how many entries it has.
+    let highest = if limit.index == rated.index { limit.sub.max(rated.sub) } else { limit.sub };
+    let builder = if highest > 0 { builder.highest_sub(limit.index, highest) } else { builder };
+    let builder = match rated.sub {
+        sub if sub > 0 && limit.index != rated.index => builder.highest_sub(rated.index, sub),
+        _ => builder,
+    };
+    builder
+        .object(holding(limit, RATED_CURRENT_MA).access(access))
+        .object(holding(rated, RATED_CURRENT_MA).access(Access::ReadOnly))
 }
 
 /// What a profile says of its drive beyond the objects of CiA 402: those that are set at each start, and those of its watchdogs.

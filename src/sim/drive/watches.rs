@@ -4,7 +4,8 @@ use std::time::Duration;
 
 use yieldwall_drives::profiles::{BuiltInWatch, Reaction, Servo, SetPointWatch, SyncWatch, TimeUnit, TimedObject};
 
-use yieldwall_fieldbus::objects::{DictionaryError, Handle, ObjectDictionary};
+use super::super::device::Unsigned;
+use yieldwall_fieldbus::objects::{DictionaryError, ObjectDictionary};
 
 /// How one thing is watched for.
 #[derive(Clone, Copy, Debug)]
@@ -16,15 +17,7 @@ pub(super) enum Watch {
     /// For so many interpolation periods.
     Periods { periods: u32, reaction: Reaction },
     /// For the time that an object holds; 0 switches the watch off.
-    Object { time: Time, unit: TimeUnit, reaction: Reaction },
-}
-
-/// An object that holds a time.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Time {
-    U8(Handle<u8>),
-    U16(Handle<u16>),
-    U32(Handle<u32>),
+    Object { time: Unsigned, unit: TimeUnit, reaction: Reaction },
 }
 
 /// The watches of a drive beside that for heartbeats.
@@ -59,12 +52,7 @@ impl Watch {
     }
 
     fn object(od: &ObjectDictionary, timed: &TimedObject) -> Result<Self, DictionaryError> {
-        let (index, sub) = (timed.object.index, timed.object.sub);
-        let time = match timed.object.bits {
-            8 => Time::U8(od.handle(index, sub)?),
-            16 => Time::U16(od.handle(index, sub)?),
-            _ => Time::U32(od.handle(index, sub)?),
-        };
+        let time = Unsigned::of(od, &timed.object)?;
         Ok(Self::Object { time, unit: timed.unit, reaction: timed.reaction })
     }
 
@@ -75,11 +63,7 @@ impl Watch {
             Watch::None | Watch::Node(_) => None,
             Watch::Periods { periods, .. } => Some(cycles(periods)),
             Watch::Object { time, unit, .. } => {
-                let value = match time {
-                    Time::U8(handle) => u32::from(od.get(handle)),
-                    Time::U16(handle) => u32::from(od.get(handle)),
-                    Time::U32(handle) => od.get(handle),
-                };
+                let value = time.get(od);
                 let wait = match unit {
                     TimeUnit::Us(unit) => Duration::from_micros(u64::from(value) * u64::from(unit)),
                     TimeUnit::Cycles => cycles(value),

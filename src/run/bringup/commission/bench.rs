@@ -4,11 +4,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::{Attendant, Curve, Figure, Step, StepReport, Verdict};
 use crate::bringup::jog::{Jog, Jogged, jog};
-use crate::conduct::{has_torque, settling_on_bus};
+use crate::conduct::settling_on_bus;
 use crate::error::RunError;
 use crate::permit::{Ask, Bounds};
 use crate::place::Place;
-use crate::proof::{DriveIdentity, NotProven};
+use crate::proof::{DriveIdentity, DriveLimit, NotProven};
 use crate::runner::Runner;
 use crate::scene::Ended;
 use yieldwall_config::{self as config, Positive};
@@ -200,22 +200,57 @@ impl<'a> Bench<'a> {
         self.runner.last_outputs().map(|outputs| outputs.signals.measured_angles).unwrap_or_default()
     }
 
-    /// The torque limits of both drives, per mille of rated.
-    pub(super) fn torque_limits(&mut self) -> Result<[u32; 2], Halt> {
+    /// The torque limits of both drives, each in the unit of its object; none of a drive that keeps its own.
+    pub(super) fn torque_limits(&mut self) -> Result<[Option<u32>; 2], Halt> {
         let [left, right] = Device::DRIVES.map(|device| self.runner.torque_limit(self.rig, device));
         Ok([left?, right?])
     }
 
+    /// Shows the torque limits that drives keep by themselves to the person at the arm, who confirms them once. The network is left meanwhile.
+    pub(super) fn confirm_drive_limits(&mut self) -> Result<(), Halt> {
+        if self.runner.accepts_drive_limits {
+            return Ok(());
+        }
+        let mut kept = Vec::new();
+        for (joint, device) in Device::DRIVES.into_iter().enumerate() {
+            let name = self.name(joint);
+            match self.runner.drive_limit(self.rig, device)? {
+                DriveLimit::OfMaster => {}
+                DriveLimit::Kept(limit) => kept.push(format!(
+                    "{name} keeps its own torque limit: {} holds {}, {:.2} N m at the joint.",
+                    limit.at, limit.held, limit.torque_n_m
+                )),
+                DriveLimit::Untold => {
+                    kept.push(format!("{name} tells no torque limit: read in the maker's tool how much it may make."));
+                }
+            }
+        }
+        if kept.is_empty() {
+            return Ok(());
+        }
+        let most_n_m = self.rig.guard.torque_limit_n_m.get();
+        kept.push(format!("No first motion can have less. The rig file allows {most_n_m:.2} N m."));
+        self.runner.leave();
+        if !self.attendant.accepts_drive_limit(&kept.join(" ")) {
+            return Err(Halt::Failed(format!(
+                "{} Nobody has confirmed that: lower it by the maker's tool, or confirm it (--accept-drive-limit)",
+                kept.join(" ")
+            )));
+        }
+        self.runner.accept_drive_limits();
+        self.boot()
+    }
+
     /// Gives each drive its torque limit, unless it may still make torque.
-    pub(super) fn restore_torque_limits(&mut self, limits: [u32; 2]) -> Result<(), Halt> {
+    pub(super) fn restore_torque_limits(&mut self, limits: [Option<u32>; 2]) -> Result<(), Halt> {
         let mut lowered = Vec::new();
         for (joint, (device, limit)) in Device::DRIVES.into_iter().zip(limits).enumerate() {
             let drives = self.runner.master().last_inputs().drives;
             let why = match drives.get(joint) {
-                Some(drive) if has_torque(drive.state) => {
+                Some(drive) if drive.state.has_torque() => {
                     "says to the last that it makes torque: press the emergency stop"
                 }
-                _ if self.runner.set_torque_limit(self.rig, device, limit as u16).is_ok() => continue,
+                _ if self.runner.put_torque_limit(self.rig, device, limit).is_ok() => continue,
                 _ => "does not take another one",
             };
             lowered.push(format!("{} {why}", self.name(joint)));
@@ -224,7 +259,7 @@ impl<'a> Bench<'a> {
             return Ok(());
         }
         let lowered = lowered.join("; ");
-        Err(Halt::Failed(format!("a torque limit (6072h) stays lowered until the next boot: {lowered}")))
+        Err(Halt::Failed(format!("a torque limit stays lowered until the next boot: {lowered}")))
     }
 
     /// Boots, has something done within bounds of motion and torque, and gives the torque limits back.
@@ -235,6 +270,7 @@ impl<'a> Bench<'a> {
         act: impl FnOnce(&mut Self, Bounds) -> Result<T, Halt>,
     ) -> Result<T, Halt> {
         self.boot()?;
+        self.confirm_drive_limits()?;
         let limits = self.torque_limits()?;
         let positive =
             |value: f64| Positive::new(value).ok_or_else(|| Halt::Failed("the rig file leaves no torque".to_owned()));

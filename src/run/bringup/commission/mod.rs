@@ -92,7 +92,7 @@ impl Step {
             Step::Communication => "reads 1000h of each drive a thousand times, for 10 s at most; nothing is enabled",
             Step::Identity => "reads 1018h of each drive; nothing is enabled",
             Step::Limits => {
-                "writes the torque limit (6072h) of each drive, reads it back, and restores it; nothing is enabled"
+                "writes the torque limit of each drive, reads it back, and restores it; shows one that a drive keeps itself; nothing is enabled"
             }
             Step::Parameters => {
                 "reads what adds to set-points and what cuts them, before and after the drives are switched off and on; nothing is enabled"
@@ -245,6 +245,9 @@ pub trait Attendant {
 
     /// Has the drives be switched off and on again; whether both were, for certain. Nothing is booted.
     fn power_cycle(&mut self, rig: &config::Rig, place: &mut dyn Place) -> bool;
+
+    /// Whether a drive that keeps its own torque limit may be moved with it; `text` says which limit it is. Nothing is booted.
+    fn accepts_drive_limit(&mut self, text: &str) -> bool;
 
     /// Has this force in N, in the base frame, pull at the tool until it is taken away by a force of zero; whether it does.
     fn pull(&mut self, place: &mut dyn Place, force: Force) -> bool;

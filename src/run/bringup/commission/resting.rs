@@ -3,7 +3,7 @@
 use super::bench::{Bench, Found, Halt, with_restored};
 use super::{Curve, Figure};
 use crate::assembly::torque_limits_per_mille;
-use crate::proof::DriveIdentity;
+use crate::proof::{DriveIdentity, DriveLimit};
 use yieldwall_config::{self as config, Positive};
 use yieldwall_drives::objects::{self, DEVICE_TYPE, Object};
 use yieldwall_fieldbus::objects::Address;
@@ -126,6 +126,8 @@ impl Bench<'_> {
     /// Tells both drives a torque limit, looks whether they keep it, and gives back the one before.
     pub(super) fn limits(&mut self, found: &mut Found) -> Result<(), Halt> {
         self.boot()?;
+        self.note_drive_limits(found)?;
+        self.confirm_drive_limits()?;
         let before = self.torque_limits()?;
         // Another one than it has, so that a drive that takes none is found.
         let torque_n_m = self.torque_n_m(LIMIT_SHARE).min(0.5 * self.rig.guard.torque_limit_n_m.get());
@@ -140,13 +142,37 @@ impl Bench<'_> {
         let restored = self.restore_torque_limits(before);
         let (first, later) = with_restored(kept, restored)?;
         for joint in 0..2 {
-            found.note(
-                format!("{}: torque limit", self.name(joint)),
-                format!("{} per mille before, {} told, {} later", before[joint], first[joint], later[joint]),
-            );
+            let limits = [before, first, later].map(|limits| limits.get(joint).copied().flatten());
+            if let [Some(before), Some(first), Some(later)] = limits {
+                let text = format!("{before} before, {first} told, {later} later");
+                found.note(format!("{}: torque limit", self.name(joint)), text);
+            }
         }
         if first != later {
-            return Err(Halt::Failed("a drive has taken another torque limit (6072h) by itself".to_owned()));
+            return Err(Halt::Failed("a drive has taken another torque limit by itself".to_owned()));
+        }
+        Ok(())
+    }
+
+    /// Compares the torque limits that drives keep by themselves with that of the rig file.
+    fn note_drive_limits(&mut self, found: &mut Found) -> Result<(), Halt> {
+        let limits = torque_limits_per_mille(self.rig).map_err(|error| Halt::Failed(error.to_string()))?;
+        for (joint, (device, per_mille)) in Device::DRIVES.into_iter().zip(limits).enumerate() {
+            let DriveLimit::Kept(own) = self.runner.drive_limit(self.rig, device)? else { continue };
+            let name = self.name(joint);
+            found.note(
+                format!("{name}: its own torque limit"),
+                format!("{} in {}, {:.2} N m", own.held, own.at, own.torque_n_m),
+            );
+            if own.per_mille > u32::from(per_mille) {
+                return Err(Halt::Failed(format!(
+                    "{name} keeps a torque limit of {:.2} N m ({} holds {}), and the rig file allows {:.2} N m                      (`guard.torque_limit_n_m`): lower it by the maker's tool and store it there",
+                    own.torque_n_m,
+                    own.at,
+                    own.held,
+                    self.rig.guard.torque_limit_n_m.get()
+                )));
+            }
         }
         Ok(())
     }

@@ -40,8 +40,7 @@ impl PushWatch {
         let mut of = |joint: usize, device, rate_rad_per_s| -> Result<Watched, RunError> {
             let meter = TorqueMeter::new(rig, joint, 0)?;
             runner.read(device, TORQUE_ACTUAL.index, TORQUE_ACTUAL.sub)?;
-            let limit = runner.torque_limit(rig, device)?;
-            let limit_n_m = meter.torque_n_m(i16::try_from(limit).unwrap_or(i16::MAX)).abs();
+            let limit_n_m = runner.torque_limit_n_m(rig, device)?;
             Ok(Watched { meter, told_s: 0.0, push: Push::new(limit_n_m), rate_rad_per_s })
         };
         let [left, right] = rates_rad_per_s;

@@ -18,6 +18,9 @@ pub trait Person {
     /// a few times a second.
     fn power_cycle(&mut self, restarted: &mut dyn FnMut() -> [bool; 2]) -> bool;
 
+    /// Whether a drive that keeps its own torque limit may be moved with it; `text` says which limit it is.
+    fn accepts_drive_limit(&mut self, text: &str) -> bool;
+
     /// Has this force in N, in the base frame, pull at the tool, or with a force of zero no more; whether it does.
     fn pull(&mut self, force: Force) -> bool;
 }
@@ -61,6 +64,10 @@ impl Attendant for OnTheBench<'_> {
         // A rig that was booted has its buses.
         let Ok(mut restarts) = Restarts::of(rig, place) else { return false };
         self.person.power_cycle(&mut || restarts.look(place))
+    }
+
+    fn accepts_drive_limit(&mut self, text: &str) -> bool {
+        self.person.accepts_drive_limit(text)
     }
 
     fn pull(&mut self, _: &mut dyn Place, force: Force) -> bool {
