@@ -146,7 +146,7 @@ impl<'a> Reader<'a> {
         if matches!(self.sii.vendor_id, 0 | u32::MAX) {
             self.flaws.add(SiiWarning::NoVendor { is: self.sii.vendor_id });
         }
-        if bytes % 2 != 0 {
+        if !bytes.is_multiple_of(2) {
             self.flaws.add(SiiWarning::HalfWord { word: bytes / 2 });
         }
     }
