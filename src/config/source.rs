@@ -76,6 +76,7 @@ const SHIPPED: &[(&str, &str)] = shipped![
     "vendors/profiles/slow-segments.yaml",
     "vendors/profiles/wrong-lengths.yaml",
     "vendors/slow-segments.yaml",
+    "vendors/untidy-segment.yaml",
     "vendors/wrong-lengths.yaml",
 ];
 

@@ -13,8 +13,7 @@ use yieldwall_config as config;
 use yieldwall_config::injection::DefectKind;
 use yieldwall_drives::watchdog::Watchdog;
 use yieldwall_fieldbus::canopen::node_id;
-use yieldwall_fieldbus::objects::Address;
-use yieldwall_fieldbus::objects::ServedDevice;
+use yieldwall_fieldbus::objects::{Address, ObjectDictionary, ServedDevice};
 use yieldwall_fieldbus::time::Time;
 use yieldwall_motion::linkage::FiveBar;
 use yieldwall_motion::quantity::{Force, JointTorques, TipPoint, TipVelocity};
@@ -22,7 +21,7 @@ use yieldwall_run::Pace;
 use yieldwall_run::assembly;
 use yieldwall_run::assembly::AssemblyError;
 use yieldwall_sim::arm::{Arm, ArmParameters, JointElasticity};
-use yieldwall_sim::ethercat::{Controller, ControllerSettings, Segment, SimulatedDevice, sii};
+use yieldwall_sim::ethercat::{Controller, ControllerSettings, Information, Manner, Segment, SimulatedDevice, sii};
 use yieldwall_sim::{
     AxisSettings, Drive, DriveQuirks, DriveSettings, Encoder, EthercatDrive, ForceSensor, ForceSensorSettings,
     ForceTorqueSensor, ForceTorqueSettings, PositionLoop, Speaks,
@@ -130,9 +129,14 @@ pub fn segment(
 ) -> Result<(Segment<SimulatedDevice>, [Option<usize>; DEVICES]), RigError> {
     let [left, right] = &rig.drives;
     let positions = [left.address.position(), right.address.position(), rig.sensor.protocol.position()];
-    let mut line: Vec<(u16, usize)> = Vec::new();
+    let mut line: Vec<(u16, Option<usize>)> = Vec::new();
     for (device, position) in positions.into_iter().enumerate().filter(|(device, _)| here.get(*device) == Some(&true)) {
-        line.extend(position.map(|position| (position, device)));
+        line.extend(position.map(|position| (position, Some(device))));
+    }
+    let odd = &simulated(rig)?.segment;
+    let beside = odd.iter().map(|odd| odd.position).filter(|position| !positions.contains(&Some(*position)));
+    if here == [true; DEVICES] {
+        line.extend(beside.map(|position| (position, None)));
     }
     if line.is_empty() && here.contains(&true) {
         return Err(RigError::NoneOnEthercat);
@@ -140,22 +144,51 @@ pub fn segment(
     line.sort_unstable();
     let mut places = [None; DEVICES];
     let mut controllers = Vec::new();
-    for (place, (_, device)) in line.into_iter().enumerate() {
-        let made = match rig.drives.get(device) {
-            Some(drive) => SimulatedDevice::Drive(Box::new(ethercat_drive(rig, scene, drive, device as u32 + 1)?)),
-            None => SimulatedDevice::ForceTorque(Box::new(force_torque_sensor(rig)?)),
+    for (place, (position, device)) in line.into_iter().enumerate() {
+        let made = match device {
+            None => {
+                let none = ObjectDictionary::builder().build();
+                SimulatedDevice::Objects(Box::new(none.map_err(|error| RigError::Device(error.to_string()))?))
+            }
+            Some(device) => match rig.drives.get(device) {
+                Some(drive) => SimulatedDevice::Drive(Box::new(ethercat_drive(rig, scene, drive, device as u32 + 1)?)),
+                None => SimulatedDevice::ForceTorque(Box::new(force_torque_sensor(rig)?)),
+            },
         };
-        let drift_ppb = match pace {
-            Pace::Lockstep => 0,
-            Pace::Free => DRIFTS_PPB.get(device).copied().unwrap_or_default(),
+        let drift_ppb = match (pace, device) {
+            (Pace::Free, Some(device)) => DRIFTS_PPB.get(device).copied().unwrap_or_default(),
+            _ => 0,
         };
-        let image = sii(made.od()).write();
-        controllers.push(Controller::new(made, ControllerSettings { drift_ppb, ..ControllerSettings::new(image) }));
-        if let Some(known) = places.get_mut(device) {
+        let odd = odd.iter().find(|odd| odd.position == position);
+        let image = odd.and_then(config::SegmentDevice::image);
+        let image =
+            image.unwrap_or_else(|| if device.is_some() { sii(made.od()).write() } else { EMPTY_CHIP.to_vec() });
+        let manner = odd.map(manner_on_segment).unwrap_or_default();
+        let settings = ControllerSettings { drift_ppb, manner, ..ControllerSettings::new(image) };
+        controllers.push(Controller::new(made, settings));
+        if let Some(known) = device.and_then(|device| places.get_mut(device)) {
             *known = Some(place);
         }
     }
     Ok((Segment::new(Time(0), controllers), places))
+}
+
+/// The chip of a device that nobody has programmed.
+const EMPTY_CHIP: [u8; 2048] = [0xff; 2048];
+
+/// What a simulated device on EtherCAT does in a manner of its own.
+fn manner_on_segment(device: &config::SegmentDevice) -> Manner {
+    Manner {
+        al_status_bits: device.al_status_bits,
+        mailbox_counter: device.mailbox_counter,
+        information: match device.sdo_information {
+            config::SdoInformation::Answered => Information::Answered,
+            config::SdoInformation::Unanswered => Information::Unanswered,
+            config::SdoInformation::Aborted => Information::Aborted,
+            config::SdoInformation::MailboxError => Information::MailboxError,
+        },
+        is_turned: device.is_turned,
+    }
 }
 
 fn ethercat_drive(

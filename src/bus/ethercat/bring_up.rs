@@ -23,7 +23,7 @@ use crate::error::BootFailure;
 use crate::phase::Phase;
 use yieldwall_fieldbus::ethercat::frame::{Ask, Command, address};
 use yieldwall_fieldbus::ethercat::registers::{self as register, feature, sii_control};
-use yieldwall_fieldbus::ethercat::sii::{MailboxArea, Sii, SiiError, words_needed};
+use yieldwall_fieldbus::ethercat::sii::{Sii, SiiError, words_needed};
 use yieldwall_fieldbus::ethercat::{
     AlControl, AlState, AlStatus, AlStatusCode, Fmmu, SyncManager, array, u16_at, u32_at,
 };
@@ -448,9 +448,8 @@ impl EthercatNetwork {
         let Some(station) = self.stations.get_mut(place) else { return Ok(None) };
         if self.bring_up.progress == 0 && task == Task::Objects {
             self.bring_up.progress = 1;
-            let sii = station.sii.as_ref();
-            let areas = sii.map_or([MailboxArea::default(); 2], |sii| [sii.receive_mailbox, sii.send_mailbox]);
-            station.mailbox.start(areas[0], areas[1]);
+            let [to, from] = station.sii.as_ref().and_then(Sii::mailbox_areas).unwrap_or_default();
+            station.mailbox.start(to, from);
         }
         if self.bring_up.has_asked && !station.mailbox.is_busy() {
             self.bring_up.has_asked = false;
@@ -536,7 +535,7 @@ impl EthercatNetwork {
     }
 
     fn on_processed(&mut self, now: Time, task: Task, place: usize, data: &[u8], working_counter: u16) -> Step {
-        let status = || (AlStatus(u16_at(data, 0)), AlStatusCode(u16_at(data, 4)));
+        let status = || (AlStatus::from_register(u16_at(data, 0)), AlStatusCode(u16_at(data, 4)));
         match task {
             Task::Count => return self.on_count(now, working_counter),
             Task::Look => {

@@ -148,7 +148,7 @@ impl EthercatNetwork {
                 && status.working_counter == 1
             {
                 station.has_status = true;
-                station.status = AlStatus(u16_at(status.data, 0));
+                station.status = AlStatus::from_register(u16_at(status.data, 0));
                 station.code = AlStatusCode(u16_at(status.data, 4));
                 if is_running && station.left.is_none() && station.status != AlStatus::new(AlState::Operational, false)
                 {

@@ -111,8 +111,8 @@ pub enum SegmentFailure {
         /// Register 0502h.
         status: u16,
     },
-    /// The SII is damaged.
-    #[error("its SII is damaged: {0}: write the image of the vendor anew")]
+    /// The SII says nothing.
+    #[error("its SII cannot be used: {0}: write the image of the vendor anew")]
     Sii(#[from] SiiError),
     /// The device is another one than the rig says.
     #[error("{what} is {found:#x} and should be {expected}{}", match *.fits_at {

@@ -16,6 +16,10 @@ const SYNC0_AHEAD: Duration = Duration::from_millis(100);
 const WATCHDOG_DIVIDER: u16 = 2498;
 const WATCHDOG_TICK: Duration = Duration::from_micros(100);
 
+/// Where outputs and inputs lie in a device whose SII does not say it.
+const OUTPUTS_START: u16 = 0x1800;
+const INPUTS_START: u16 = 0x1c00;
+
 const _: () = assert!(flight::FRAME_WAIT.as_nanos() < SYNC0_AHEAD.as_nanos());
 
 /// Registers that are written, and whether they are read back.
@@ -94,7 +98,7 @@ fn manager(number: u16, settings: SyncManager) -> Write {
 
 /// Sync managers 0 and 1 as the SII wants them; afterwards the device may have its memory chip.
 pub(super) fn mailboxes(station: &Station) -> Result<Vec<Write>, SegmentFailure> {
-    let managers = station.sii.as_ref().and_then(Sii::mailbox_managers);
+    let managers = station.sii.as_ref().filter(|sii| sii.has_coe()).and_then(Sii::mailbox_managers);
     let [to, from] = managers.ok_or(SegmentFailure::NoCoe)?;
     let offer = Write { register: register::SII_CONFIGURATION, bytes: vec![1], is_compared: false };
     Ok(vec![manager(0, to), manager(1, from), offer])
@@ -114,16 +118,21 @@ pub(super) fn exchange(
     let sii = station.sii.as_ref().ok_or(SegmentFailure::NoCoe)?;
     let mut writes = Vec::new();
     let mut fmmus = 0;
+    // Memory behind mailboxes and outputs, which have three buffers.
+    let areas = sii.mailbox_areas().unwrap_or_default();
+    let mut free = areas.iter().map(|area| area.start.saturating_add(area.len)).max().unwrap_or_default();
     for (number, area, direction) in [(2, &station.outputs, Direction::Write), (3, &station.inputs, Direction::Read)] {
         let delivered = sii.sync_managers.get(usize::from(number)).map(|it| it.settings);
-        let default = if direction == Direction::Write { 0x1800 } else { 0x1c00 };
-        let start = delivered.map(|it| it.start).filter(|start| *start >= register::PROCESS_DATA).unwrap_or(default);
+        let default = if direction == Direction::Write { OUTPUTS_START } else { INPUTS_START };
+        let delivered = delivered.map(|it| it.start).filter(|start| *start >= register::PROCESS_DATA);
+        let start = delivered.unwrap_or(default.max(free.next_multiple_of(2)));
         let control = match direction {
             // Three buffers: each side has the newest whole one.
             Direction::Write => SyncManager::WRITE | SyncManager::INTERRUPT | SyncManager::WATCHDOG,
             Direction::Read => SyncManager::INTERRUPT,
         };
         let len = area.len as u16;
+        free = free.max(start.saturating_add(3 * len));
         writes.push(manager(number, SyncManager { start, len, control, is_enabled: len > 0, repeat: false }));
         if len > 0 {
             let register = register::FMMU + fmmus * Fmmu::SIZE as u16;

@@ -7,7 +7,7 @@ use super::segment::{Device, SegmentSession};
 use super::sii::{Asking, overwrite};
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
-use yieldwall_fieldbus::ethercat::sii::{Sii, set_alias};
+use yieldwall_fieldbus::ethercat::sii::{Sii, SiiWarning, set_alias};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
@@ -45,8 +45,12 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 pub(super) fn with_alias(desk: &mut SegmentSession, device: &Device, alias: u16) -> Result<Vec<u8>, Failure> {
     let failed = |desk: &SegmentSession, error| desk.failure(device, "reading its SII", error);
     let mut image = desk.service.sii_image(device.position).map_err(|error| failed(desk, error))?;
-    if let Err(error) = Sii::read(&image) {
-        let message = format!("{}: its SII is damaged: {error}; nothing was written", device.words());
+    let damage = match Sii::read(&image) {
+        Err(error) => Some(error.to_string()),
+        Ok(sii) => sii.warnings.iter().find(|one| matches!(one, SiiWarning::Checksum { .. })).map(ToString::to_string),
+    };
+    if let Some(damage) = damage {
+        let message = format!("{}: its SII is damaged: {damage}; nothing was written", device.words());
         let help = "a new checksum would hide the damage: `yieldwall sii write` writes the image of the vendor anew";
         return Err(Failure::new(Exit::DeviceMismatch, message, help));
     }

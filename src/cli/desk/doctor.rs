@@ -73,7 +73,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     if let Some(mut desk) = SegmentSession::open(&arguments.place, output)? {
         if arguments.listen || arguments.fault.is_some() {
             let message = "--listen and --fault are for nodes on CAN, and this place is on EtherCAT";
-            return Err(Failure::new(Exit::Usage, message, "leave them away: nothing is written to the device"));
+            return Err(Failure::new(Exit::Usage, message, "leave them away"));
         }
         let sections = segment::doctor::sections(&mut desk, Some(&arguments.node))?;
         return finish(&sections, json!({ "node": arguments.node, "place": desk.place }), output);

@@ -209,7 +209,7 @@ pub(super) fn value(bytes: &[u8]) -> String {
 fn meaning(register: Register, bytes: &[u8]) -> Option<String> {
     let word = u16_at(bytes, 0);
     match register.address {
-        register::AL_STATUS => Some(AlStatus(word).to_string()),
+        register::AL_STATUS => Some(AlStatus::from_register(word).to_string()),
         register::AL_STATUS_CODE if word != 0 => Some(AlStatusCode(word).meaning().to_owned()),
         register::STATION_ADDRESS | register::STATION_ALIAS => Some(word.to_string()),
         register::DL_STATUS => {

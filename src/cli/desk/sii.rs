@@ -1,5 +1,6 @@
 //! `yieldwall sii`: what devices on EtherCAT keep in their memory chips.
 
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
@@ -12,16 +13,18 @@ use super::words::{mapped, table, wrapped_behind};
 use crate::confirm::agreed;
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
-use yieldwall_fieldbus::ethercat::sii::{MailboxArea, Pdo, Sii, changes, seal};
+use yieldwall_fieldbus::ethercat::sii::{MOST_WORDS, MailboxArea, Pdo, Sii, categories, changes, chip_words, seal};
 use yieldwall_service::{Present, SegmentError};
 
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum Command {
     /// Read the SII of a device: identity, mailboxes, sync managers, process data
     Read(Read),
-    /// Write an image into the memory chip of a device, after what it holds was kept in a file; asks before
+    /// Write an image into the memory chip of a device, after what it holds was kept in a file; asks before. Text, such as a device
+    /// description (ESI), and an image that the chip has no room for are refused
     Write(Write),
-    /// Check the SII of devices: 7 if one is damaged, or is of another device than the rig says
+    /// Check the SII of devices: 7 if one is empty or cannot be read, or is of another device than the rig says. What of an image is damaged,
+    /// missing or unusual is a warning
     Check(Check),
 }
 
@@ -43,6 +46,9 @@ pub(crate) struct Write {
     /// The image, as `sii read --out` writes it; its checksum is made anew
     #[arg(value_name = "FILE")]
     file: PathBuf,
+    /// Write the image though it is of another device, or has no category of the standard
+    #[arg(long)]
+    force: bool,
     #[command(flatten)]
     asking: Asking,
     #[command(flatten)]
@@ -88,7 +94,7 @@ fn read(arguments: &Read, output: &mut Output) -> Result<(), Failure> {
     let end = match &sii {
         Ok(_) => Ok(()),
         Err(error) => {
-            let message = format!("{}: its SII is damaged: {error}", device.words());
+            let message = format!("{}: its SII cannot be used: {error}", device.words());
             let help = "`yieldwall sii write` writes the image of the vendor anew; --out keeps what it holds now";
             Err(Failure::new(Exit::OutOfTolerance, message, help))
         }
@@ -128,25 +134,105 @@ pub(super) fn keep(path: &Path, image: &[u8]) -> Result<(), Failure> {
     })
 }
 
+/// Bytes of the largest chip.
+const MOST_BYTES: u64 = 2 * MOST_WORDS as u64;
+
 fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
-    let unfit = |message: String, help: &str| Failure::about_file(Exit::ConfigInvalid, &arguments.file, message, help);
-    let image = std::fs::read(&arguments.file);
-    let mut image = image.map_err(|error| unfit(format!("it cannot be read: {error}"), ""))?;
-    seal(&mut image);
-    let help = "name an image of the vendor, or one that `yieldwall sii read --out` kept";
-    let sii = Sii::read(&image).map_err(|error| unfit(format!("this is no whole image: {error}"), help))?;
+    let image = image_of(&arguments.file, arguments.force)?;
+    let sii = Sii::read(&image).map_err(|error| no_image(&arguments.file, &error.to_string(), OTHER_IMAGE))?;
+    if !output.is_json() {
+        for warning in &sii.warnings {
+            output.news(&format!("warning     {warning}"))?;
+        }
+    }
+    let mut sealed = image;
+    seal(&mut sealed);
     let mut desk = SegmentSession::only(&arguments.place, output)?;
     let device = desk.device(&arguments.node)?;
     let present = desk.service.present(device.position);
     let present = present.map_err(|error| desk.failure(&device, "reading its SII", error))?;
-    refuse_another_kind(&device, &present, &sii)?;
-    overwrite(&mut desk, &device, &image, arguments.asking, output)
+    refuse_too_long(&mut desk, &device, &sealed, &arguments.file)?;
+    if !arguments.force {
+        refuse_another_kind(&device, &present, &sii)?;
+    }
+    overwrite(&mut desk, &device, &sealed, arguments.asking, output)
+}
+
+const OTHER_IMAGE: &str = "name an image of the vendor, or one that `yieldwall sii read NODE --out FILE` kept";
+
+fn no_image(path: &Path, message: &str, help: &str) -> Failure {
+    Failure::about_file(Exit::ConfigInvalid, path, format!("{message}; nothing was written"), help)
+}
+
+/// The bytes of a file that is an image, by what can be told without the device.
+fn image_of(path: &Path, is_forced: bool) -> Result<Vec<u8>, Failure> {
+    let mut image = Vec::new();
+    let read = std::fs::File::open(path).and_then(|file| file.take(MOST_BYTES + 1).read_to_end(&mut image));
+    read.map_err(|error| no_image(path, &format!("it cannot be read: {error}"), ""))?;
+    if let Some((is, help)) = text_kind(&image) {
+        return Err(no_image(path, &format!("this is {is}, and a memory chip takes a binary image"), help));
+    }
+    if image.len() as u64 > MOST_BYTES {
+        return Err(no_image(path, "this is longer than the largest memory chip (65536 bytes)", OTHER_IMAGE));
+    }
+    let is_legible = Sii::read(&image).is_ok();
+    if !is_forced && is_legible && !categories(&image).any(|category| category.is_known()) {
+        let message =
+            "no category of the standard (strings, general, sync managers ..) is in it, so it is no whole image";
+        let help = format!("{OTHER_IMAGE}; if the device shall have it all the same, add --force");
+        return Err(no_image(path, message, &help));
+    }
+    Ok(image)
+}
+
+/// What kind of text this is, and what makes an image of it or stands in its place; `None` for what is no text.
+fn text_kind(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
+    const ASK: &str = "ask the vendor for the SII image of this device, a binary file; or keep the image of a device of its kind: \
+                       `yieldwall sii read NODE --out FILE`";
+    const FROM_HEX: &str =
+        "`objcopy -I ihex -O binary FILE IMAGE` makes an image of it, which `yieldwall sii write` takes";
+    // An image has zeros in its head; text in UTF-16 begins with a mark.
+    let is_utf16 = bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]);
+    let text: Vec<u8> =
+        if is_utf16 { bytes.iter().copied().filter(|byte| *byte != 0).skip(2).collect() } else { bytes.to_vec() };
+    let text = text.strip_prefix(&[0xef, 0xbb, 0xbf]).unwrap_or(&text).trim_ascii_start();
+    let is_of = |word: &[u8]| text.windows(word.len()).take(4096).any(|window| window == word);
+    let is_obeyed = |byte: &u8| byte.is_ascii_control() && !matches!(byte, b'\t' | b'\n' | b'\r' | 0x0c);
+    match text.first()? {
+        b'<' if is_of(b"EtherCATInfo") => Some(("a device description (ESI, XML)", ASK)),
+        b'<' if text.starts_with(b"<?xml") => Some(("XML", ASK)),
+        _ if text.iter().any(is_obeyed) => None,
+        b':' => Some(("text in Intel HEX", FROM_HEX)),
+        _ => Some(("text", ASK)),
+    }
+}
+
+/// Refuses an image for which the chip has no room.
+pub(super) fn refuse_too_long(
+    desk: &mut SegmentSession,
+    device: &Device,
+    image: &[u8],
+    path: &Path,
+) -> Result<(), Failure> {
+    let failed = |desk: &SegmentSession, error| desk.failure(device, "reading its SII", error);
+    let held = desk.service.sii_image(device.position).map_err(|error| failed(desk, error))?;
+    let room = desk.service.chip_size(device.position, &held).map_err(|error| failed(desk, error))?;
+    let room = 2 * room.unwrap_or_else(|| chip_words(image));
+    if image.len() <= room {
+        return Ok(());
+    }
+    let message = format!(
+        "{}: the image has {} bytes, and the memory chip {room}; nothing was written",
+        device.words(),
+        image.len()
+    );
+    Err(Failure::about_file(Exit::DeviceMismatch, path, message, OTHER_IMAGE))
 }
 
 /// Refuses the image of another device than the one that is there, as far as that says who it is, or than the rig names.
 fn refuse_another_kind(device: &Device, present: &Present, image: &Sii) -> Result<(), Failure> {
     let kind = |sii: &Sii| (sii.vendor_id, sii.product_code);
-    let says = present.sii.as_ref().ok().map(kind);
+    let says = present.sii.as_ref().ok().map(kind).filter(|(vendor, _)| !matches!(vendor, 0 | &u32::MAX));
     let of_image = [image.vendor_id, image.product_code, image.revision, image.serial].map(Some);
     let fits = fit_of(device.of_rig(), of_image, None);
     let is_of_rig = device.of_rig().is_none_or(|(name, _)| fits == name);
@@ -155,7 +241,8 @@ fn refuse_another_kind(device: &Device, present: &Present, image: &Sii) -> Resul
     }
     let words = identity_words(of_image).unwrap_or_default();
     let message = format!("{}: the image is of another device ({words}); nothing was written", device.words());
-    Err(Failure::new(Exit::DeviceMismatch, message, "name the image of this device; `yieldwall scan` shows who it is"))
+    let help = "name the image of this device; `yieldwall scan` shows who it is. --force writes the image all the same";
+    Err(Failure::new(Exit::DeviceMismatch, message, help))
 }
 
 /// Writes the words of an image that differ, once a person has said yes and what the chip holds is kept.
@@ -166,7 +253,7 @@ pub(super) fn overwrite(
     asking: Asking,
     output: &mut Output,
 ) -> Result<(), Failure> {
-    let held = desk.service.sii_image(device.position);
+    let held = desk.service.sii_up_to(device.position, image.len() / 2);
     let held = held.map_err(|error| desk.failure(device, "reading its SII", error))?;
     let words = changes(&held, image);
     let told = |word: &str, kept: Option<&Path>, desk: &SegmentSession, output: &mut Output| {
@@ -205,8 +292,13 @@ pub(super) fn overwrite(
     desk.service.write_sii(device.position, &words).map_err(|error| {
         let mut failure = desk.failure(device, "writing its SII", error);
         if let (Some(finding), Some(path)) = (failure.report.diagnostics.first_mut(), &kept) {
-            let command = format!("yieldwall sii write {} {}{}", device.position, path.display(), desk.arguments);
-            finding.help = Some(format!("do not switch it off; `{command}` puts back what it held"));
+            // What the chip held may be no whole image.
+            let command =
+                format!("yieldwall sii write {} {} --force{}", device.position, path.display(), desk.arguments);
+            finding.help = Some(match Sii::read(&held) {
+                Ok(_) => format!("do not switch it off; `{command}` puts back what it held"),
+                Err(_) => "do not switch it off; write the image once more".to_owned(),
+            });
         }
         failure
     })?;
@@ -220,7 +312,7 @@ fn area(area: MailboxArea) -> String {
 pub(super) fn text(sii: &Sii, bytes: usize) -> String {
     let identity = [sii.vendor_id, sii.product_code, sii.revision, sii.serial].map(Some);
     let mut rows = vec![
-        ["image".to_owned(), format!("{bytes} bytes, whole")],
+        ["image".to_owned(), format!("{bytes} bytes, {}", warned(sii))],
         ["name".to_owned(), sii.name.clone()],
         ["order".to_owned(), sii.order.clone()],
         ["identity".to_owned(), identity_words(identity).unwrap_or_default()],
@@ -242,11 +334,21 @@ pub(super) fn text(sii: &Sii, bytes: usize) -> String {
             format!("{:04X}h, {} bytes, control {:02X}h, {kind}", settings.start, settings.len, settings.control);
         rows.push([format!("sync manager {number}"), says]);
     }
+    rows.extend(sii.warnings.iter().map(|warning| ["warning".to_owned(), warning.to_string()]));
     let mut text = table(&rows);
     for (direction, pdos) in [("outputs", &sii.rx_pdos), ("inputs", &sii.tx_pdos)] {
         pdos.iter().for_each(|pdo| text.push_str(&pdo_text(direction, pdo)));
     }
     text
+}
+
+/// Whether an image is whole, in words.
+fn warned(sii: &Sii) -> String {
+    match sii.warnings.len() {
+        0 => "whole".to_owned(),
+        1 => "1 warning".to_owned(),
+        many => format!("{many} warnings"),
+    }
 }
 
 fn entries(pdo: &Pdo) -> impl Iterator<Item = String> {
@@ -283,20 +385,24 @@ fn document(sii: &Sii) -> Value {
         "sync_managers": managers.collect::<Vec<_>>(),
         "outputs": pdos(&sii.rx_pdos),
         "inputs": pdos(&sii.tx_pdos),
+        "warnings": sii.warnings.iter().map(ToString::to_string).collect::<Vec<_>>(),
     })
 }
 
-/// A device, and what is wrong with its SII.
-pub(super) type Checked = (Device, Vec<String>);
+/// A device and its SII: what is wrong with that, and what is only damaged, missing or unusual.
+pub(super) struct Checked {
+    device: Device,
+    wrong: Vec<String>,
+    warnings: Vec<String>,
+}
 
 fn check(arguments: &Check, output: &mut Output) -> Result<(), Failure> {
     let mut desk = SegmentSession::only(&arguments.place, output)?;
     let checked = checked(&mut desk, arguments.node.as_deref())?;
-    let wrong: Vec<&Checked> = checked.iter().filter(|(_, wrong)| !wrong.is_empty()).collect();
-    let end = match wrong.as_slice() {
-        [] => Ok(()),
-        [(device, first), ..] => {
-            let message = format!("{}: {}", device.words(), first.concat());
+    let end = match checked.iter().find(|one| !one.wrong.is_empty()) {
+        None => Ok(()),
+        Some(Checked { device, wrong, .. }) => {
+            let message = format!("{}: {}", device.words(), wrong.join("; "));
             let help = format!("`yieldwall sii read {}{} --out FILE` keeps its image", device.position, desk.arguments);
             Err(Failure::new(Exit::OutOfTolerance, message, help))
         }
@@ -304,7 +410,14 @@ fn check(arguments: &Check, output: &mut Output) -> Result<(), Failure> {
     if output.is_json() {
         let devices: Vec<Value> = checked
             .iter()
-            .map(|(device, wrong)| json!({ "position": device.position, "whole": wrong.is_empty(), "wrong": wrong }))
+            .map(|one| {
+                json!({
+                    "position": one.device.position,
+                    "whole": one.wrong.is_empty() && one.warnings.is_empty(),
+                    "wrong": one.wrong,
+                    "warnings": one.warnings,
+                })
+            })
             .collect();
         return output.end(json!({ "place": desk.place, "devices": devices }), end);
     }
@@ -315,50 +428,91 @@ fn check(arguments: &Check, output: &mut Output) -> Result<(), Failure> {
 pub(super) fn checked(desk: &mut SegmentSession, word: Option<&str>) -> Result<Vec<Checked>, Failure> {
     let mut checked = Vec::new();
     for device in desk.devices_of(word)? {
-        let present = desk.service.present(device.position);
-        let wrong = match present {
-            Ok(present) => wrong(&device, &present),
-            Err(SegmentError::Failed(failure)) => vec![failure.to_string()],
+        let (wrong, warnings) = match desk.service.present(device.position) {
+            Ok(present) => (wrong(&device, &present), warnings(&present)),
+            Err(SegmentError::Failed(failure)) => (vec![failure.to_string()], Vec::new()),
             Err(error) => return Err(desk.failure(&device, "reading its SII", error)),
         };
-        checked.push((device, wrong));
+        checked.push(Checked { device, wrong, warnings });
     }
     Ok(checked)
 }
 
+/// What is wrong with the SII of a device: it says nothing, or that this is another device.
 pub(super) fn wrong(device: &Device, present: &Present) -> Vec<String> {
-    let sii = match &present.sii {
-        Ok(sii) => sii,
-        Err(failure) => return vec![failure.to_string()],
-    };
-    let mut wrong = Vec::new();
-    if let Some((name, Some(_))) = device.of_rig() {
-        let fits = fit_of(device.of_rig(), present.identity, None);
-        if fits != name {
-            wrong.push(fits);
-        }
+    if let Err(failure) = &present.sii {
+        return vec![failure.to_string()];
     }
-    for (kind, area, word) in [(1, sii.receive_mailbox, 0x18), (2, sii.send_mailbox, 0x1a)] {
-        let manager = sii.sync_managers.iter().find(|manager| manager.kind == kind).map(|manager| manager.settings);
-        if let Some(manager) = manager.filter(|manager| (manager.start, manager.len) != (area.start, area.len)) {
-            wrong.push(format!(
-                "words {word:04X}h and {:04X}h put a mailbox at {}, and its sync manager at {:04X}h, {} bytes",
-                word + 1,
-                self::area(area),
-                manager.start,
-                manager.len
-            ));
-        }
-    }
-    wrong
+    let entry = device.of_rig().filter(|(_, kind)| kind.is_some()).map(|(name, _)| name);
+    let fits = fit_of(device.of_rig(), present.identity, None);
+    entry.filter(|name| fits != *name).map(|_| fits.clone()).into_iter().collect()
+}
+
+/// What of its SII is damaged, missing or unusual.
+pub(super) fn warnings(present: &Present) -> Vec<String> {
+    let sii = present.sii.as_ref().ok();
+    sii.iter().flat_map(|sii| &sii.warnings).map(ToString::to_string).collect()
 }
 
 pub(super) fn check_text(checked: &[Checked]) -> String {
     let mut text = String::new();
-    for (device, wrong) in checked {
-        let word = if wrong.is_empty() { "whole" } else { "wrong" };
+    for Checked { device, wrong, warnings } in checked {
+        let word = match (wrong.is_empty(), warnings.is_empty()) {
+            (false, _) => "wrong",
+            (true, false) => "warning",
+            (true, true) => "whole",
+        };
         text.push_str(&format!("{word:7} {}\n", device.words()));
-        wrong.iter().for_each(|wrong| text.push_str(&wrapped_behind("        ", wrong)));
+        let all = wrong.iter().chain(warnings);
+        all.for_each(|one| text.push_str(&wrapped_behind("        ", one)));
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use yieldwall_fieldbus::ethercat::sii::category;
+
+    fn kind(bytes: &[u8]) -> Option<&'static str> {
+        text_kind(bytes).map(|(kind, _)| kind)
+    }
+
+    #[test]
+    fn text_is_no_image_and_is_called_what_it_is() {
+        let esi = "\u{feff}<?xml version=\"1.0\"?>\n<EtherCATInfo>ü</EtherCATInfo>";
+        let utf16: Vec<u8> = esi.encode_utf16().flat_map(u16::to_le_bytes).collect();
+        let is_esi = Some("a device description (ESI, XML)");
+        assert_eq!((kind(esi.as_bytes()), kind(&utf16)), (is_esi, is_esi));
+        assert_eq!(kind(b"  <EtherCATInfo>\xfc"), is_esi, "in Latin-1");
+        assert_eq!(kind(b"<?xml version='1.0'?><svg/>"), Some("XML"));
+        assert_eq!(kind(b":10000000080C00000000000000000000000000EF\r\n"), Some("text in Intel HEX"));
+        assert_eq!(kind(b"080c 0000 0000\n"), Some("text"));
+        assert_eq!((kind(b""), kind(&Sii::default().write())), (None, None));
+    }
+
+    #[test]
+    fn a_file_that_is_no_image_is_refused_before_a_device_is_asked() {
+        let path = std::env::temp_dir().join(format!("yieldwall-image-{}", std::process::id()));
+        let refused = |bytes: &[u8], is_forced| {
+            std::fs::write(&path, bytes).unwrap();
+            let image = image_of(&path, is_forced);
+            image.map_err(|failure| failure.report.diagnostics[0].message.clone()).err()
+        };
+        let whole = Sii { order: "servo".to_owned(), ..Sii::default() }.write();
+        assert_eq!(refused(&whole, false), None);
+        let xml = [&b"<?xml version='1.0'?><EtherCATInfo>"[..], &[b' '; 70_000]].concat();
+        assert!(refused(&xml, true).unwrap().contains("device description (ESI, XML)"));
+        assert!(refused(&[&whole[..], &[0; 70_000]].concat(), true).unwrap().contains("longer than the largest"));
+        // The head, and categories of a vendor alone.
+        let mut foreign = whole[..0x80].to_vec();
+        foreign.extend([0x00, 0x08, 1, 0, 5, 5, 0xff, 0xff]);
+        assert!(refused(&foreign, false).unwrap().contains("no category of the standard"));
+        assert_eq!(refused(&foreign, true), None);
+        foreign.truncate(foreign.len() - 2);
+        foreign.extend(category::DC.to_le_bytes());
+        foreign.extend([0; 2]);
+        assert_eq!(refused(&foreign, false), None, "beside a category of the standard");
+        std::fs::remove_file(&path).unwrap();
+    }
 }

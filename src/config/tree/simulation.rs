@@ -29,6 +29,10 @@ pub struct Simulation {
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drive_model: Option<DriveModel>,
+    /// Devices on an EtherCAT segment that are odd, and devices beside those of the rig. Left out: none.
+    #[garde(length(max = 16), dive)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub segment: Vec<SegmentDevice>,
     /// File with the scene to run, relative to this file.
     #[garde(length(min = 1))]
     pub scene: String,
@@ -48,6 +52,81 @@ pub struct DriveModel {
     /// How it answers over SDO.
     #[garde(dive)]
     pub sdo_server: SdoServer,
+}
+
+/// What a simulated device on EtherCAT does in a manner of its own, or a device beside those of the rig.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct SegmentDevice {
+    /// Its position in the segment, 0 at the master. Where the rig has no device it is one without
+    /// objects. 0 to 63.
+    #[garde(range(max = 63))]
+    pub position: u16,
+    /// Its SII image in hexadecimal digits, with blanks between them; FFh follows up to the size that word 3Eh says. Left
+    /// out: the one that its objects make, and of a device without objects an empty chip.
+    #[garde(inner(length(max = 400_000), custom(check_digits)))]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sii: Option<String>,
+    /// What becomes of a request for SDO information. Left out: it is answered.
+    #[serde(default, skip_serializing_if = "is_answered")]
+    pub sdo_information: SdoInformation,
+    /// Counter of all its mailbox messages. 0 to 7. Left out: it counts from 1 to 7.
+    #[garde(inner(range(max = 7)))]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mailbox_counter: Option<u8>,
+    /// Bits of AL status (0130h) that are always set, of bit 5 and above. Left out: 0.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub al_status_bits: u16,
+    /// Whether the cable from the master is in its output. Left out: it is in its input.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_turned: bool,
+}
+
+/// What becomes of a request for SDO information.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SdoInformation {
+    /// It is answered.
+    #[default]
+    Answered,
+    /// It is dropped.
+    Unanswered,
+    /// An SDO abort answers it.
+    Aborted,
+    /// A mailbox error answers it.
+    MailboxError,
+}
+
+fn is_answered(information: &SdoInformation) -> bool {
+    *information == SdoInformation::Answered
+}
+
+fn is_zero(bits: &u16) -> bool {
+    *bits == 0
+}
+
+/// Two hexadecimal digits a byte.
+fn check_digits(text: &str, (): &()) -> garde::Result {
+    match digits(text).map(|digits| digits.len() % 2) {
+        Some(0) => Ok(()),
+        _ => Err(garde::Error::new("is not two hexadecimal digits for each byte")),
+    }
+}
+
+/// The digits of a text that has nothing else but blanks.
+fn digits(text: &str) -> Option<Vec<u8>> {
+    let digits = text.chars().filter(|one| !one.is_whitespace());
+    digits.map(|one| one.to_digit(16).map(|digit| digit as u8)).collect()
+}
+
+impl SegmentDevice {
+    /// Its SII image, if it has one of its own.
+    pub fn image(&self) -> Option<Vec<u8>> {
+        let digits = digits(self.sii.as_ref()?)?;
+        let (pairs, _) = digits.as_chunks::<2>();
+        Some(pairs.iter().map(|[high, low]| high << 4 | low).collect())
+    }
 }
 
 /// How a simulated drive answers over SDO.

@@ -97,6 +97,11 @@ impl AlStatus {
     /// The error bit.
     pub const ERROR: u16 = 0x10;
 
+    /// From the register, without bits that say something else: bit 5 (an identification is loaded) and reserved ones.
+    pub const fn from_register(word: u16) -> Self {
+        AlStatus(word & 0x1f)
+    }
+
     /// From its two parts.
     pub const fn new(state: AlState, has_error: bool) -> Self {
         AlStatus(state as u16 | if has_error { Self::ERROR } else { 0 })
@@ -267,6 +272,8 @@ mod tests {
         assert_eq!((AlControl(0x0008).state(), AlControl(0x0008).acknowledges()), (Some(AlState::Operational), false));
         assert_eq!(AlStatus::new(AlState::SafeOperational, true).0, 0x0014);
         assert_eq!(AlStatus(0x0014).to_string(), "SAFE-OP+ERR");
+        assert_eq!(AlStatus::from_register(0xffe2), AlStatus::new(AlState::PreOperational, false));
+        assert_eq!(AlStatus::from_register(0x0132), AlStatus::new(AlState::PreOperational, true));
         assert_eq!((AlStatus(0x0006).to_string(), AlStatus(0x0006).state()), ("6h".to_owned(), None));
     }
 

@@ -147,6 +147,8 @@ pub mod feature {
 pub mod sii_control {
     /// Enables a write that comes in the same datagram.
     pub const WRITE_ENABLE: u16 = 1 << 0;
+    /// The device emulates the memory.
+    pub const EMULATED: u16 = 1 << 5;
     /// A read gives 8 bytes, otherwise 4.
     pub const EIGHT_BYTES: u16 = 1 << 6;
     /// The memory is larger than 2 kB.

@@ -138,7 +138,7 @@ impl<L: EthernetLink> SegmentService<L> {
     /// As [`SegmentService::read`].
     pub fn state(&mut self, position: u16) -> Result<(AlStatus, AlStatusCode), SegmentError> {
         let bytes = self.read(position, register::AL_STATUS, STATUS_LEN)?;
-        Ok((AlStatus(u16_at(&bytes, 0)), AlStatusCode(u16_at(&bytes, 4))))
+        Ok((AlStatus::from_register(u16_at(&bytes, 0)), AlStatusCode(u16_at(&bytes, 4))))
     }
 
     /// The first device whose state only a master gives it: OP, or SAFE-OP that its watchdog did not bring.

@@ -7,13 +7,15 @@ use crate::{Bytes, Error, ObjectAccess};
 use yieldwall_bus::ethercat::SegmentFailure;
 use yieldwall_fieldbus::ethercat::coe::CoeEmergency;
 use yieldwall_fieldbus::ethercat::mailbox::{Counter, MailboxClient};
-use yieldwall_fieldbus::ethercat::sii::MailboxArea;
+use yieldwall_fieldbus::ethercat::sii::{MailboxArea, Sii};
 use yieldwall_fieldbus::ethercat::{AlState, BufferMode, Direction, SyncManager, frame, registers as register};
 use yieldwall_fieldbus::objects::{Address, ObjectAnswer, ObjectError, ObjectRequest};
 use yieldwall_link::EthernetLink;
 
 /// How long a device may take to answer.
 const PATIENCE: Duration = Duration::from_secs(1);
+/// What every device has.
+const DEVICE_TYPE: Address = Address::new(0x1000, 0);
 
 /// The objects of a device on a segment.
 #[derive(Debug)]
@@ -109,6 +111,16 @@ impl<L: EthernetLink> DeviceObjects<'_, L> {
         self.service.converse(self.position, Some(until))
     }
 
+    /// Whether the SII of the device says that it gives no information about its objects.
+    fn lacks_information(&mut self) -> Result<bool, Error> {
+        match self.service.sii_image(self.position) {
+            Ok(image) => Ok(Sii::read(&image).is_ok_and(|sii| sii.lacks_information())),
+            // Without the chip nothing says so.
+            Err(SegmentError::Failed(_)) => Ok(false),
+            Err(error) => Err(of_segment(error)),
+        }
+    }
+
     fn mailbox(&mut self) -> Result<&mut MailboxClient, Error> {
         self.service.mailboxes.get_mut(&self.position).ok_or(Error::NoAnswer)
     }
@@ -159,13 +171,20 @@ impl<L: EthernetLink> ObjectAccess for DeviceObjects<'_, L> {
     }
 
     fn indices(&mut self) -> Result<Option<Vec<u16>>, Error> {
+        if self.lacks_information()? {
+            return Ok(None);
+        }
         let now = self.service.now();
         self.mailbox()?.ask_list(now).map_err(of_object)?;
         self.service.converse(self.position, None).map_err(of_segment)?;
         let mailbox = self.mailbox()?;
         match (mailbox.list(), mailbox.answer()) {
             (Some(indices), _) => Ok(Some(indices.to_vec())),
-            (None, ObjectAnswer::Failed(ObjectError::NoAnswer)) => Err(Error::NoAnswer),
+            // Silent in this alone, or altogether.
+            (None, ObjectAnswer::Failed(ObjectError::NoAnswer)) => match self.read(DEVICE_TYPE) {
+                Ok(_) | Err(Error::Refused(_)) => Ok(None),
+                Err(error) => Err(error),
+            },
             (None, _) => Ok(None),
         }
     }

@@ -6,13 +6,15 @@ use super::{LOOK_AGAIN, SegmentError, SegmentService, TRIES};
 use crate::Bytes;
 use yieldwall_bus::ethercat::SegmentFailure;
 use yieldwall_fieldbus::ethercat::registers::{self as register, sii_control};
-use yieldwall_fieldbus::ethercat::sii::words_needed;
+use yieldwall_fieldbus::ethercat::sii::{MOST_WORDS, Sii, chip_words, words_needed};
 use yieldwall_fieldbus::ethercat::{u16_at, u32_at};
 use yieldwall_link::EthernetLink;
 
 /// Time between two looks at the chip, and how long it may take.
 const CHIP_AGAIN: Duration = Duration::from_micros(50);
 const CHIP_WAIT: Duration = Duration::from_millis(100);
+/// Words of the largest chip that is not called large.
+const SMALL_WORDS: usize = 1024;
 /// Length of the chip's registers: control, address, data.
 const CHIP_LEN: usize = 14;
 
@@ -22,14 +24,35 @@ impl<L: EthernetLink> SegmentService<L> {
     /// # Errors
     /// If the chip does not answer, and as [`SegmentService::read`].
     pub fn sii_image(&mut self, position: u16) -> Result<Bytes, SegmentError> {
+        self.sii_up_to(position, 0)
+    }
+
+    /// The same, and of what lies behind as much as an image of so many words has.
+    ///
+    /// # Errors
+    /// As [`SegmentService::sii_image`].
+    pub fn sii_up_to(&mut self, position: u16, words: usize) -> Result<Bytes, SegmentError> {
+        let words = words.min(MOST_WORDS);
         self.with_chip(position, |service| {
             let mut image = Vec::new();
-            while image.len() / 2 < words_needed(&image) {
+            while image.len() / 2 < words_needed(&image).max(words) {
                 let word = (image.len() / 2) as u16;
                 image.extend(service.sii_words(position, word)?);
             }
             Ok(image)
         })
+    }
+
+    /// Words that fit into the chip of a device, by its controller and by what the chip holds; `None` if neither says it.
+    ///
+    /// # Errors
+    /// As [`SegmentService::read`].
+    pub fn chip_size(&mut self, position: u16, held: &[u8]) -> Result<Option<usize>, SegmentError> {
+        let status = u16_at(&self.read(position, register::SII_CONTROL, 2)?, 0);
+        // What emulates a chip is as large as it is.
+        let is_small = status & (sii_control::LARGE | sii_control::EMULATED) == 0;
+        let by_head = Sii::read(held).is_ok().then(|| chip_words(held));
+        Ok(if is_small { Some(SMALL_WORDS) } else { by_head })
     }
 
     /// Takes the chip from the device, if that has it, and offers it again afterwards.

@@ -33,8 +33,11 @@ impl<L: EthernetLink> SegmentService<L> {
     /// If it refuses a step or does not come to a state, and as [`SegmentService::read`].
     pub fn change_state(&mut self, position: u16, to: AlState) -> Result<AlStatus, SegmentError> {
         let mut status = match to {
-            // INIT takes back errors, whatever they are.
-            AlState::Init => return self.ask(position, AlControl::acknowledge(to), to),
+            // INIT takes back errors, whatever they are, and forgets what was said over the mailbox.
+            AlState::Init => {
+                self.mailboxes.remove(&position);
+                return self.ask(position, AlControl::acknowledge(to), to);
+            }
             _ => self.acknowledge(position)?,
         };
         if to == AlState::Operational {

@@ -156,6 +156,7 @@ pub fn sii(od: &ObjectDictionary) -> Sii {
         ],
         tx_pdos,
         rx_pdos,
+        warnings: Vec::new(),
     }
 }
 

@@ -20,7 +20,7 @@ mod segment;
 mod tests;
 
 pub use application::EthercatApplication;
-pub use controller::{Controller, ControllerSettings};
+pub use controller::{Controller, ControllerSettings, Information, Manner};
 pub(super) use description::Communication;
 pub use description::{esi, sii};
 pub use device::SimulatedDevice;

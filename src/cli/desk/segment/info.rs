@@ -3,9 +3,10 @@
 use serde_json::json;
 
 use super::super::info::{asked, objects};
+use super::super::sii::warnings;
 use super::super::words::table;
 use super::SegmentSession;
-use super::scan::{fit, name};
+use super::scan::{fit, name, warned};
 use crate::failure::Failure;
 use crate::output::Output;
 use yieldwall_fieldbus::ethercat::registers::{self as register, feature};
@@ -63,6 +64,7 @@ pub(in crate::desk) fn run(word: &str, mut desk: SegmentSession, output: &mut Ou
             "state": present.status.to_string(),
             "al_status_code": present.code.0,
             "sii": present.sii.as_ref().err().map(ToString::to_string),
+            "sii_warnings": warnings(&present),
             "controller": { "type": kind, "revision": revision, "fmmus": fmmus, "sync_managers": managers, "ram_kb": ram_kb },
             "has_clock": has_clock,
             "ports": ports,
@@ -98,16 +100,11 @@ pub(in crate::desk) fn run(word: &str, mut desk: SegmentSession, output: &mut Ou
             let spoken = PROTOCOLS.iter().filter(|(bit, _)| sii.protocols & bit != 0).map(|(_, name)| *name);
             let spoken: Vec<&str> = spoken.collect();
             let area = |area: MailboxArea| format!("{:04X}h, {} bytes", area.start, area.len);
-            let mailbox = match spoken.is_empty() {
-                true => "none".to_owned(),
-                false => format!(
-                    "{}: to it {}, from it {}",
-                    spoken.join(", "),
-                    area(sii.receive_mailbox),
-                    area(sii.send_mailbox)
-                ),
-            };
-            row("mailbox", mailbox);
+            let mailbox = sii
+                .mailbox_areas()
+                .map(|[to, from]| format!("{}: to it {}, from it {}", spoken.join(", "), area(to), area(from)));
+            row("mailbox", mailbox.unwrap_or_else(|| "none".to_owned()));
+            warned(&desk, sii, position).into_iter().for_each(|warning| row("SII", warning));
         }
     }
     rows.extend(more);

@@ -13,14 +13,21 @@ use yieldwall_fieldbus::objects::Address;
 struct Exchange {
     direction: &'static str,
     sync_manager: u8,
-    /// By 1C32h:1 or 1C33h:1.
+    /// By sub-index 1 of its synchronisation, such as 1C32h:1.
     sync_type: Option<u32>,
     /// Mappings that are assigned, and what each holds.
     pdos: Vec<(u16, Vec<u32>)>,
 }
 
-/// Assignment, its sync manager, synchronisation.
-const DIRECTIONS: [(&str, u16, u8, u16); 2] = [("outputs", 0x1c12, 2, 0x1c32), ("inputs", 0x1c13, 3, 0x1c33)];
+/// What each sync manager carries: 3 for outputs, 4 for inputs.
+const SYNC_MANAGER_TYPES: u16 = 0x1c00;
+/// The first of what is assigned to sync managers, and of their synchronisation.
+const ASSIGNMENT: u16 = 0x1c10;
+const SYNCHRONISATION: u16 = 0x1c30;
+/// Sync managers of process data in a device that does not say what each carries.
+const USUAL: [(&str, u8); 2] = [("outputs", 2), ("inputs", 3)];
+/// Sync managers that a controller has at most.
+const MOST_MANAGERS: u32 = 16;
 const DOING: &str = "reading its process data";
 
 pub(in crate::desk) fn run(word: &str, desk: SegmentSession, output: &mut Output) -> Result<(), Failure> {
@@ -38,9 +45,27 @@ pub(super) fn shown(reached: &mut DeviceHandle) -> Result<String, Failure> {
     Ok(text(&reached.words(), &read(reached)?))
 }
 
+/// The sync managers that exchange process data, and what they carry.
+fn managers(reached: &mut DeviceHandle) -> Result<Vec<(&'static str, u8)>, Failure> {
+    let mut of = |sub| reached.number_of(Address::new(SYNC_MANAGER_TYPES, sub), DOING);
+    let count = of(0)?.unwrap_or_default().min(MOST_MANAGERS) as u8;
+    let mut managers = Vec::new();
+    for number in 0..count {
+        let direction = match of(number + 1)? {
+            Some(3) => Some("outputs"),
+            Some(4) => Some("inputs"),
+            _ => None,
+        };
+        managers.extend(direction.map(|direction| (direction, number)));
+    }
+    Ok(if managers.is_empty() { USUAL.to_vec() } else { managers })
+}
+
 fn read(reached: &mut DeviceHandle) -> Result<Vec<Exchange>, Failure> {
     let mut exchanged = Vec::new();
-    for (direction, assignment, sync_manager, synchronisation) in DIRECTIONS {
+    for (direction, sync_manager) in managers(reached)? {
+        let (assignment, synchronisation) =
+            (ASSIGNMENT + u16::from(sync_manager), SYNCHRONISATION + u16::from(sync_manager));
         let mut of = |index, sub| reached.number_of(Address::new(index, sub), DOING);
         let count = of(assignment, 0)?.unwrap_or_default();
         let sync_type = of(synchronisation, 1)?;

@@ -3,11 +3,13 @@
 use serde_json::{Value, json};
 
 use super::super::scan::{fit_of, identity_words};
+use super::super::sii::warnings;
 use super::super::words::{table, wrapped, wrapped_behind};
 use super::SegmentSession;
 use crate::failure::Failure;
 use crate::output::Output;
 use yieldwall_fieldbus::ethercat::AlStatusCode;
+use yieldwall_fieldbus::ethercat::sii::Sii;
 use yieldwall_service::Present;
 
 pub(in crate::desk) fn run(is_listening: bool, mut desk: SegmentSession, output: &mut Output) -> Result<(), Failure> {
@@ -52,14 +54,25 @@ pub(super) fn text(desk: &SegmentSession, found: &[Present]) -> String {
         if let Some(identity) = identity_words(present.identity) {
             text.push_str(&format!("          {identity}{}\n", alias.unwrap_or_default()));
         }
-        if let Err(error) = &present.sii {
-            text.push_str(&wrapped_behind("          ", &error.to_string()));
-        }
+        let told = present
+            .sii
+            .as_ref()
+            .map_or_else(|error| Some(error.to_string()), |sii| warned(desk, sii, present.position));
+        told.iter().for_each(|told| text.push_str(&wrapped_behind("          ", told)));
         if present.code != AlStatusCode::NONE {
             text.push_str(&wrapped_behind("          ", &present.code.to_string()));
         }
     }
     text
+}
+
+/// The first warning about its SII, and where the others are.
+pub(super) fn warned(desk: &SegmentSession, sii: &Sii, position: u16) -> Option<String> {
+    let (first, others) = sii.warnings.split_first()?;
+    Some(match others.len() {
+        0 => first.to_string(),
+        count => format!("{first}; and {count} more: `yieldwall sii check {position}{}`", desk.arguments),
+    })
 }
 
 /// The name in its SII.
@@ -87,6 +100,7 @@ fn document(desk: &SegmentSession, present: &Present) -> Value {
         "serial": serial,
         "alias": present.alias,
         "sii": present.sii.as_ref().err().map(ToString::to_string),
+        "sii_warnings": warnings(present),
         "rig_entry": desk.at(present.position).entry.map(|entry| entry.name),
         "fits": fit(desk, present),
     })

@@ -171,7 +171,11 @@ fn a_device_goes_from_state_to_state_and_a_refused_one_names_step_code_and_what_
     let mut desk = desk(|segment| {
         segment.controller_mut(1).unwrap().fail(Time(0), AlStatusCode::SYNC_ERROR);
         // A device whose mailboxes are said to be where there is none.
-        segment.controller_mut(2).unwrap().sii_mut()[2 * 0x18..2 * 0x1a].copy_from_slice(&[0, 0x20, 0x80, 0]);
+        let chip = segment.controller_mut(2).unwrap().sii_mut();
+        let mut moved = yieldwall_fieldbus::ethercat::sii::Sii::read(chip).unwrap();
+        moved.sync_managers[0].settings.start = 0x2000;
+        let moved = moved.write();
+        chip[..moved.len()].copy_from_slice(&moved);
     });
     let all = [
         told(&mut desk, "left", Target::Preop),
@@ -225,6 +229,9 @@ fn an_sii_is_read_and_checked() {
         segment.controller_mut(0).unwrap().sii_mut()[14] ^= 0x55;
         segment.controller_mut(1).unwrap().sii_mut()[2 * 0x0a] ^= 1;
     });
+    let untidy = desk.service.sii_image(0).unwrap();
+    let untidy = yieldwall_fieldbus::ethercat::sii::Sii::read(&untidy).unwrap();
+    assert!(sii::text(&untidy, 64).contains("warning          word 0007h: the checksum is "));
     let image = desk.service.sii_image(2).unwrap();
     let text = sii::text(&yieldwall_fieldbus::ethercat::sii::Sii::read(&image).unwrap(), image.len());
     let checked = sii::check_text(&sii::checked(&mut desk, None).unwrap());
@@ -330,6 +337,89 @@ fn doctor_tells_of_each_device_what_is_wrong_with_it() {
     let sections = doctor::sections(&mut desk, None).unwrap();
     let text: Vec<String> = sections.iter().map(crate::checkup::Section::text).collect();
     insta::assert_snapshot!("segment-doctor", text.join("\n"));
+}
+
+/// The rig of the shipped segment whose simulation has these devices, which are odd.
+#[cfg(target_os = "linux")]
+fn odd(devices: &[&str]) -> SegmentSession {
+    let mut rig = config::load_rig(config::builtin("paper-ethercat.yaml")).unwrap();
+    let devices = devices.iter().map(|device| serde_json::from_str(device).unwrap());
+    rig.value.simulation.as_mut().unwrap().segment = devices.collect();
+    at(VirtualSegment::new(&rig.value, &rig.scene().unwrap().value, 1).unwrap())
+}
+
+/// The words of a coupler: an identity, and neither mailbox nor protocol.
+#[cfg(target_os = "linux")]
+fn coupler() -> String {
+    use yieldwall_fieldbus::ethercat::sii::Sii;
+
+    let image = Sii { vendor_id: 2, product_code: 0x044c_2c52, order: "EK1100".to_owned(), ..Sii::default() }.write();
+    image.iter().map(|byte| format!("{byte:02x} ")).collect()
+}
+
+/// A coupler has no objects, a drive in INIT is asked in PRE-OP and put back, and a cable in an output is told.
+#[test]
+#[cfg(target_os = "linux")]
+fn doctor_takes_devices_as_they_are() {
+    let coupler = format!(r#"{{"position": 3, "is_turned": true, "sii": "{}"}}"#, coupler());
+    let mut desk = odd(&[&coupler]);
+    let sections = doctor::sections(&mut desk, None).unwrap();
+    let text: Vec<String> = sections.iter().map(crate::checkup::Section::text).collect();
+    insta::assert_snapshot!("segment-doctor-odd", text.join("\n"));
+    for position in 0..4 {
+        assert_eq!(desk.service.state(position).unwrap().0, AlStatus::new(AlState::Init, false), "{position}");
+    }
+    desk.service.change_state(3, AlState::PreOperational).unwrap();
+    let device = desk.at(3);
+    let again = doctor::sections(&mut desk, Some("3")).unwrap();
+    assert!(again[0].text().contains("none: by its SII it has no mailbox"), "{}", again[0].text());
+    assert_eq!(desk.service.state(device.position).unwrap().0.state(), Some(AlState::PreOperational));
+}
+
+/// Objects are found one by one where the device does not list them, however it says so.
+#[test]
+#[cfg(target_os = "linux")]
+fn objects_are_listed_or_asked_for_one_by_one() {
+    use yieldwall_service::ObjectAccess;
+
+    for kind in ["unanswered", "aborted", "mailbox_error"] {
+        let mut desk = odd(&[&format!(r#"{{"position": 0, "sdo_information": "{kind}", "mailbox_counter": 1}}"#)]);
+        let device = desk.device("left").unwrap();
+        assert_eq!(desk.objects(&device).unwrap().indices(), Ok(None), "{kind}");
+    }
+    // The SII says it before anything is asked.
+    let mut desk = odd(&[]);
+    let device = desk.device("left").unwrap();
+    assert!(desk.objects(&device).unwrap().indices().unwrap().is_some());
+    let mut image = yieldwall_fieldbus::ethercat::sii::Sii::read(&desk.service.sii_image(0).unwrap()).unwrap();
+    image.coe_details = yieldwall_fieldbus::ethercat::sii::coe_details::SDO;
+    let digits: String = image.write().iter().map(|byte| format!("{byte:02x}")).collect();
+    let mut desk = odd(&[&format!(r#"{{"position": 0, "sii": "{digits}"}}"#)]);
+    assert_eq!(desk.objects(&device).unwrap().indices(), Ok(None));
+    // A device that does not answer at all has no list, and nothing is asked for a minute.
+    let mut silent = self::desk(|segment| segment.controller_mut(0).unwrap().set_mailbox_stuck(true));
+    assert_eq!(silent.objects(&device).unwrap().indices(), Err(Error::NoAnswer));
+}
+
+/// An image is written if it fits the chip and is of the device; what the chip holds behind its own image is read as well.
+#[test]
+fn an_image_that_the_chip_has_no_room_for_is_refused() {
+    let mut desk = desk(|segment| segment.controller_mut(1).unwrap().sii_mut().fill(0xff));
+    for (position, empty) in [(0, false), (1, true)] {
+        let held = desk.service.sii_image(position).unwrap();
+        assert_eq!(yieldwall_fieldbus::ethercat::sii::Sii::read(&held).is_err(), empty);
+        assert_eq!(desk.service.chip_size(position, &held).unwrap(), Some(1024), "by its controller");
+        assert_eq!(desk.service.sii_up_to(position, 1024).unwrap().len(), 2048);
+        let device = desk.at(position);
+        let file = std::path::Path::new("image.sii");
+        super::super::sii::refuse_too_long(&mut desk, &device, &[0; 2048], file).unwrap();
+        let failure = super::super::sii::refuse_too_long(&mut desk, &device, &[0; 2050], file).unwrap_err();
+        let message = &failure.report.diagnostics[0].message;
+        assert!(
+            message.contains("the image has 2050 bytes, and the memory chip 2048; nothing was written"),
+            "{message}"
+        );
+    }
 }
 
 /// Parameters, a mapping and the assignment of a sync manager are put back, in an order that the device takes.

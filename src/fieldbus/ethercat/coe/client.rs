@@ -269,6 +269,13 @@ impl CoeClient {
                     .filter(|response| service == Service::SdoResponse || matches!(response, Response::Abort { .. }));
                 response.is_some_and(|response| self.take(response))
             }
+            // Some devices refuse what they have no information about as they would an object.
+            (Some(Service::SdoRequest | Service::SdoResponse), Kind::Information { .. }) => {
+                match wire::response(message) {
+                    Some(Response::Abort { code, .. }) => self.fail(code),
+                    _ => false,
+                }
+            }
             (Some(Service::Information), Kind::Information { operation, wanted }) => {
                 information::decode(message).is_some_and(|part| self.take_information(part, operation, wanted))
             }

@@ -8,6 +8,10 @@
 //! ```
 //! A message whose reply is lost is written once more with its counter, by which the device knows it. An answer whose frame is lost is asked for
 //! once more by the repeat bit of sync manager 1.
+//!
+//! Both repeats can bring a message twice. A device counts its messages from 1 to 7, so that the second one is known by its counter; 0 is no
+//! counter. Some devices do not count, and send the same number for ever. So a message is dropped only after a loss, if it has counter and
+//! bytes of the one before: an answer that is lost that way is asked for anew, and none is taken for the answer to another request.
 
 use super::{Counter, HEADER, MailboxError, Protocol, SHORTEST, decode, seal};
 use crate::ethercat::coe::{CoeAnswer, CoeClient, CoeEmergency, CoeEvent, CoeRequest, ListKind};
@@ -29,6 +33,8 @@ const LOOK_FOR_EMERGENCY: Duration = Duration::from_millis(20);
 const MOST_VALUE: usize = 4096;
 /// Looks for a repeated message before the device is taken for one that cannot repeat.
 const REPEATED_LOOKS: u8 = 100;
+/// Messages after a loss among which one may come twice: the answer to what was written twice, and what follows it.
+const IN_DOUBT: u8 = 2;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Step {
@@ -54,8 +60,10 @@ pub struct MailboxClient {
     from_device: MailboxArea,
     client: CoeClient,
     counter: Counter,
-    /// Counter of the last message of the device; 0 for none.
-    heard: u8,
+    /// The last message of the device, with its header.
+    heard: Vec<u8>,
+    /// How many of the next messages may be the one before once more.
+    in_doubt: u8,
     outgoing: Vec<u8>,
     step: Step,
     /// The message that is being written may be there already.
@@ -81,7 +89,8 @@ impl MailboxClient {
             from_device: MailboxArea::default(),
             client: CoeClient::within(MOST_VALUE, timeout),
             counter: Counter::FIRST,
-            heard: 0,
+            heard: Vec::new(),
+            in_doubt: 0,
             outgoing: Vec::new(),
             step: Step::Rest,
             is_retry: false,
@@ -109,7 +118,9 @@ impl MailboxClient {
     pub fn start_with(&mut self, to_device: MailboxArea, from_device: MailboxArea, counter: Counter) {
         (self.to_device, self.from_device) = (to_device, from_device);
         self.client.give_up(ObjectError::NoAnswer);
-        (self.counter, self.heard, self.step) = (counter, 0, Step::Rest);
+        (self.counter, self.step, self.in_doubt) = (counter, Step::Rest, 0);
+        // Messages are heard without allocating.
+        self.heard = Vec::with_capacity(from_device.len.into());
         (self.is_retry, self.repeat, self.look_at, self.refused) = (false, false, Time(0), None);
         self.write_at = None;
         self.outgoing.clear();
@@ -255,6 +266,9 @@ impl MailboxClient {
     ///
     /// Real-time: yes.
     pub fn on_loss(&mut self) {
+        if self.step != Step::Rest {
+            self.in_doubt = IN_DOUBT;
+        }
         match self.step {
             Step::Write => self.is_retry = true,
             Step::Read => {
@@ -316,11 +330,15 @@ impl MailboxClient {
             self.unexpected = self.unexpected.saturating_add(1);
             return None;
         };
-        if header.counter != 0 && header.counter == self.heard {
+        let whole = data.get(..HEADER + message.len()).unwrap_or_default();
+        let is_in_doubt = self.in_doubt > 0;
+        self.in_doubt = self.in_doubt.saturating_sub(1);
+        if is_in_doubt && header.counter != 0 && whole == self.heard {
             // The one before, once more.
             return None;
         }
-        self.heard = header.counter;
+        self.heard.clear();
+        self.heard.extend_from_slice(whole);
         let heard = match Protocol::from_number(header.protocol) {
             Some(Protocol::Coe) => self.client.on_message(now, message),
             Some(Protocol::Error) if self.client.is_busy() => {
@@ -372,5 +390,72 @@ mod tests {
             now = now + Duration::from_millis(1);
         }
         assert!(wishes > 1 && matches!(mailbox.answer(), ObjectAnswer::Failed(_)), "{wishes}");
+    }
+
+    /// The answer to a read of 6041h, with a counter and a value.
+    fn answer(counter: u8, value: u8) -> Vec<u8> {
+        let mut bytes = vec![10, 0, 0, 0, 0, counter << 4 | 3, 0, 0x30, 0x43, 0x41, 0x60, 0, value, 0, 0, 0];
+        bytes.resize(128, 0);
+        bytes
+    }
+
+    /// What becomes of a read, of a device that says this, one message after the other. A step of this kind is lost once.
+    fn read(mailbox: &mut MailboxClient, now: &mut Time, said: &[Vec<u8>], mut lost: Option<Step>) -> Option<u8> {
+        mailbox.ask(*now, ObjectRequest::Read(Address { index: 0x6041, sub: 0 })).unwrap();
+        let (mut buffer, mut said) = ([0; 2048], said.iter());
+        while mailbox.is_busy() {
+            *now = *now + Duration::from_millis(1);
+            if mailbox.next(*now, &mut buffer).is_none() {
+                continue;
+            }
+            if lost == Some(mailbox.step) {
+                lost = None;
+                mailbox.on_loss();
+                continue;
+            }
+            let status = if said.len() == 0 { 0 } else { SyncManager::FULL };
+            let status = [status, 0, u8::from(mailbox.repeat) << 1];
+            let reply = if mailbox.step == Step::Read { said.next().unwrap() } else { &status[..] };
+            assert_eq!(mailbox.on_reply(*now, reply, 1), None);
+        }
+        match mailbox.answer() {
+            ObjectAnswer::Done(value) => value.first().copied(),
+            _ => None,
+        }
+    }
+
+    fn mailbox() -> (MailboxClient, Time) {
+        let mut mailbox = MailboxClient::at_position(0, Duration::from_millis(100));
+        let area = |start| MailboxArea { start, len: 128 };
+        mailbox.start(area(0x1000), area(0x1080));
+        (mailbox, Time(0))
+    }
+
+    /// Counters that a device sends for ever, and those of one that counts.
+    const COUNTERS: [fn(u8) -> u8; 4] = [|_| 1, |_| 0, |count| count.min(7), |count| count % 7 + 1];
+
+    #[test]
+    fn a_device_that_does_not_count_is_heard() {
+        for counter in COUNTERS {
+            let (mut mailbox, mut now) = mailbox();
+            for (count, value) in (1..).zip([5, 5, 6, 5, 5, 5, 5, 5, 5, 9]) {
+                assert_eq!(read(&mut mailbox, &mut now, &[answer(counter(count), value)], None), Some(value));
+            }
+        }
+    }
+
+    #[test]
+    fn a_message_that_a_repeat_brings_twice_is_taken_once() {
+        for counter in COUNTERS.into_iter().filter(|counter| counter(1) != 0) {
+            // The device has not seen the read that was lost, and gives the message before once more.
+            let (mut mailbox, mut now) = mailbox();
+            let [first, second] = [(1, 5), (2, 6)].map(|(count, value)| answer(counter(count), value));
+            assert_eq!(read(&mut mailbox, &mut now, std::slice::from_ref(&first), None), Some(5));
+            assert_eq!(read(&mut mailbox, &mut now, &[first.clone(), second.clone()], Some(Step::Read)), Some(6));
+            // It does as it was asked by each of two writes.
+            let (mut mailbox, mut now) = self::mailbox();
+            assert_eq!(read(&mut mailbox, &mut now, std::slice::from_ref(&first), Some(Step::Write)), Some(5));
+            assert_eq!(read(&mut mailbox, &mut now, &[first, second], None), Some(6));
+        }
     }
 }

@@ -6,19 +6,23 @@
 //! words 40h..   categories: type, length in words, data; the last one has the type FFFFh
 //! ```
 //!
-//! The reader takes hostile images: nothing is indexed unchecked, categories and entries are bounded, and an error names the word.
+//! The reader takes hostile images: nothing is indexed unchecked, and categories and entries are bounded. It takes what is whole of a damaged
+//! image; a warning names the word of what it leaves out.
 //!
 //! # Source
-//! ETG.2010, SII specification; ETG.1000.6, 5.4.
+//! ETG.2010, SII specification; ETG.1000.6, 5.4. Checksum 88A4h: data sheet of the ET1100, section II, ESI EEPROM.
 
 mod read;
 #[cfg(test)]
 mod tests;
+mod text;
+mod warning;
 mod write;
 
-pub use read::{Category, categories, words_needed};
+pub use read::{Category, categories, chip_words, words_needed};
+pub use warning::SiiWarning;
 
-use super::{SyncManager, mailbox, registers};
+use super::{SyncManager, mailbox, registers, u16_at};
 
 /// Words before the first category.
 pub const FIRST_CATEGORY: usize = 0x40;
@@ -161,7 +165,7 @@ pub struct Sii {
     pub order: String,
     /// Full name of the device.
     pub name: String,
-    /// What its CoE can do: [`coe_details`].
+    /// What its CoE can do: [`coe_details`]; 0 where the image does not say.
     pub coe_details: u8,
     /// Current that it takes from the E-bus, mA.
     pub e_bus_ma: i16,
@@ -173,15 +177,24 @@ pub struct Sii {
     pub tx_pdos: Vec<Pdo>,
     /// Process data objects that the master writes.
     pub rx_pdos: Vec<Pdo>,
+    /// Parts of the image that are damaged, missing or unusual. [`Sii::write`] takes no notice of them.
+    pub warnings: Vec<SiiWarning>,
 }
 
 impl Sii {
-    /// Sync managers 0 and 1 for its mailboxes, to the device and from it; `None` for a device without CoE, or whose mailboxes cannot be.
-    pub fn mailbox_managers(&self) -> Option<[SyncManager; 2]> {
-        let fits = |area: MailboxArea| {
+    /// The mailboxes to the device and from it: as its sync managers have them, else as the head has them (words 18h to 1Bh); `None`
+    /// for a device without mailboxes, or whose mailboxes cannot be.
+    pub fn mailbox_areas(&self) -> Option<[MailboxArea; 2]> {
+        let is_possible = |area: &MailboxArea| {
             (mailbox::SHORTEST..=mailbox::LONGEST).contains(&area.len.into()) && area.start >= registers::PROCESS_DATA
         };
-        let (to, from) = (self.receive_mailbox, self.send_mailbox);
+        let area = |kind, of_head| self.manager_area(kind).into_iter().chain([of_head]).find(is_possible);
+        Some([area(1, self.receive_mailbox)?, area(2, self.send_mailbox)?])
+    }
+
+    /// Sync managers 0 and 1 for its mailboxes, to the device and from it; `None` as [`Sii::mailbox_areas`].
+    pub fn mailbox_managers(&self) -> Option<[SyncManager; 2]> {
+        let [to, from] = self.mailbox_areas()?;
         let control = SyncManager::MAILBOX | SyncManager::INTERRUPT;
         let settings = |area: MailboxArea, control| SyncManager {
             start: area.start,
@@ -190,8 +203,28 @@ impl Sii {
             is_enabled: true,
             repeat: false,
         };
-        let is_possible = self.protocols & protocols::COE != 0 && fits(to) && fits(from);
-        is_possible.then(|| [settings(to, control | SyncManager::WRITE), settings(from, control)])
+        Some([settings(to, control | SyncManager::WRITE), settings(from, control)])
+    }
+
+    /// Whether its mailboxes carry CoE.
+    pub fn has_coe(&self) -> bool {
+        self.protocols & protocols::COE != 0
+    }
+
+    /// Whether it says that it has neither mailboxes nor a protocol for them, as couplers and digital terminals do.
+    pub fn is_without_mailbox(&self) -> bool {
+        self.protocols == 0 && self.mailbox_areas().is_none()
+    }
+
+    /// Whether it says that its CoE has SDO and no SDO information.
+    pub fn lacks_information(&self) -> bool {
+        self.coe_details & (coe_details::SDO | coe_details::INFORMATION) == coe_details::SDO
+    }
+
+    /// Where the first sync manager of a kind is; `None` without one, and for one without bytes.
+    fn manager_area(&self, kind: u8) -> Option<MailboxArea> {
+        let manager = self.sync_managers.iter().find(|manager| manager.kind == kind)?.settings;
+        (manager.len > 0).then_some(MailboxArea { start: manager.start, len: manager.len })
     }
 }
 
@@ -199,53 +232,19 @@ impl Sii {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SiiError {
-    /// It ends too early.
-    #[error("the image ends at word {words:04X}h, but {what} needs word {needed:04X}h")]
+    /// It is shorter than its head.
+    #[error("the image ends at word {words:04X}h, but the head needs word {needed:04X}h")]
     Short {
-        /// What needs more.
-        what: &'static str,
         /// Words that are there.
         words: usize,
-        /// The word that is missing.
+        /// The last word of the head.
         needed: usize,
     },
-    /// The checksum of words 0 to 6 is wrong: the controller does not load such a configuration.
-    #[error("word 0007h: the checksum is {is:02X}h, and words 0 to 6 give {should_be:02X}h")]
-    Checksum {
-        /// What the image has.
-        is: u8,
-        /// What it should have.
-        should_be: u8,
-    },
-    /// A category ends within one of its parts.
-    #[error("word {word:04X}h: {what} does not fit the category that begins at word {category:04X}h")]
-    Torn {
-        /// Word at which the part begins.
-        word: usize,
-        /// What it is.
-        what: &'static str,
-        /// First word of the category.
-        category: usize,
-    },
-    /// A number names a string that there is not.
-    #[error("word {word:04X}h: string {number} is named, but there are {strings}")]
-    NoString {
-        /// Word that names it.
-        word: usize,
-        /// Its number.
-        number: u8,
-        /// Strings that there are.
-        strings: usize,
-    },
-    /// More parts than a device can have.
-    #[error("word {word:04X}h: more than {most} {what}")]
-    TooMany {
-        /// Word at which the first one too many begins.
-        word: usize,
-        /// What there are too many of.
-        what: &'static str,
-        /// How many there may be.
-        most: usize,
+    /// Nothing is programmed.
+    #[error("the chip is empty: all its bytes are {byte:02X}h")]
+    Empty {
+        /// What all bytes are.
+        byte: u8,
     },
 }
 
@@ -256,9 +255,18 @@ pub fn checksum(bytes: &[u8; 14]) -> u8 {
     })
 }
 
-/// The word with the alias, and the one with the checksum.
+/// The words with the alias, the checksum, and the size of the chip in kbit less 1.
 const ALIAS: usize = 0x04;
 const CHECKSUM: usize = 0x07;
+const SIZE: usize = 0x3e;
+/// In place of the checksum: the controller does not check.
+const UNCHECKED: u16 = 0x88a4;
+
+/// Whether a controller loads words 0 to 6 of an image: their checksum is right, or switched off by 88A4h.
+pub fn is_loaded(image: &[u8]) -> bool {
+    let (Some(head), word) = (image.first_chunk(), u16_at(image, 2 * CHECKSUM)) else { return false };
+    word == UNCHECKED || word & 0xff == u16::from(checksum(head))
+}
 
 /// Makes the checksum of an image anew; nothing without a head.
 pub fn seal(image: &mut [u8]) {

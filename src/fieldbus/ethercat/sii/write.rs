@@ -7,10 +7,9 @@ use super::{FIRST_CATEGORY, Pdo, Sii, category, checksum};
 struct Strings(Vec<Vec<u8>>);
 
 impl Strings {
-    /// The number of a string: 0 for an empty one, and for one that has no number left. 255 bytes are kept of it.
+    /// The number of a string: 0 for an empty one, and for one that has no number left. 255 bytes are kept of it at most.
     fn number(&mut self, text: &str) -> u8 {
-        // Images hold Latin-1.
-        let bytes: Vec<u8> = text.chars().take(255).map(|char| u8::try_from(char).unwrap_or(b'?')).collect();
+        let bytes = super::text::encode(text);
         if bytes.is_empty() {
             return 0;
         }

@@ -2,10 +2,10 @@
 
 use super::super::application::EthercatApplication;
 use super::guarded::Guarded;
-use super::{Controller, MAILBOX_IN, MAILBOX_OUT};
+use super::{Controller, Information, MAILBOX_IN, MAILBOX_OUT, Manner};
 use std::time::Duration;
 use yieldwall_fieldbus::ethercat::mailbox::{self, Counter, MailboxError, Protocol};
-use yieldwall_fieldbus::ethercat::{AlState, SyncManager, coe::CoeEmergency, coe::CoeServer};
+use yieldwall_fieldbus::ethercat::{AlState, SyncManager, coe::CoeEmergency, coe::CoeServer, u16_at};
 use yieldwall_fieldbus::time::Time;
 
 /// Emergencies that wait for the mailbox; more are lost.
@@ -51,10 +51,11 @@ pub(super) struct Mailbox {
     /// Comes before the answer to the next request.
     pub(super) interruption: Option<CoeEmergency>,
     is_stuck: bool,
+    manner: Manner,
 }
 
 impl Mailbox {
-    pub(super) fn new(server: CoeServer, time: Duration) -> Self {
+    pub(super) fn new(server: CoeServer, time: Duration, manner: Manner) -> Self {
         Mailbox {
             server,
             counter: Counter::FIRST,
@@ -70,6 +71,7 @@ impl Mailbox {
             emergencies: [None; EMERGENCIES],
             interruption: None,
             is_stuck: false,
+            manner,
         }
     }
 
@@ -122,7 +124,7 @@ impl Mailbox {
 
     /// The answer to a request that lies in `request`, in `answer`: its bytes, 0 for none. `room` bytes fit the mailbox.
     fn serve<D: EthercatApplication>(&mut self, device: &mut D, state: AlState, room: usize) -> usize {
-        let Mailbox { server, request, answer, .. } = self;
+        let Mailbox { server, request, answer, manner, .. } = self;
         let answer = answer.get_mut(..room).unwrap_or_default();
         let Some((header, message)) = answer.split_first_chunk_mut::<{ mailbox::HEADER }>() else { return 0 };
         let _ = header;
@@ -132,6 +134,12 @@ impl Mailbox {
             Ok((header, body)) => {
                 self.last_request = header.counter;
                 match Protocol::from_number(header.protocol) {
+                    Some(Protocol::Coe) if u16_at(body, 0) >> 12 == INFORMATION => match manner.information {
+                        Information::Answered => server.on_message(body, &mut Guarded { device, state }, message),
+                        Information::Unanswered => Ok(0),
+                        Information::Aborted => Ok(abort(message)),
+                        Information::MailboxError => Err(MailboxError::SERVICE_NOT_SUPPORTED),
+                    },
                     Some(Protocol::Coe) => server.on_message(body, &mut Guarded { device, state }, message),
                     _ => Err(MailboxError::UNSUPPORTED_PROTOCOL),
                 }
@@ -148,6 +156,17 @@ impl Mailbox {
             }
         }
     }
+}
+
+/// Service of CoE: SDO information.
+const INFORMATION: u16 = 8;
+
+/// An SDO abort (05040001h) of no object; its bytes, 0 without room.
+fn abort(message: &mut [u8]) -> usize {
+    const ABORT: [u8; 10] = [0, 0x20, 0x80, 0, 0, 0, 0x01, 0x00, 0x04, 0x05];
+    let Some(to) = message.first_chunk_mut() else { return 0 };
+    *to = ABORT;
+    ABORT.len()
 }
 
 impl<D: EthercatApplication> Controller<D> {
@@ -192,6 +211,9 @@ impl<D: EthercatApplication> Controller<D> {
             0
         };
         if sent > 0 {
+            if let (Some(counter), Some(byte)) = (self.mailbox.manner.mailbox_counter, self.mailbox.answer.get_mut(5)) {
+                *byte = *byte & 0x0f | counter << 4;
+            }
             std::mem::swap(&mut self.mailbox.previous, &mut self.mailbox.current);
             let bytes = self.mailbox.answer.get(..sent).unwrap_or_default();
             self.mailbox.current.set(bytes);

@@ -18,7 +18,7 @@ use std::time::Duration;
 use yieldwall_fieldbus::ethercat::coe::{CoeEmergency, CoeServer};
 use yieldwall_fieldbus::ethercat::frame::{Command, DATAGRAM_HEADER, DatagramHeader, WORKING_COUNTER};
 use yieldwall_fieldbus::ethercat::registers::{self as register, feature};
-use yieldwall_fieldbus::ethercat::sii::{MailboxArea, protocols};
+use yieldwall_fieldbus::ethercat::sii::{MailboxArea, Sii};
 use yieldwall_fieldbus::ethercat::{AlControl, Fmmu, SyncManager, array, u16_at, u32_at};
 use yieldwall_fieldbus::objects::Reset;
 use yieldwall_fieldbus::time::Time;
@@ -50,12 +50,48 @@ pub struct ControllerSettings {
     pub mailbox_time: Duration,
     /// Whether it has distributed clocks.
     pub has_dc: bool,
+    /// What it does otherwise than the standard has it.
+    pub manner: Manner,
+}
+
+/// What a device does otherwise than the standard has it, or most devices do.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Manner {
+    /// Bits of AL status that are always set; of bit 5 and above.
+    pub al_status_bits: u16,
+    /// The counter of all its mailbox messages; `None` if it counts.
+    pub mailbox_counter: Option<u8>,
+    /// What becomes of a request for SDO information.
+    pub information: Information,
+    /// Whether the cable that comes from the master is in its output: port 1 has that link, and port 0 the one away from the master.
+    pub is_turned: bool,
+}
+
+/// What becomes of a request for SDO information.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Information {
+    /// It is answered.
+    #[default]
+    Answered,
+    /// It is dropped.
+    Unanswered,
+    /// An SDO abort answers it.
+    Aborted,
+    /// A mailbox error answers it.
+    MailboxError,
 }
 
 impl ControllerSettings {
     /// A controller with this SII image, a perfect clock from 0 and a mailbox that answers at once.
     pub fn new(sii: Vec<u8>) -> Self {
-        ControllerSettings { sii, drift_ppb: 0, clock_start_ns: 0, mailbox_time: Duration::ZERO, has_dc: true }
+        ControllerSettings {
+            sii,
+            drift_ppb: 0,
+            clock_start_ns: 0,
+            mailbox_time: Duration::ZERO,
+            has_dc: true,
+            manner: Manner::default(),
+        }
     }
 }
 
@@ -114,11 +150,10 @@ impl<D: EthercatApplication> Controller<D> {
     pub fn new(device: D, settings: ControllerSettings) -> Self {
         let chip = Chip::new(settings.sii.clone());
         let image = chip.image();
-        let has_coe = u16_at(image, 2 * 0x1c) & protocols::COE != 0;
-        let area = |word: usize| MailboxArea { start: u16_at(image, 2 * word), len: u16_at(image, 2 * word + 2) };
-        let areas = if has_coe { [area(0x18), area(0x1a)] } else { [MailboxArea::default(); 2] };
+        let sii = Sii::read(image).ok().filter(Sii::has_coe);
+        let areas = sii.and_then(|sii| sii.mailbox_areas()).unwrap_or_default();
         Controller {
-            mailbox: mailbox::Mailbox::new(CoeServer::new(&device), settings.mailbox_time),
+            mailbox: mailbox::Mailbox::new(CoeServer::new(&device), settings.mailbox_time, settings.manner),
             device,
             memory: vec![0; RAM_END].into_boxed_slice(),
             scratch: vec![0; 2048].into_boxed_slice(),
@@ -295,6 +330,8 @@ impl<D: EthercatApplication> Controller<D> {
     /// DL status: the device runs, link bits, and two bits a port: loop open with communication, or loop closed.
     fn show_links(&mut self) {
         let Links { towards_master, away } = self.links;
+        let (towards_master, away) =
+            if self.settings.manner.is_turned { (away, towards_master) } else { (towards_master, away) };
         let port = |is_linked: bool| if is_linked { 0b10 } else { 0b01 };
         let links = u16::from(towards_master) << 4 | u16::from(away) << 5;
         let loops = port(towards_master) << 8 | port(away) << 10 | 0b01 << 12 | 0b01 << 14;

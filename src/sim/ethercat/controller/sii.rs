@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 use yieldwall_fieldbus::ethercat::registers::sii_control as control;
-use yieldwall_fieldbus::ethercat::sii::{FIRST_CATEGORY, checksum};
-use yieldwall_fieldbus::ethercat::{array, u16_at};
+use yieldwall_fieldbus::ethercat::sii::{FIRST_CATEGORY, is_loaded};
+use yieldwall_fieldbus::ethercat::u16_at;
 use yieldwall_fieldbus::time::Time;
 
 /// How long a read takes, and a write.
@@ -40,7 +40,7 @@ impl Chip {
 
     /// Takes the configuration, as after power-on; gives the alias, or 0 if the checksum is wrong.
     pub(super) fn load(&mut self) -> u16 {
-        let is_good = self.image.get(14) == Some(&checksum(&array(&self.image, 0)));
+        let is_good = is_loaded(&self.image);
         self.errors = if is_good { 0 } else { control::CHECKSUM_ERROR };
         if is_good { u16_at(&self.image, 8) } else { 0 }
     }

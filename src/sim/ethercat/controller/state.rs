@@ -383,7 +383,7 @@ impl<D: EthercatApplication> Controller<D> {
 
     fn show_status(&mut self, code: AlStatusCode) {
         let status = AlStatus::new(self.state.al, self.state.has_error);
-        self.set_word(register::AL_STATUS, status.0);
+        self.set_word(register::AL_STATUS, status.0 | self.settings.manner.al_status_bits & !0x1f);
         self.set_word(register::AL_STATUS_CODE, code.0);
     }
 
