@@ -13,6 +13,7 @@ mod examples;
 mod exchange;
 mod faults;
 mod figures;
+mod fixed_objects;
 mod force_sensors;
 mod hostile;
 mod injections;

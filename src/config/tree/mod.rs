@@ -32,7 +32,9 @@ pub use scene::{
     SceneModel, SceneTolerance, Tracking, Tremor,
 };
 pub use sensor::{ByteOrder, Mount, Sensor, SensorProtocol};
-pub use simulation::{BusTiming, DriveModel, DrivePositionLoop, NotSimulated, SdoServer, SentLength, Simulation};
+pub use simulation::{
+    BusTiming, DriveModel, DrivePositionLoop, NotSimulated, OddObject, SdoServer, SentLength, Simulation,
+};
 pub use surface::{Forbidden, Surface};
 pub use waits::Waits;
 pub use yieldwall_drives::cia402::CommandMode;

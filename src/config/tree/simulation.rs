@@ -48,6 +48,46 @@ pub struct DriveModel {
     /// How it answers over SDO.
     #[garde(dive)]
     pub sdo_server: SdoServer,
+    /// Objects that are otherwise than those of CiA 402, on CAN and on EtherCAT.
+    #[garde(length(max = 64), dive)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub objects: Vec<OddObject>,
+}
+
+/// An object of a simulated drive that is otherwise than that of CiA 402.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct OddObject {
+    /// Index of the object.
+    pub index: u16,
+    /// Its sub-index; left out for all that the index has.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sub: Option<u8>,
+    /// Whether the drive does not have it.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub absent: bool,
+    /// Whether a write is refused with 06010002h.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub read_only: bool,
+    /// Its value at power-on, if it is another one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub holds: Option<i64>,
+    /// Bits that are set at power-on, and without which a write is refused with 06090030h.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub needed_bits: u32,
+    /// Time from the request of a write to its answer on CAN, ms; 0 for that of all objects. 0 to 60 000.
+    #[garde(range(max = 60_000))]
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub write_ms: u32,
+}
+
+fn is_false(value: &bool) -> bool {
+    !value
+}
+
+fn is_zero(value: &u32) -> bool {
+    *value == 0
 }
 
 /// How a simulated drive answers over SDO.

@@ -275,3 +275,18 @@ proptest! {
         prop_assert_eq!(talk(&mut od, room, CoeRequest::Read { at, complete: false }), CoeAnswer::Value(value));
     }
 }
+
+#[test]
+fn a_write_that_stores_has_ten_seconds_and_any_other_its_usual_time() {
+    let usual = Duration::from_millis(100);
+    for (index, time) in [(0x1010, Duration::from_secs(10)), (0x1011, Duration::from_secs(10)), (0x6072, usual)] {
+        let at = Address::new(index, 1);
+        let mut client = CoeClient::new(usual);
+        client.start(Time(0), CoeRequest::Write { at, complete: false, data: b"save" }).unwrap();
+        let before = Time(0) + (time - Duration::from_millis(1));
+        client.poll(before);
+        assert!(client.is_busy(), "{index:04X}h");
+        client.poll(Time(0) + time);
+        assert_eq!(client.answer(), &CoeAnswer::Failed(ObjectError::NoAnswer));
+    }
+}
