@@ -256,8 +256,13 @@ fn remap(
     id: u32,
     deadline_ms: u32,
 ) -> Result<impl Iterator<Item = Step>, BootFailure> {
-    let access =
-        |index: u16, sub: u8, bytes: u8, action: Action| Step { doing: "map the process data", index, sub, bytes, action };
+    let access = |index: u16, sub: u8, bytes: u8, action: Action| Step {
+        doing: "map the process data",
+        index,
+        sub,
+        bytes,
+        action,
+    };
     let state = |value: u32| Action::State { value, kept: 0 };
     let offset = u16::from(pdo.number) - 1;
     let (comm, map, kept) = if is_rpdo { (0x1400, 0x1600, 0) } else { (0x1800, 0x1a00, NO_REMOTE) };

@@ -167,9 +167,7 @@ impl Script {
                 self.on_written(&step);
                 Ok(())
             }
-            (Ok(data), _) if data.len() > LONGEST => {
-                Err(BootFailure::Refused { index, sub, code: AbortCode::LENGTH })
-            }
+            (Ok(data), _) if data.len() > LONGEST => Err(BootFailure::Refused { index, sub, code: AbortCode::LENGTH }),
             (Ok(data), Stage::Compare(place)) => {
                 self.on_compared(place, little_endian(data));
                 Ok(())
@@ -305,9 +303,7 @@ impl Script {
             (Some(code), Some(Action::CycleTime { period_us, part: CyclePart::Exponent })) => {
                 BootFailure::FixedExponent { index, sub, period_us, exponent: received as u8 as i8, code }
             }
-            (Some(code), _) => {
-                BootFailure::Keeps { index, sub, held: received & width_mask(step.bytes), wanted, code }
-            }
+            (Some(code), _) => BootFailure::Keeps { index, sub, held: received & width_mask(step.bytes), wanted, code },
             (None, _) => BootFailure::ReadBack { index, sub, written: wanted, received },
         })
     }

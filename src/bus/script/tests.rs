@@ -291,8 +291,7 @@ proptest! {
 
 #[test]
 fn the_cycle_time_is_written_in_the_largest_fitting_unit() {
-    for (period_us, value, exponent) in
-        [(1000, 1, -3i8), (4000, 4, -3), (500, 5, -4), (125, 125, -6), (10_000, 1, -2)]
+    for (period_us, value, exponent) in [(1000, 1, -3i8), (4000, 4, -3), (500, 5, -4), (125, 125, -6), (10_000, 1, -2)]
     {
         assert_eq!(interpolation_time(period_us), Some((value, u32::from(exponent as u8))), "{period_us} us");
     }

@@ -79,7 +79,9 @@ pub(crate) fn run(rig: &Loaded<Rig>, buses: &[String], sender: Sender, output: &
     let is_simulated = desks.iter().any(|desk| desk.is_simulated);
     let asked = if is_simulated { format!("simulated devices of {}", rig.value.rig.name) } else { place };
     let other = if is_simulated { ". With --bus INTERFACE those of a bus are read" } else { "" };
-    let mut text = words::wrapped(&format!("Nothing was written. Old values were read from the {asked}{other}. An object that stands already is not written, unless the reset changes it."));
+    let mut text = words::wrapped(&format!(
+        "Nothing was written. Old values were read from the {asked}{other}. An object that stands already is not written, unless the reset changes it."
+    ));
     let (mut part, mut of) = ("", None);
     for (number, line) in lines.iter().enumerate() {
         let begins = line.part != part || (part == CONFIGURE && line.node != of);
@@ -158,7 +160,13 @@ fn lines(rig: &Rig, plan: &BootPlan, desks: &mut [DeviceSession]) -> Result<(Vec
             }
             _ => None,
         });
-        let write = PlannedWrite { doing: "end the watch", at, old: told, new: Some(never.to_le_bytes().to_vec()), stands: false };
+        let write = PlannedWrite {
+            doing: "end the watch",
+            at,
+            old: told,
+            new: Some(never.to_le_bytes().to_vec()),
+            stands: false,
+        };
         let of = Some((node.id.raw(), node.name.clone()));
         lines.push(Line { part: "leave", bus: node.bus, node: of, what: What::Write(write) });
     }

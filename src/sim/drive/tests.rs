@@ -643,7 +643,8 @@ fn objects_may_be_absent_fixed_or_want_certain_bits() {
 
 #[test]
 fn a_write_may_take_longer_than_others() {
-    let slow = OddObject { index: 0x1010, sub: Some(1), write_time: Duration::from_millis(2500), ..OddObject::default() };
+    let slow =
+        OddObject { index: 0x1010, sub: Some(1), write_time: Duration::from_millis(2500), ..OddObject::default() };
     let manner = DriveQuirks { objects: vec![slow], ..DriveQuirks::default() };
     let mut drive = Drive::new(DriveSettings { manner, ..settings(Direction::Same) }).unwrap();
     let (mut out, begin) = (Vec::new(), Time(0));
