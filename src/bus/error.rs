@@ -287,6 +287,7 @@ fn advice(index: u16) -> &'static str {
         0x1400..0x1c00 | 0x1c12 | 0x1c13 => {
             "have `process_data` of the profile say what `yieldwall pdo show` shows of the device, or change that with the vendor's tool"
         }
+        0x1005 | 0x1012 => "clear bit 30 with the vendor's tool: beside this program no device may make SYNC or TIME",
         _ => "set it with the vendor's tool, or have the rig file or the profile ask for what it holds",
     }
 }

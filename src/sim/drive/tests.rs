@@ -623,7 +623,7 @@ fn objects_may_be_absent_fixed_or_want_certain_bits() {
         OddObject { is_read_only: true, ..odd(0x1600, None) },
         OddObject { holds: Some(-4), is_read_only: true, ..odd(0x60c2, Some(2)) },
         OddObject { needed_bits: 0x4000_0000, ..odd(0x1800, Some(1)) },
-        OddObject { is_absent: true, ..odd(0x1012, None) },
+        OddObject { is_absent: true, ..odd(0x6076, None) },
     ];
     let manner = DriveQuirks { objects, ..DriveQuirks::default() };
     let mut bench = Bench::with(DriveSettings { manner, ..settings(Direction::Same) });
@@ -634,7 +634,7 @@ fn objects_may_be_absent_fixed_or_want_certain_bits() {
     let refused = [0x80, 0x00, 0x18, 1, 0x30, 0x00, 0x09, 0x06];
     assert_eq!(bench.try_write(0x1800, 1, &0x8000_0181_u32.to_le_bytes()), refused);
     assert_eq!(bench.try_write(0x1800, 1, &0xc000_0181_u32.to_le_bytes())[0], 0x60);
-    assert_eq!(bench.request([0x40, 0x12, 0x10, 0, 0, 0, 0, 0]), [0x80, 0x12, 0x10, 0, 0x00, 0x00, 0x02, 0x06]);
+    assert_eq!(bench.request([0x40, 0x76, 0x60, 0, 0, 0, 0, 0]), [0x80, 0x76, 0x60, 0, 0x00, 0x00, 0x02, 0x06]);
     // What it does not have cannot be odd.
     let manner = DriveQuirks { objects: vec![odd(0x5fff, Some(1))], ..DriveQuirks::default() };
     let lacking = Drive::new(DriveSettings { manner, ..settings(Direction::Same) });
