@@ -128,6 +128,80 @@ pub enum BootFailure {
         /// The abort code.
         code: AbortCode,
     },
+    /// The node keeps what an object holds, and refuses what is wanted.
+    #[error(
+        "object {index:04X}h:{sub} holds {held:#x} and does not take {wanted:#x}: {code}; {}",
+        advice(*.index)
+    )]
+    Keeps {
+        /// Index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+        /// What it holds.
+        held: u32,
+        /// What was written.
+        wanted: u32,
+        /// The abort code.
+        code: AbortCode,
+    },
+    /// The motor's rated current is 0, so that no limit of the torque can be told in its unit.
+    #[error("object {index:04X}h:{sub} holds 0 as the rated current: enter the motor's data by the maker's tool")]
+    NoRating {
+        /// Index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+    },
+    /// The torque limit that a drive keeps by itself allows more than the rig.
+    #[error(
+        "object {index:04X}h:{sub} holds a torque limit of {held}, which the drive keeps by itself, and the rig's limit is {most} in that unit: \
+         lower it by the maker's tool and store it there, or raise `guard.torque_limit_n_m`"
+    )]
+    KeepsMore {
+        /// Index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+        /// What it holds.
+        held: u32,
+        /// The most that the rig allows.
+        most: u32,
+    },
+    /// The power of ten of the cycle time cannot be changed, and the cycle time is no multiple of it.
+    #[error(
+        "object {index:04X}h:{sub} holds {exponent} and does not take another power of ten of a second: {code}; a cycle time of \
+         {period_us} us is not 1 to 255 times 10^{exponent} s: set `cycle.period_us` to one that is"
+    )]
+    FixedExponent {
+        /// Index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+        /// The cycle time in us.
+        period_us: u32,
+        /// The power of ten that it holds.
+        exponent: i8,
+        /// The abort code.
+        code: AbortCode,
+    },
+    /// In SAFE-OP a device on EtherCAT is synchronised in another way than the rig says.
+    #[error(
+        "object {index:04X}h:{sub} is {received} ({}) in SAFE-OP, and the rig wants {wanted} ({}): set the synchronisation of the device \
+         with its vendor's tool, or give the rig's bus the `outputs` that the device has",
+        synchronisation(*.received),
+        synchronisation(*.wanted)
+    )]
+    Synchronisation {
+        /// Index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+        /// The type of synchronisation that the rig wants.
+        wanted: u32,
+        /// The type of synchronisation that the device is in.
+        received: u32,
+    },
     /// An object that says what the device is has another value than the profile.
     #[error("{what} ({index:04X}h:{sub}) is {received:#x}, the profile says {expected}")]
     Identity {
@@ -228,6 +302,32 @@ pub enum BootFailure {
         /// The time in us.
         after_us: u32,
     },
+}
+
+/// What a person can do about an object whose value the device keeps.
+fn advice(index: u16) -> &'static str {
+    match index {
+        0x1400..0x1c00 | 0x1c12 | 0x1c13 => {
+            "have `process_data` of the profile say what `yieldwall pdo show` shows of the device, or change that with the vendor's tool"
+        }
+        0x1005 | 0x1012 => "clear bit 30 with the vendor's tool: beside this program no device may make SYNC or TIME",
+        _ => "set it with the vendor's tool, or have the rig file or the profile ask for what it holds",
+    }
+}
+
+/// A type of synchronisation in words.
+///
+/// # Source
+/// ETG.1020, 1C32h:01 and 1C33h:01.
+fn synchronisation(kind: u32) -> &'static str {
+    match kind {
+        0 => "free run",
+        1 => "with its process data",
+        2 => "SYNC0",
+        3 => "SYNC1",
+        0x22 => "with the outputs",
+        _ => "not known",
+    }
 }
 
 impl From<SegmentFailure> for BootFailure {

@@ -1,21 +1,22 @@
 //! The configuration of one device by its objects, as a list of steps: the same on every bus that carries objects.
 
+mod engine;
+#[cfg(test)]
+mod tests;
+
 use crate::error::BootFailure;
 use crate::setup::HomingOrder;
-use std::time::Duration;
 use yieldwall_drives::cia402::{CommandMode, OperationMode};
 use yieldwall_drives::objects::{self, Object};
-use yieldwall_drives::profiles::{DeviceProfile, Entry, Identity, PdoMap, Quantity, Revisions, Servo, Setting};
+use yieldwall_drives::profiles::{
+    CurrentLimit, DeviceProfile, Entry, Identity, LimitSetter, PdoMap, Quantity, Revisions, Servo, Setting, TorqueLimit,
+};
 use yieldwall_fieldbus::canopen::BusId;
-use yieldwall_fieldbus::objects::{AbortCode, Address, ObjectError, ObjectRequest};
-use yieldwall_fieldbus::time::Time;
+use yieldwall_fieldbus::objects::Address;
 
-/// Time between two looks at an object that has not come to its value.
-const READ_AGAIN: Duration = Duration::from_millis(10);
-/// Bytes of the largest object that is read.
-const LONGEST: usize = 8;
+pub(super) use engine::Script;
 
-/// One access to one object.
+/// One step of a script.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Action {
     /// The object has to have this value under the mask.
@@ -24,29 +25,93 @@ pub(super) enum Action {
     Product,
     /// The revision has to be one that the profile is for.
     Revision,
-    /// The object gets this value.
-    Write { value: u32 },
-    /// The object gets this value and has to hold it.
-    WriteAndVerify { value: u32 },
+    /// A state: the object has to hold this value, but for the bits of `kept`, which stay as the device has them or are set where it refuses
+    /// the value without them. It is written if it holds another one.
+    State { value: u32, kept: u32 },
+    /// A command: the object is written whatever it holds, since the write itself has an effect, or since the device changes the object by
+    /// itself.
+    Command { value: u32, is_verified: bool },
+    /// The next steps are one state: they are passed if each object holds already what it has in the end.
+    Unit { steps: usize },
+    /// Within a unit: the object gets this value for the time being, so that others can be written.
+    Off { value: u32, kept: u32 },
     /// The object gets this speed in r/min of the motor, by the resolution of its encoder that was read before.
     LimitSpeed { counts_per_s: u32 },
     /// The resolution of the encoder: increments in so many revolutions.
     Resolution { part: usize },
+    /// The value of a limit in another unit at which the motor makes its rated torque.
+    RatedCurrent,
+    /// The object gets a limit of the torque in per mille of rated, in the unit of that value.
+    LimitCurrent { per_mille: u16 },
+    /// The object, which the drive keeps, allows no more than a torque in per mille of rated.
+    KeepsCurrent { per_mille: u16 },
+    /// The power of ten of the cycle time, as the drive has it.
+    Exponent,
+    /// A part of the cycle time, said with that power of ten where it can be.
+    CycleTime { period_us: u32, part: CyclePart },
+    /// These bits have to be 0; a device may lack the object.
+    Clear { bits: u32 },
+    /// The type of synchronisation; a device may lack the object, or set it by itself.
+    SyncType { value: u32 },
     /// The object has to come to this value within the time that an answer may take.
     Await { value: u32 },
+    /// The same of the type of synchronisation, which a device may not tell.
+    Synchronised { value: u32 },
     /// Time in ns that the device takes to copy its outputs before SYNC0; a device may lack it.
     CopyTime,
 }
 
+/// What a cycle time consists of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum CyclePart {
+    /// 60C2h:1.
+    Value,
+    /// 60C2h:2.
+    Exponent,
+}
+
 impl Action {
-    /// Whether the object gets a value.
+    /// Whether the object may get a value, which a person may want to have put back.
     pub(super) fn writes(self) -> bool {
-        matches!(self, Action::Write { .. } | Action::WriteAndVerify { .. } | Action::LimitSpeed { .. })
+        let is_computed =
+            matches!(self, Action::LimitSpeed { .. } | Action::LimitCurrent { .. } | Action::CycleTime { .. });
+        is_computed || self.value().is_some()
     }
 
     /// Whether the object is looked at in SAFE-OP.
     pub(super) fn is_late(self) -> bool {
-        matches!(self, Action::Await { .. } | Action::CopyTime)
+        matches!(self, Action::Await { .. } | Action::Synchronised { .. } | Action::CopyTime)
+    }
+
+    /// What the object gets, if it gets a value that is known beforehand.
+    pub(super) fn value(self) -> Option<u32> {
+        match self {
+            Action::State { value, .. }
+            | Action::Off { value, .. }
+            | Action::Command { value, .. }
+            | Action::SyncType { value } => Some(value),
+            _ => None,
+        }
+    }
+
+    /// Whether the object is left alone if it holds the value already.
+    pub(super) fn is_state(self) -> bool {
+        matches!(
+            self,
+            Action::State { .. }
+                | Action::SyncType { .. }
+                | Action::LimitSpeed { .. }
+                | Action::LimitCurrent { .. }
+                | Action::CycleTime { .. }
+        )
+    }
+
+    /// Bits that stay as the device has them.
+    pub(super) fn kept(self) -> u32 {
+        match self {
+            Action::State { kept, .. } | Action::Off { kept, .. } => kept,
+            _ => 0,
+        }
     }
 }
 
@@ -59,7 +124,36 @@ pub(super) struct Step {
     pub(super) action: Action,
 }
 
-/// The objects of a device that its boot writes, but those that stay as it writes them: of a brake, and the home offset.
+impl Step {
+    /// Its object.
+    pub(super) fn at(&self) -> Address {
+        Address::new(self.index, self.sub)
+    }
+
+    /// Whether the step says what an object of its unit holds in the end.
+    pub(super) fn is_part(&self) -> bool {
+        matches!(self.action, Action::State { .. } | Action::Expect { .. })
+    }
+
+    /// Whether an object that holds this is as the step wants it. Some devices send more bytes than the object has; its value is in the first
+    /// ones.
+    pub(super) fn is_held(&self, received: u32) -> bool {
+        let differs = |value: u32| (received ^ value) & width_mask(self.bytes);
+        match self.action {
+            Action::Expect { value, mask } => (received ^ value) & mask == 0,
+            Action::State { value, kept } => differs(value) & !kept == 0,
+            Action::Clear { bits } => received & bits == 0,
+            Action::Command { value, .. }
+            | Action::SyncType { value }
+            | Action::Await { value }
+            | Action::Synchronised { value } => differs(value) == 0,
+            _ => true,
+        }
+    }
+}
+
+/// The objects of a device that its boot may write, but those that stay as it writes them: of a brake, the home offset, and bits that would make a
+/// node a producer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Written {
     /// The bus that it is on.
@@ -81,166 +175,12 @@ impl Written {
     pub(super) fn new(bus: BusId, number: u16, name: &str, steps: &[Step]) -> Self {
         let mut objects = Vec::new();
         for step in steps.iter().filter(|step| step.action.writes() && !STAYS.contains(&step.doing)) {
-            let at = Address::new(step.index, step.sub);
+            let at = step.at();
             if !objects.contains(&at) {
                 objects.push(at);
             }
         }
         Self { bus, number, name: name.to_owned(), objects }
-    }
-}
-
-/// The steps of one device, and how far they have come. What is asked goes to the device by whatever its bus has for that.
-#[derive(Clone, Debug)]
-pub(super) struct Script {
-    /// How long the device may take to answer one request.
-    timeout: Duration,
-    identity: Identity,
-    steps: Vec<Step>,
-    next: usize,
-    verifying: bool,
-    /// Increments and revolutions of the encoder, as the drive tells them.
-    resolution: [u32; 2],
-    /// Time that it takes to copy its outputs, as the device reports it, in ns.
-    copy_ns: u32,
-    /// When the object is read again that has not come to its value yet, and when it is given up.
-    pub(super) again_at: Time,
-    given_up_at: Time,
-}
-
-/// What is asked of the device next.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Wanted {
-    at: Address,
-    /// Little-endian bytes to write, and how many of them; none to read.
-    written: Option<([u8; 4], u8)>,
-}
-
-impl Wanted {
-    /// The request.
-    pub(super) fn request(&self) -> ObjectRequest<'_> {
-        match &self.written {
-            Some((bytes, len)) => ObjectRequest::Write(self.at, bytes.get(..usize::from(*len)).unwrap_or(bytes)),
-            None => ObjectRequest::Read(self.at),
-        }
-    }
-}
-
-impl Script {
-    /// Steps that were not begun.
-    pub(super) fn new(identity: Identity, timeout: Duration, steps: Vec<Step>) -> Self {
-        Self {
-            timeout,
-            identity,
-            steps,
-            next: 0,
-            verifying: false,
-            resolution: [0; 2],
-            copy_ns: 0,
-            again_at: Time::NEVER,
-            given_up_at: Time::NEVER,
-        }
-    }
-
-    /// Begins anew.
-    pub(super) fn restart(&mut self) {
-        (self.next, self.verifying, self.copy_ns) = (0, false, 0);
-        (self.again_at, self.given_up_at) = (Time::NEVER, Time::NEVER);
-    }
-
-    /// All that it does, in its order, and the identity that it looks for.
-    pub(super) fn steps(&self) -> (&[Step], &Identity) {
-        (&self.steps, &self.identity)
-    }
-
-    /// What is being done now.
-    pub(super) fn doing(&self) -> &'static str {
-        self.steps.get(self.next).map_or("start", |step| step.doing)
-    }
-
-    /// Whether what comes next is to be seen once the device exchanges process data: some show their mode only then.
-    pub(super) fn is_late(&self) -> bool {
-        self.steps.get(self.next).is_some_and(|step| step.action.is_late())
-    }
-
-    /// Time that the device takes to copy its outputs before SYNC0; 0 for one that does not tell it.
-    ///
-    /// Real-time: yes.
-    pub(super) fn copy_time(&self) -> Duration {
-        Duration::from_nanos(self.copy_ns.into())
-    }
-
-    pub(super) fn is_done(&self) -> bool {
-        self.next >= self.steps.len()
-    }
-
-    /// What is asked next; nothing when all is done.
-    ///
-    /// # Errors
-    /// If what the device said before does not let the next step be made.
-    pub(super) fn wanted(&mut self) -> Result<Option<Wanted>, BootFailure> {
-        let Some(step) = self.steps.get_mut(self.next) else { return Ok(None) };
-        if let Action::LimitSpeed { counts_per_s } = step.action {
-            step.action = Action::WriteAndVerify { value: motor_speed(counts_per_s, self.resolution)? };
-        }
-        let at = Address::new(step.index, step.sub);
-        let written = match step.action {
-            Action::Write { value } | Action::WriteAndVerify { value } if !self.verifying => {
-                Some((value.to_le_bytes(), step.bytes))
-            }
-            _ => None,
-        };
-        Ok(Some(Wanted { at, written }))
-    }
-
-    /// Takes the answer to what was asked last: the bytes that were read, none after a write. Afterwards [`Script::wanted`] says what comes
-    /// next, unless `again_at` lies ahead.
-    ///
-    /// # Errors
-    /// Why the device cannot be used.
-    pub(super) fn on_answer(&mut self, now: Time, answer: Result<&[u8], ObjectError>) -> Result<(), BootFailure> {
-        let Some(step) = self.steps.get(self.next).copied() else { return Ok(()) };
-        let Step { index, sub, .. } = step;
-        let is_write = matches!(step.action, Action::Write { .. } | Action::WriteAndVerify { .. }) && !self.verifying;
-        match answer {
-            Err(ObjectError::Aborted(_)) if step.action == Action::CopyTime => {}
-            Err(ObjectError::Aborted(code)) => return Err(BootFailure::Refused { index, sub, code }),
-            Err(_) => return Err(BootFailure::NoAnswer { index, sub }),
-            Ok(_) if is_write => self.verifying = matches!(step.action, Action::WriteAndVerify { .. }),
-            Ok(data) if data.len() > LONGEST => {
-                return Err(BootFailure::Refused { index, sub, code: AbortCode::LENGTH });
-            }
-            Ok(data) if self.has_to_wait(now, &step, data) => {
-                self.again_at = now + READ_AGAIN;
-                return Ok(());
-            }
-            Ok(data) => {
-                let received = little_endian(data);
-                check(&step, received, &self.identity)?;
-                if let Action::Resolution { part } = step.action
-                    && let Some(known) = self.resolution.get_mut(part)
-                {
-                    *known = received;
-                }
-                if step.action == Action::CopyTime {
-                    self.copy_ns = received;
-                }
-                self.verifying = false;
-            }
-        }
-        if !self.verifying {
-            tracing::debug!(object = %Address::new(index, sub), "{}: done", step.doing);
-            self.next += 1;
-            self.given_up_at = Time::NEVER;
-        }
-        Ok(())
-    }
-
-    /// Whether the object has not come to its value yet and has time to.
-    fn has_to_wait(&mut self, now: Time, step: &Step, data: &[u8]) -> bool {
-        let Action::Await { value } = step.action else { return false };
-        self.given_up_at = self.given_up_at.min(now + self.timeout);
-        little_endian(data) & width_mask(step.bytes) != value && now < self.given_up_at
     }
 }
 
@@ -250,7 +190,7 @@ pub(super) fn check(step: &Step, received: u32, identity: &Identity) -> Result<(
         Err(BootFailure::Identity { what: step.doing, index, sub, expected: expected.into(), received })
     };
     match step.action {
-        Action::Expect { value, mask } if received & mask != value & mask => other(format!("{value:#x}")),
+        Action::Expect { value, .. } if !step.is_held(received) => other(format!("{value:#x}")),
         Action::Product if !identity.product_codes.contains(&received) => {
             other(identity.product_codes.iter().map(|code| format!("{code:#x}")).collect::<Vec<_>>().join(" or "))
         }
@@ -258,12 +198,22 @@ pub(super) fn check(step: &Step, received: u32, identity: &Identity) -> Result<(
             Revisions::Any => Ok(()),
             Revisions::Range { from, to } => other(format!("{from:#x} to {to:#x}")),
         },
-        Action::Await { value: wanted } if received & width_mask(step.bytes) != wanted => {
-            Err(BootFailure::Mode { wanted, received })
+        Action::Await { value: wanted } if !step.is_held(received) => Err(BootFailure::Mode { wanted, received }),
+        Action::Synchronised { value: wanted } if !step.is_held(received) => {
+            Err(BootFailure::Synchronisation { index, sub, wanted, received })
         }
-        // Some devices send more bytes than the object has; its value is in the first ones.
-        Action::WriteAndVerify { value: written } if (received ^ written) & width_mask(step.bytes) != 0 => {
-            Err(BootFailure::ReadBack { index, sub, written, received })
+        _ => Ok(()),
+    }
+}
+
+/// A torque limit in another unit: its rated value is not 0, and one that the drive keeps allows no more than the rig.
+pub(super) fn check_current(step: &Step, received: u32, rated: u32) -> Result<(), BootFailure> {
+    let Step { index, sub, .. } = *step;
+    let held = received & width_mask(step.bytes);
+    match step.action {
+        Action::RatedCurrent if held == 0 => Err(BootFailure::NoRating { index, sub }),
+        Action::KeepsCurrent { per_mille } if held > CurrentLimit::value(per_mille, rated) => {
+            Err(BootFailure::KeepsMore { index, sub, held, most: CurrentLimit::value(per_mille, rated) })
         }
         _ => Ok(()),
     }
@@ -305,8 +255,20 @@ pub(super) fn step(doing: &'static str, entry: &Entry, action: Action) -> Step {
     Step { doing, index: entry.index, sub: entry.sub, bytes: entry.bytes(), action }
 }
 
-pub(super) fn verify(doing: &'static str, entry: &Entry, value: u32) -> Step {
-    step(doing, entry, Action::WriteAndVerify { value })
+/// A step by which an object comes to hold a value.
+pub(super) fn state(doing: &'static str, entry: &Entry, value: u32) -> Step {
+    step(doing, entry, Action::State { value, kept: 0 })
+}
+
+/// A step that writes an object whatever it holds, and reads it back.
+pub(super) fn command(doing: &'static str, entry: &Entry, value: u32) -> Step {
+    step(doing, entry, Action::Command { value, is_verified: true })
+}
+
+/// Puts what stands before the steps of a unit: they are passed if all their objects hold already what they have in the end.
+pub(super) fn unit(steps: Vec<Step>) -> impl Iterator<Item = Step> {
+    let first = steps.last().map(|last| Step { action: Action::Unit { steps: steps.len() }, ..*last });
+    first.into_iter().chain(steps)
 }
 
 /// A step with an object that every device has at the same place.
@@ -329,8 +291,19 @@ pub(super) fn identity(profile: &DeviceProfile) -> Vec<Step> {
 
 /// The limits that the drive heeds: torque in per mille of its rated torque, speed in counts/s, following error in counts.
 pub(super) fn limits(servo: &Servo, torque_per_mille: u16, counts_per_s: u32, window: u32, steps: &mut Vec<Step>) {
-    if let Some(torque) = &servo.limits.torque {
-        steps.push(verify("set the torque limit", torque, u32::from(torque_per_mille)));
+    const TORQUE: &str = "set the torque limit";
+    match servo.limits.of_torque() {
+        None => {}
+        Some(TorqueLimit::PerMille(torque)) => steps.push(state(TORQUE, torque, u32::from(torque_per_mille))),
+        Some(TorqueLimit::Current(current)) => {
+            let per_mille = torque_per_mille;
+            let (doing, action) = match current.set_by {
+                LimitSetter::Master => (TORQUE, Action::LimitCurrent { per_mille }),
+                LimitSetter::Drive => ("compare its own torque limit", Action::KeepsCurrent { per_mille }),
+            };
+            steps.push(step(doing, &current.rated, Action::RatedCurrent));
+            steps.push(step(doing, &current.limit, action));
+        }
     }
     if let Some(speed) = &servo.limits.motor_speed {
         const DOING: &str = "set the speed limit";
@@ -339,7 +312,7 @@ pub(super) fn limits(servo: &Servo, torque_per_mille: u16, counts_per_s: u32, wi
         steps.push(step(DOING, &speed.limit, Action::LimitSpeed { counts_per_s }));
     }
     if let Some(object) = &servo.limits.following_error {
-        steps.push(verify("set the following error window", object, window));
+        steps.push(state("set the following error window", object, window));
     }
 }
 
@@ -363,8 +336,8 @@ pub(super) fn homing(
 ) -> Result<(), BootFailure> {
     let Some(order) = order else { return Ok(()) };
     let homing = servo.homing.as_ref().ok_or_else(|| lacking(profile, "homing"))?;
-    steps.push(verify(SET_HOME, &homing.offset, homing.offset_for(order.position_at_home) as u32));
-    let mut set = |entry, value| steps.push(verify("set how it homes", entry, value));
+    steps.push(state(SET_HOME, &homing.offset, homing.offset_for(order.position_at_home) as u32));
+    let mut set = |entry, value| steps.push(state("set how it homes", entry, value));
     set(&homing.method, u32::from(order.method as u8));
     set(&homing.switch_speed, order.speed_counts_per_s);
     set(&homing.zero_speed, order.speed_counts_per_s);
@@ -378,7 +351,7 @@ pub(super) fn settings<'a>(
     lost_master: impl IntoIterator<Item = &'a Setting>,
     steps: &mut Vec<Step>,
 ) {
-    let mut set = |doing, setting: &Setting| steps.push(verify(doing, &setting.object, setting.raw()));
+    let mut set = |doing, setting: &Setting| steps.push(state(doing, &setting.object, setting.raw()));
     lost_master.into_iter().for_each(|setting| set("set the reaction to a lost master", setting));
     servo.option_codes.quick_stop.iter().for_each(|setting| set("set the quick stop", setting));
     servo.settings.iter().for_each(|setting| set("set what the profile says", setting));
@@ -387,8 +360,8 @@ pub(super) fn settings<'a>(
 /// The brake that the master holds, closed.
 pub(super) fn brake(servo: &Servo, steps: &mut Vec<Step>) {
     if let Some(output) = servo.brake.of_master() {
-        steps.push(verify(CLOSE_THE_BRAKE, &output.value, output.word(false)));
-        steps.push(verify(CLOSE_THE_BRAKE, &output.mask, output.mask_word()));
+        steps.push(command(CLOSE_THE_BRAKE, &output.value, output.word(false)));
+        steps.push(command(CLOSE_THE_BRAKE, &output.mask, output.mask_word()));
     }
 }
 
@@ -401,15 +374,39 @@ pub(super) fn mode(
 ) -> Result<(), BootFailure> {
     let own = &servo.objects;
     if let Some(cycle_time) = &own.cycle_time {
-        let (value, exponent) = interpolation_time(period_us).ok_or(BootFailure::CycleTime { period_us })?;
-        steps.push(verify("set the cycle time", &cycle_time.value, value));
-        steps.push(verify("set the cycle time", &cycle_time.exponent, exponent));
+        const DOING: &str = "set the cycle time";
+        interpolation_time(period_us).ok_or(BootFailure::CycleTime { period_us })?;
+        let part = |part| Action::CycleTime { period_us, part };
+        steps.push(step(DOING, &cycle_time.exponent, Action::Exponent));
+        steps.push(step(DOING, &cycle_time.value, part(CyclePart::Value)));
+        steps.push(step(DOING, &cycle_time.exponent, part(CyclePart::Exponent)));
     }
     let mode_code = mode.code() as u8 as u32;
-    steps.push(step("set the command mode", &own.mode_of_operation, Action::Write { value: mode_code }));
+    let order = Action::Command { value: mode_code, is_verified: false };
+    steps.push(step("set the command mode", &own.mode_of_operation, order));
     // A mode may be taken over some time after it was asked for.
     steps.push(step("check the command mode in force", &own.mode_display, Action::Await { value: mode_code }));
     Ok(())
+}
+
+/// What a part of the cycle time has to be, for a drive with this power of ten: the drive's own stays where it can say the period, and nothing
+/// is returned for it then.
+pub(super) fn cycle_time(period_us: u32, exponent: Option<i8>, part: CyclePart) -> Result<Option<u32>, BootFailure> {
+    if let Some(value) = exponent.and_then(|exponent| in_units(period_us, exponent)) {
+        return Ok((part == CyclePart::Value).then_some(value));
+    }
+    let (value, exponent) = interpolation_time(period_us).ok_or(BootFailure::CycleTime { period_us })?;
+    Ok(Some(if part == CyclePart::Value { value } else { exponent }))
+}
+
+/// A period in units of this power of ten of a second; `None` if it is no whole number from 1 to 255 of them.
+fn in_units(period_us: u32, exponent: i8) -> Option<u32> {
+    let (numerator, unit_us) = match i32::from(exponent) + 6 {
+        power @ 0.. => (period_us, 10u32.checked_pow(power as u32)?),
+        power => (period_us.checked_mul(10u32.checked_pow(power.unsigned_abs())?)?, 1),
+    };
+    let value = numerator / unit_us;
+    (numerator.is_multiple_of(unit_us) && (1..=u32::from(u8::MAX)).contains(&value)).then_some(value)
 }
 
 /// 60C2h:1 and :2 for a period: the largest power of ten of a second that divides it. `None` if that leaves more than the
@@ -430,33 +427,4 @@ pub(super) fn mapped(profile: &DeviceProfile, quantity: Quantity) -> Result<&Ent
 
 pub(super) fn lacking(profile: &DeviceProfile, what: &'static str) -> BootFailure {
     BootFailure::Layout { profile: profile.name().into(), lacking: what }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_cycle_time_is_written_in_the_largest_fitting_unit() {
-        for (period_us, value, exponent) in
-            [(1000, 1, -3i8), (4000, 4, -3), (500, 5, -4), (125, 125, -6), (10_000, 1, -2)]
-        {
-            assert_eq!(interpolation_time(period_us), Some((value, u32::from(exponent as u8))), "{period_us} us");
-        }
-        // 113 would be its low byte.
-        assert_eq!(interpolation_time(625), None);
-    }
-
-    #[test]
-    fn a_speed_limit_is_told_in_turns_of_the_motor() {
-        // 10 000 counts a turn, and 2 500 in 3 turns.
-        assert_eq!(motor_speed(10_000, [10_000, 1]), Ok(60));
-        assert_eq!(motor_speed(1_000, [2_500, 3]), Ok(72));
-        assert_eq!(motor_speed(0, [10_000, 1]), Ok(1));
-        assert_eq!(motor_speed(u32::MAX, [1, u32::MAX]), Ok(u32::MAX));
-        for resolution in [[0, 1], [10_000, 0]] {
-            let failure = motor_speed(10_000, resolution).unwrap_err();
-            assert!(failure.to_string().contains("608Fh"), "{failure}");
-        }
-    }
 }

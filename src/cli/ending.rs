@@ -195,6 +195,12 @@ fn boot_help(failure: &BootFailure) -> &'static str {
             }
             _ => "mend what the message names, and start again: nothing goes to OP by itself",
         },
+        BootFailure::Keeps { .. } | BootFailure::FixedExponent { .. } | BootFailure::Synchronisation { .. } => {
+            "`yieldwall od read` with the device and the object shows what it holds; then do what the message says"
+        }
+        BootFailure::NoRating { .. } | BootFailure::KeepsMore { .. } => {
+            "`yieldwall od read` with the device and the object shows what it holds"
+        }
         _ => "compare node ids and profiles in the rig file with the devices on the bus",
     }
 }

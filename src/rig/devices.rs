@@ -24,7 +24,7 @@ use yieldwall_sim::arm::{Arm, ArmParameters, JointElasticity};
 use yieldwall_sim::ethercat::{Controller, ControllerSettings, Information, Manner, Segment, SimulatedDevice, sii};
 use yieldwall_sim::{
     AxisSettings, Drive, DriveQuirks, DriveSettings, Encoder, EthercatDrive, ForceSensor, ForceSensorSettings,
-    ForceTorqueSensor, ForceTorqueSettings, PositionLoop, Speaks,
+    ForceTorqueSensor, ForceTorqueSettings, OddObject, PositionLoop, Speaks,
 };
 
 /// By how much the clock of a sensor on plain CAN is slow, in parts per million: a usual crystal. It drifts through the
@@ -53,7 +53,22 @@ fn manner(model: &config::DriveModel) -> DriveQuirks {
         sdo_time: Duration::from_millis((*answer_ms).into()),
         segments_only: *segments_only,
         lengths: lengths.iter().map(|sent| (Address::new(sent.index, sent.sub), sent.bytes.into())).collect(),
+        objects: odd_objects(model),
     }
+}
+
+/// Objects of a simulated drive that are otherwise than those of CiA 402.
+fn odd_objects(model: &config::DriveModel) -> Vec<OddObject> {
+    let odd = |odd: &config::OddObject| OddObject {
+        index: odd.index,
+        sub: odd.sub,
+        is_absent: odd.absent,
+        is_read_only: odd.read_only,
+        holds: odd.holds,
+        needed_bits: odd.needed_bits,
+        write_time: Duration::from_millis(odd.write_ms.into()),
+    };
+    model.objects.iter().map(odd).collect()
 }
 
 /// The simulated drive of a joint, switched off: of the model that the rig's simulation says, or else of that of the rig.
@@ -199,7 +214,8 @@ fn ethercat_drive(
 ) -> Result<EthercatDrive, RigError> {
     let odd = simulated(rig)?.drive_model.as_ref();
     let profile = assembly::profile(odd.map_or(&drive.profile, |odd| &odd.profile))?;
-    let made = EthercatDrive::new(&profile, serial, &axis(rig, scene, drive)?);
+    let objects = odd.map(odd_objects).unwrap_or_default();
+    let made = EthercatDrive::odd(&profile, serial, &axis(rig, scene, drive)?, &objects);
     let mut made = made.map_err(|error| RigError::Device(error.to_string()))?;
     let joint = usize::from(drive.name == rig.drives[1].name);
     made.set_forgets_torque_limit(defects::has(scene, DefectKind::LimitNotKept, joint)?);

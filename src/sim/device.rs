@@ -5,7 +5,7 @@ use yieldwall_drives::profiles::{DeviceProfile, Entry, Pdo};
 
 use yieldwall_fieldbus::canopen::CanopenError;
 use yieldwall_fieldbus::objects::{
-    Access, DeviceIdentity, DictionaryError, Handle, Mappable, Object, ObjectDictionary, Scalar,
+    Access, Address, DeviceIdentity, DictionaryError, Handle, Mappable, Object, ObjectDictionary, Scalar,
 };
 
 /// What building a simulated device refuses.
@@ -35,6 +35,12 @@ pub enum DeviceError {
         sub: u8,
         /// Length in the profile.
         bits: u8,
+    },
+    /// An object is said to be odd that the simulated device does not have.
+    #[error("the simulated drive has no object {at} that could be odd")]
+    Lacks {
+        /// The object.
+        at: Address,
     },
     /// A setting is outside its range.
     #[error("{setting} is {value}, but has to be {range}")]

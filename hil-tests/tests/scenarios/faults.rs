@@ -250,7 +250,7 @@ fn a_node_that_is_missing_or_deaf_is_named() {
             Some(if is_limit { Frame::new(0x581, &[0x80, 0x72, 0x60, 0x00, 0x22, 0, 0, 0x08]) } else { frame })
         };
         let refused = check_refused(&scenario, refusing, "left");
-        assert!(matches!(refused, BootFailure::Refused { index: 0x6072, sub: 0, .. }), "{refused}");
+        assert!(matches!(refused, BootFailure::Keeps { index: 0x6072, sub: 0, .. }), "{refused}");
         assert!(refused.to_string().contains("6072h"), "{refused}");
     }
 }

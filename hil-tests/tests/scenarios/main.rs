@@ -14,6 +14,7 @@ mod examples;
 mod exchange;
 mod faults;
 mod figures;
+mod fixed_objects;
 mod force_sensors;
 mod hostile;
 mod injections;

@@ -1,7 +1,9 @@
 //! The configuration of one node by SDO, as a list of steps.
 
 use crate::error::BootFailure;
-use crate::script::{self, Action, Script, Step, common, lacking, mapped, mapping, servo, verify, width_mask};
+use crate::script::{
+    self, Action, Script, Step, command, common, lacking, mapped, mapping, servo, state, unit, width_mask,
+};
 use crate::setup::{DriveSetup, MasterSetup, SensorNode};
 use std::time::Duration;
 use yieldwall_drives::objects;
@@ -17,6 +19,10 @@ use yieldwall_fieldbus::time::Time;
 /// How often a node may restart while it is configured: a node that was switched on together with the master
 /// announces itself once more after the reset command.
 const RESTARTS: u8 = 3;
+/// Bit 30 of 1005h and 1012h: the node makes the frames.
+const PRODUCES: u32 = 1 << 30;
+/// Bit 30 of 18xxh:1: the TPDO is not sent on remote frames.
+const NO_REMOTE: u32 = 1 << 30;
 /// PDOs of each direction that the master knows of; those that the profile does not name stay as the device has them.
 const PDO_COUNT: u8 = 4;
 
@@ -37,11 +43,13 @@ impl Boot {
         let mut steps = script::identity(profile);
         steps.push(script::has_mode(servo, mode));
         script::homing(profile, servo, drive.homing, &mut steps)?;
+        steps.extend(no_producer());
         steps.push(heartbeat(drive.heartbeat.as_millis() as u32));
         if let HeartbeatWatch::Consumer(consumer) = &servo.watchdogs.heartbeat {
             let watch_ms = master.heartbeat.as_millis() as u32 * HEARTBEAT_PERIODS;
             let value = u32::from(master.node_id) << 16 | watch_ms;
-            steps.push(verify("let the drive watch the master", consumer, value));
+            // The write begins the watch anew.
+            steps.push(command("let the drive watch the master", consumer, value));
         }
         let options = &servo.option_codes;
         script::settings(servo, options.lost_master.iter().chain(&options.communication_error), &mut steps);
@@ -62,6 +70,7 @@ impl Boot {
     pub(super) fn sensor(sensor: &SensorNode, node: NodeId, timeout: Duration) -> Result<Self, BootFailure> {
         let profile = &*sensor.profile;
         let mut steps = script::identity(profile);
+        steps.extend(no_producer());
         steps.push(heartbeat(sensor.heartbeat.as_millis() as u32));
         steps.extend(pdos(profile, mapping(profile, None)?, node, 0)?);
         Ok(Self::new(profile, timeout, steps))
@@ -184,7 +193,13 @@ impl Boot {
 }
 
 fn heartbeat(period_ms: u32) -> Step {
-    common("set the heartbeat", objects::PRODUCER_HEARTBEAT, Action::WriteAndVerify { value: period_ms })
+    common("set the heartbeat", objects::PRODUCER_HEARTBEAT, Action::State { value: period_ms, kept: 0 })
+}
+
+/// Has the node make neither SYNC nor TIME: the master alone does. Bit 30 of their identifiers (1005h, 1012h) would have it do so.
+fn no_producer() -> [Step; 2] {
+    let step = |doing, index| Step { doing, index, sub: 0, bytes: 4, action: Action::Clear { bits: PRODUCES } };
+    [step("keep it from making SYNC", 0x1005), step("keep it from making TIME", 0x1012)]
 }
 
 /// The watchdogs that are set by objects of their own.
@@ -199,7 +214,7 @@ fn watches(servo: &Servo, period_us: u32, steps: &mut Vec<Step>) -> Result<(), B
         if value > width_mask(timed.object.bytes()) {
             return Err(BootFailure::WatchTime { index, sub, after_us });
         }
-        steps.push(verify(doing, &timed.object, value));
+        steps.push(state(doing, &timed.object, value));
         Ok(())
     };
     if let SetPointWatch::Object(timed) = &servo.watchdogs.set_points {
@@ -216,38 +231,55 @@ fn rpdo_deadline_ms(period_us: u32) -> u32 {
     period_us.saturating_mul(WATCHED_CYCLES).div_ceil(1000)
 }
 
-/// The remap order of CiA 301: switch the PDO off, clear the mapping, write it, set the type, switch it on.
+/// The PDOs of the profile, each a unit.
 fn pdos(profile: &DeviceProfile, map: &PdoMap, node: NodeId, rpdo_deadline_ms: u32) -> Result<Vec<Step>, BootFailure> {
-    const DOING: &str = "map the process data";
     let mut steps = Vec::new();
-    let directions = [(0x1400, 0x1600, &map.rpdo, true), (0x1800, 0x1a00, &map.tpdo, false)];
-    for (communication, mapping, used, is_rpdo) in directions {
-        let access = |index: u16, sub: u8, bytes: u8, action: Action| Step { doing: DOING, index, sub, bytes, action };
+    for (used, is_rpdo) in [(&map.rpdo, true), (&map.tpdo, false)] {
         for number in 1..=PDO_COUNT {
             let Some(pdo) = used.iter().find(|pdo| pdo.number == number) else { continue };
-            let offset = u16::from(number) - 1;
             let id = if is_rpdo { cob::rpdo(number, node) } else { cob::tpdo(number, node) };
             // An identifier of 0 would be a network command.
             let id = id.ok_or_else(|| lacking(profile, "an identifier"))?;
-            let id = u32::from(id);
-            let (comm, map) = (communication + offset, mapping + offset);
-            steps.push(access(comm, 1, 4, Action::Write { value: id | cob::INVALID }));
-            steps.push(access(map, 0, 1, Action::Write { value: 0 }));
-            for (sub, quantity) in (1..).zip(&pdo.maps) {
-                let value = mapped(profile, *quantity)?.to_u32();
-                steps.push(access(map, sub, 4, Action::WriteAndVerify { value }));
-            }
-            let entries = pdo.maps.len() as u32;
-            steps.push(access(map, 0, 1, Action::WriteAndVerify { value: entries }));
-            let transmission = u32::from(pdo.transmission_type);
-            steps.push(access(comm, 2, 1, Action::WriteAndVerify { value: transmission }));
-            if is_rpdo && rpdo_deadline_ms > 0 {
-                steps.push(access(comm, 5, 2, Action::WriteAndVerify { value: rpdo_deadline_ms }));
-            }
-            steps.push(access(comm, 1, 4, Action::WriteAndVerify { value: id }));
+            let deadline_ms = if is_rpdo { rpdo_deadline_ms } else { 0 };
+            steps.extend(remap(profile, pdo, is_rpdo, id.into(), deadline_ms)?);
         }
     }
     Ok(steps)
+}
+
+/// The remap order of CiA 301: switch the PDO off, clear the mapping, write it, set the type, switch it on. The mapping is a unit of its own:
+/// one that is fixed and right stays while the parameters change.
+fn remap(
+    profile: &DeviceProfile,
+    pdo: &Pdo,
+    is_rpdo: bool,
+    id: u32,
+    deadline_ms: u32,
+) -> Result<impl Iterator<Item = Step>, BootFailure> {
+    let access = |index: u16, sub: u8, bytes: u8, action: Action| Step {
+        doing: "map the process data",
+        index,
+        sub,
+        bytes,
+        action,
+    };
+    let state = |value: u32| Action::State { value, kept: 0 };
+    let offset = u16::from(pdo.number) - 1;
+    let (comm, map, kept) = if is_rpdo { (0x1400, 0x1600, 0) } else { (0x1800, 0x1a00, NO_REMOTE) };
+    let (comm, map) = (comm + offset, map + offset);
+    let mut mapping = vec![access(map, 0, 1, Action::Off { value: 0, kept: 0 })];
+    for (sub, quantity) in (1..).zip(&pdo.maps) {
+        mapping.push(access(map, sub, 4, state(mapped(profile, *quantity)?.to_u32())));
+    }
+    mapping.push(access(map, 0, 1, state(pdo.maps.len() as u32)));
+    let mut steps = vec![access(comm, 1, 4, Action::Off { value: id | cob::INVALID, kept })];
+    steps.extend(unit(mapping));
+    steps.push(access(comm, 2, 1, state(pdo.transmission_type.into())));
+    if deadline_ms > 0 {
+        steps.push(access(comm, 5, 2, state(deadline_ms)));
+    }
+    steps.push(access(comm, 1, 4, Action::State { value: id, kept }));
+    Ok(unit(steps))
 }
 
 /// The objects of one PDO as the compiled layout wants them.
@@ -273,11 +305,22 @@ mod tests {
         let node = cob::node_id(1).unwrap();
         let profile = yieldwall_config::shipped_profile("simulated-servo");
         let steps = pdos(&profile, profile.pdos(Some(OperationMode::CyclicTorque)).unwrap(), node, 5).unwrap();
-        assert_eq!((steps[0].index, steps[0].sub, steps[0].action), (0x1400, 1, Action::Write { value: 0x8000_0201 }));
-        assert_eq!((steps[1].index, steps[1].sub, steps[1].action), (0x1600, 0, Action::Write { value: 0 }));
-        assert_eq!(steps[2].action, Action::WriteAndVerify { value: 0x6040_0010 });
-        assert_eq!(steps[3].action, Action::WriteAndVerify { value: 0x6071_0010 });
-        let last = steps.iter().rposition(|step| step.index == 0x1400).unwrap();
-        assert_eq!(steps[last].action, Action::WriteAndVerify { value: 0x201 });
+        let off = |value| Action::Off { value, kept: 0 };
+        let state = |value| Action::State { value, kept: 0 };
+        let rpdo: Vec<_> = steps[..9].iter().map(|step| (step.index, step.sub, step.action)).collect();
+        let expected = [
+            (0x1400, 1, Action::Unit { steps: 9 }),
+            (0x1400, 1, off(0x8000_0201)),
+            (0x1600, 0, Action::Unit { steps: 4 }),
+            (0x1600, 0, off(0)),
+            (0x1600, 1, state(0x6040_0010)),
+            (0x1600, 2, state(0x6071_0010)),
+            (0x1600, 0, state(2)),
+            (0x1400, 2, state(1)),
+            (0x1400, 5, state(5)),
+        ];
+        assert_eq!(rpdo, expected);
+        assert_eq!((steps[9].index, steps[9].action), (0x1400, state(0x201)));
+        assert_eq!(steps.last().unwrap().action, Action::State { value: 0x181, kept: 0x4000_0000 });
     }
 }

@@ -37,7 +37,7 @@ impl Limits {
     pub(super) fn of(steps: &[Step], mut is_mapped: impl FnMut(Address) -> bool) -> Self {
         let mut all: Vec<Limit> = Vec::new();
         for step in steps.iter().filter(|step| INDICES.contains(&step.index)) {
-            let (Action::WriteAndVerify { value }, at) = (step.action, Address::new(step.index, step.sub)) else {
+            let (Action::State { value, .. }, at) = (step.action, Address::new(step.index, step.sub)) else {
                 continue;
             };
             all.retain(|limit| limit.at != at);

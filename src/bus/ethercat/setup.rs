@@ -1,7 +1,7 @@
 //! What the master has to know of a segment.
 
 use crate::error::BootFailure;
-use crate::script::{self, Action, Step};
+use crate::script::{self, Action, Step, unit};
 use crate::setup::{BrakeWords, HomingOrder, Waits};
 use std::sync::Arc;
 use std::time::Duration;
@@ -245,14 +245,13 @@ impl StationSetup {
         let mut steps = self.steps.clone();
         map(0x1c12, &self.outputs, &mut steps);
         map(0x1c13, &self.inputs, &mut steps);
-        let types = self.acts.sync_types().into_iter().flatten();
-        steps.extend([0x1c32, 0x1c33].into_iter().zip(types).map(|(index, value)| Step {
-            doing: "set the synchronisation",
-            index,
-            sub: 1,
-            bytes: 2,
-            action: Action::WriteAndVerify { value },
-        }));
+        let types = self.acts.sync_types();
+        let step = |doing, index, action| Step { doing, index, sub: 1, bytes: 2, action };
+        let both = [0x1c32, 0x1c33].into_iter().zip(types.into_iter().flatten());
+        steps.extend(both.map(|(index, value)| step("set the synchronisation", index, Action::SyncType { value })));
+        if let Some([value, _]) = types {
+            steps.push(step("check the synchronisation in force", 0x1c32, Action::Synchronised { value }));
+        }
         if self.acts == Acts::AtSync0 {
             let doing = "read the time to copy outputs";
             steps.push(Step { doing, index: 0x1c32, sub: 6, bytes: 4, action: Action::CopyTime });
@@ -268,31 +267,34 @@ fn bytes(pdos: &[ProcessData]) -> usize {
     pdos.iter().flat_map(|pdo| &pdo.entries).map(|entry| usize::from(entry.bits.div_ceil(8))).sum()
 }
 
-/// The mapping objects and the object that says which are exchanged: switched off, written, switched on.
+/// The mapping objects and the object that says which are exchanged, as a unit: switched off, written, switched on. Each mapping is a unit of
+/// its own, so that a fixed one stays while others are chosen.
 fn map(assignment: u16, pdos: &[ProcessData], steps: &mut Vec<Step>) {
-    const DOING: &str = "map the process data";
     if pdos.is_empty() {
         return;
     }
-    let mut add = |index: u16, sub: u8, bytes: u8, action| {
-        steps.push(Step { doing: DOING, index, sub, bytes, action });
-    };
-    let written = |value| Action::WriteAndVerify { value };
+    let access =
+        |index: u16, sub: u8, bytes: u8, action| Step { doing: "map the process data", index, sub, bytes, action };
+    let state = |value| Action::State { value, kept: 0 };
     let expected = |value| Action::Expect { value, mask: u32::MAX };
-    add(assignment, 0, 1, Action::Write { value: 0 });
+    let off = Action::Off { value: 0, kept: 0 };
+    let mut all = vec![access(assignment, 0, 1, off)];
     for pdo in pdos {
         let raw =
             |entry: &Mapped| u32::from(entry.at.index) << 16 | u32::from(entry.at.sub) << 8 | u32::from(entry.bits);
+        let entries = (1..=MOST_ENTRIES).zip(&pdo.entries);
         let count = pdo.entries.len() as u32;
         if pdo.is_fixed {
-            add(pdo.index, 0, 1, expected(count));
-            (1..=MOST_ENTRIES).zip(&pdo.entries).for_each(|(sub, entry)| add(pdo.index, sub, 4, expected(raw(entry))));
+            all.push(access(pdo.index, 0, 1, expected(count)));
+            all.extend(entries.map(|(sub, entry)| access(pdo.index, sub, 4, expected(raw(entry)))));
         } else {
-            add(pdo.index, 0, 1, Action::Write { value: 0 });
-            (1..=MOST_ENTRIES).zip(&pdo.entries).for_each(|(sub, entry)| add(pdo.index, sub, 4, written(raw(entry))));
-            add(pdo.index, 0, 1, written(count));
+            let mut mapping = vec![access(pdo.index, 0, 1, off)];
+            mapping.extend(entries.map(|(sub, entry)| access(pdo.index, sub, 4, state(raw(entry)))));
+            mapping.push(access(pdo.index, 0, 1, state(count)));
+            all.extend(unit(mapping));
         }
     }
-    (1..=MOST_ENTRIES).zip(pdos).for_each(|(sub, pdo)| add(assignment, sub, 2, written(pdo.index.into())));
-    add(assignment, 0, 1, written(pdos.len() as u32));
+    all.extend((1..=MOST_ENTRIES).zip(pdos).map(|(sub, pdo)| access(assignment, sub, 2, state(pdo.index.into()))));
+    all.push(access(assignment, 0, 1, state(pdos.len() as u32)));
+    steps.extend(unit(all));
 }

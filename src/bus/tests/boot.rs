@@ -2,49 +2,97 @@
 
 use super::*;
 
+/// What the left drive was asked and told, in hexadecimal.
+fn of_left(net: &Net) -> Vec<&str> {
+    net.requests.iter().filter(|(node, _)| *node == 1).map(|(_, line)| line.as_str()).collect()
+}
+
 #[test]
 fn the_boot_of_a_torque_drive_is_this_sequence() {
     let mut net = Net::new(CommandMode::Torque);
     net.boot();
-    let left: Vec<&str> = net.requests.iter().filter(|(node, _)| *node == 1).map(|(_, line)| line.as_str()).collect();
     let read = |object: &str| format!("601#40{object}00000000");
-    let mut expected: Vec<String> = ["001000", "181001", "181002", "026500"].map(read).to_vec();
-    let mut write = |command: &str, object: &str, value: &str, is_verified: bool| {
-        expected.push(format!("601#{command}{object}{value:0<8}"));
-        if is_verified {
-            expected.push(read(object));
-        }
+    let mut expected: Vec<String> = ["001000", "181001", "181002", "026500", "051000", "121000"].map(read).to_vec();
+    let mut write = |command: &str, object: &str, value: &str, manner: &str| {
+        let write = format!("601#{command}{object}{value:0<8}");
+        expected.extend(manner.chars().map(|step| if step == 'w' { write.clone() } else { read(object) }));
     };
-    write("2B", "171000", "1400", true); // heartbeat every 20 ms
-    write("23", "161001", "28007F00", true); // watch node 127 for 40 ms
-    write("2B", "076000", "0300", true); // quick stop when it is lost
-    write("2F", "291001", "00", true); // and Pre-operational
-    write("2B", "5A6000", "0200", true); // quick stop ramp, then Switch On Disabled
-    write("2F", "C26001", "01", true); // 1 ...
-    write("2F", "C26002", "FD", true); // ... ms
-    write("2F", "606000", "0A", false); // cyclic synchronous torque ...
-    write("40", "616000", "", false); // ... in force
-    write("2B", "726000", "E803", true); // 100 % torque at most
-    write("40", "8F6001", "", false); // increments of its encoder ...
-    write("40", "8F6002", "", false); // ... in so many revolutions
-    write("23", "806000", "0E000000", true); // 14 r/min of the motor at most
-    write("23", "656000", "BC310000", true); // following error window
-    write("23", "001401", "01020080", false); // RPDO 1 off
-    write("2F", "001600", "00", false);
-    write("23", "001601", "10004060", true); // controlword, 16 bits
-    write("23", "001602", "10007160", true); // target torque, 16 bits
-    write("2F", "001600", "02", true);
-    write("2F", "001402", "01", true); // at every SYNC
-    write("2B", "001405", "0500", true); // deadline of 5 ms
-    write("23", "001401", "01020000", true); // RPDO 1 on
-    write("23", "001801", "81010080", false); // TPDO 1 off
-    write("2F", "001A00", "00", false);
-    write("23", "001A01", "10004160", true); // statusword, 16 bits
-    write("23", "001A02", "20006460", true); // position, 32 bits
-    write("2F", "001A00", "02", true);
-    write("2F", "001802", "01", true);
-    write("23", "001801", "81010000", true); // TPDO 1 on
-    assert_eq!(left, expected);
+    // r: the object is read, w: it is written.
+    write("2B", "171000", "1400", "rwr"); // heartbeat every 20 ms
+    write("23", "161001", "28007F00", "wr"); // watch node 127 for 40 ms, in any case anew
+    write("2B", "076000", "0300", "rwr"); // quick stop when it is lost
+    write("2F", "291001", "00", "r"); // and Pre-operational, as it stands
+    write("2B", "5A6000", "0200", "rwr"); // quick stop ramp, then Switch On Disabled
+    write("40", "C26002", "", "r"); // the unit of its cycle time, with which ...
+    write("2F", "C26001", "01", "rwr"); // ... 1 ...
+    write("2F", "C26002", "FD", "rwr"); // ... ms cannot be said
+    write("2F", "606000", "0A", "w"); // cyclic synchronous torque ...
+    write("40", "616000", "", "r"); // ... in force
+    write("2B", "726000", "E803", "rwr"); // 100 % torque at most
+    write("40", "8F6001", "", "r"); // increments of its encoder ...
+    write("40", "8F6002", "", "r"); // ... in so many revolutions
+    write("23", "806000", "0E000000", "rwr"); // 14 r/min of the motor at most
+    write("23", "656000", "BC310000", "rwr"); // following error window
+    write("23", "001401", "01020080", "rw"); // RPDO 1 differs: off
+    write("2F", "001600", "00", "rw"); // so do its objects
+    write("23", "001601", "10004060", "wr"); // controlword, 16 bits
+    write("23", "001602", "10007160", "wr"); // target torque, 16 bits
+    write("2F", "001600", "02", "wr");
+    write("2F", "001402", "01", "wr"); // at every SYNC
+    write("2B", "001405", "0500", "wr"); // deadline of 5 ms
+    write("23", "001401", "01020000", "wr"); // RPDO 1 on
+    write("23", "001801", "81010080", "rw"); // TPDO 1 differs: off
+    write("2F", "001A00", "00", "rw");
+    write("23", "001A01", "10004160", "wr"); // statusword, 16 bits
+    write("23", "001A02", "20006460", "wr"); // position, 32 bits
+    write("2F", "001A00", "02", "wr");
+    write("2F", "001802", "01", "wr");
+    write("23", "001801", "81010000", "wr"); // TPDO 1 on
+    assert_eq!(of_left(&net), expected);
+}
+
+#[test]
+fn what_stands_is_read_and_commands_alone_are_written() {
+    let mut net = Net::new(CommandMode::Torque);
+    net.boot();
+    net.requests.clear();
+    // It remembers all of it over a reset.
+    net.master.start(net.now, &mut net.sent);
+    net.take();
+    ["701#00", "702#00", "70A#00"].into_iter().for_each(|line| net.hear(line));
+    net.serve(|_, _| None);
+    let written: Vec<&str> = of_left(&net).into_iter().filter(|line| !line.starts_with("601#40")).collect();
+    // Its watch on the master begins anew, and the mode is asked for.
+    assert_eq!(written, ["601#2316100128007F00", "601#2F6060000A000000"]);
+    assert_eq!(*net.master.networks().phase(), Phase::Starting);
+}
+
+#[test]
+fn nodes_are_kept_from_making_sync_and_time_and_their_tpdos_keep_that_they_allow_no_remote_frames() {
+    let mut net = Net::new(CommandMode::Torque);
+    net.objects.insert((1, 0x1005, 0), 0x4000_0080);
+    net.objects.insert((1, 0x1012, 0), 0xc000_0100);
+    net.objects.insert((1, 0x1800, 1), 0x4000_0181);
+    net.boot();
+    let held = |index, sub| net.objects.get(&(1, index, sub)).copied();
+    assert_eq!((held(0x1005, 0), held(0x1012, 0)), (Some(0x80), Some(0x8000_0100)));
+    assert_eq!(held(0x1800, 1), Some(0x4000_0181));
+    let written = |line: &str| net.requests.iter().any(|(_, request)| request == line);
+    assert!(written("601#23001801810100C0") && written("601#2300180181010040"), "{:?}", net.requests);
+    assert!(!net.requests.iter().any(|(_, line)| line.starts_with("602#23051000") || line.starts_with("602#23121000")));
+}
+
+#[test]
+fn a_tpdo_that_takes_no_identifier_without_bit_30_gets_it() {
+    let mut net = Net::new(CommandMode::Torque);
+    net.reset();
+    net.serve(|node, request| {
+        let is_without = request[..4] == [0x23, 0x00, 0x18, 0x01] && request[7] & 0x40 == 0;
+        (node == 1 && is_without).then_some(Some([0x80, 0x00, 0x18, 0x01, 0x30, 0x00, 0x09, 0x06]))
+    });
+    assert_eq!(*net.master.networks().phase(), Phase::Starting);
+    assert_eq!(net.objects.get(&(1, 0x1800, 1)), Some(&0x4000_0181));
+    assert_eq!(net.objects.get(&(2, 0x1800, 1)), Some(&0x0000_0182));
 }
 
 #[test]
@@ -155,8 +203,8 @@ fn an_abort_a_lie_and_silence_are_named_with_node_step_and_object() {
     });
     let error = failure(&net);
     assert_eq!((error.node_id, error.step), (Some(1), "set the torque limit"));
-    let BootFailure::Refused { index: 0x6072, sub: 0, code } = error.failure else { panic!("{error}") };
-    assert_eq!(code.0, 0x0609_0030);
+    let code = yieldwall_fieldbus::objects::AbortCode::VALUE;
+    assert_eq!(error.failure, BootFailure::Keeps { index: 0x6072, sub: 0, held: 0, wanted: 1000, code });
 
     let mut net = Net::new(CommandMode::Torque);
     net.reset();
@@ -171,7 +219,8 @@ fn an_abort_a_lie_and_silence_are_named_with_node_step_and_object() {
     net.reset();
     net.serve(|node, request| (node == 10 && request[1..4] == [0x17, 0x10, 0x00]).then_some(None));
     assert_eq!(*net.master.networks().phase(), Phase::Configuring);
-    net.wait(Duration::from_millis(249));
+    // It is read, and asked twice more.
+    [250, 250, 249].into_iter().for_each(|ms| net.wait(Duration::from_millis(ms)));
     assert_eq!(*net.master.networks().phase(), Phase::Configuring);
     net.take();
     net.wait(Duration::from_millis(1));

@@ -79,7 +79,9 @@ pub(crate) fn run(rig: &Loaded<Rig>, buses: &[String], sender: Sender, output: &
     let is_simulated = desks.iter().any(|desk| desk.is_simulated);
     let asked = if is_simulated { format!("simulated devices of {}", rig.value.rig.name) } else { place };
     let other = if is_simulated { ". With --bus INTERFACE those of a bus are read" } else { "" };
-    let mut text = words::wrapped(&format!("Nothing was written. Old values were read from the {asked}{other}."));
+    let mut text = words::wrapped(&format!(
+        "Nothing was written. Old values were read from the {asked}{other}. An object that stands already is not written, unless the reset changes it."
+    ));
     let (mut part, mut of) = ("", None);
     for (number, line) in lines.iter().enumerate() {
         let begins = line.part != part || (part == CONFIGURE && line.node != of);
@@ -158,7 +160,13 @@ fn lines(rig: &Rig, plan: &BootPlan, desks: &mut [DeviceSession]) -> Result<(Vec
             }
             _ => None,
         });
-        let write = PlannedWrite { doing: "end the watch", at, old: told, new: Some(never.to_le_bytes().to_vec()) };
+        let write = PlannedWrite {
+            doing: "end the watch",
+            at,
+            old: told,
+            new: Some(never.to_le_bytes().to_vec()),
+            stands: false,
+        };
         let of = Some((node.id.raw(), node.name.clone()));
         lines.push(Line { part: "leave", bus: node.bus, node: of, what: What::Write(write) });
     }
@@ -253,7 +261,8 @@ impl Line {
                 let before = if self.part == CONFIGURE { String::new() } else { format!("{bus}{who}: ") };
                 // Behind the name of a node less is left of the line.
                 let wide = if before.is_empty() { 28 } else { 20 };
-                let line = format!("{before}{:8}  {name:wide$}  {old} -> {new}", write.at.to_string());
+                let change = if write.stands { format!("{new} stands") } else { format!("{old} -> {new}") };
+                let line = format!("{before}{:8}  {name:wide$}  {change}", write.at.to_string());
                 let scaling = self.entry(desks).and_then(|entry| entry.scaling.as_ref());
                 let means = write
                     .new
@@ -295,7 +304,7 @@ impl Line {
                 };
                 json!({
                     "object": write.at.to_string(), "name": words::name(write.at, None), "doing": write.doing,
-                    "old": part(shown(&write.old)), "new": part(shown(&write.new)),
+                    "old": part(shown(&write.old)), "new": part(shown(&write.new)), "stands": write.stands,
                 })
             }
         };
@@ -469,7 +478,7 @@ mod tests {
                     .filter_map(|line| match &line.what {
                         What::Write(write) => {
                             assert!(write.old.is_some(), "{name} {id} {}", write.at);
-                            Some((write.at, write.new.clone().unwrap()))
+                            (!write.stands).then(|| (write.at, write.new.clone().unwrap()))
                         }
                         _ => None,
                     })

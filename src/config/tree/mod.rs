@@ -33,8 +33,8 @@ pub use scene::{
 };
 pub use sensor::{ByteOrder, Mount, Sensor, SensorProtocol};
 pub use simulation::{
-    BusTiming, DriveModel, DrivePositionLoop, NotSimulated, SdoInformation, SdoServer, SegmentDevice, SentLength,
-    Simulation,
+    BusTiming, DriveModel, DrivePositionLoop, NotSimulated, OddObject, SdoInformation, SdoServer, SegmentDevice,
+    SentLength, Simulation,
 };
 pub use surface::{Forbidden, Surface};
 pub use waits::Waits;

@@ -52,6 +52,46 @@ pub struct DriveModel {
     /// How it answers over SDO.
     #[garde(dive)]
     pub sdo_server: SdoServer,
+    /// Objects that are otherwise than those of CiA 402, on CAN and on EtherCAT.
+    #[garde(length(max = 64), dive)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub objects: Vec<OddObject>,
+}
+
+/// An object of a simulated drive that is otherwise than that of CiA 402.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct OddObject {
+    /// Index of the object.
+    pub index: u16,
+    /// Its sub-index; left out for all that the index has.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sub: Option<u8>,
+    /// Whether the drive does not have it.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub absent: bool,
+    /// Whether a write is refused with 06010002h.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub read_only: bool,
+    /// Its value at power-on, if it is another one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub holds: Option<i64>,
+    /// Bits that are set at power-on, and without which a write is refused with 06090030h.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub needed_bits: u32,
+    /// Time from the request of a write to its answer on CAN, ms; 0 for that of all objects. 0 to 60 000.
+    #[garde(range(max = 60_000))]
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub write_ms: u32,
+}
+
+fn is_false(value: &bool) -> bool {
+    !value
+}
+
+fn is_zero<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 /// What a simulated device on EtherCAT does in a manner of its own, or a device beside those of the rig.
@@ -100,10 +140,6 @@ pub enum SdoInformation {
 
 fn is_answered(information: &SdoInformation) -> bool {
     *information == SdoInformation::Answered
-}
-
-fn is_zero(bits: &u16) -> bool {
-    *bits == 0
 }
 
 /// Two hexadecimal digits a byte.

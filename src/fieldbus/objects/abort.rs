@@ -87,6 +87,20 @@ impl AbortCode {
         self.texts().map_or("code not defined by CiA 301", |[_, meaning, ..]| meaning)
     }
 
+    /// Whether a device refuses to change the object at all: 06010002h, or 06010000h from devices that make no difference.
+    ///
+    /// Real-time: yes.
+    pub fn is_read_only(self) -> bool {
+        matches!(self, AbortCode::READ_ONLY | AbortCode::ACCESS)
+    }
+
+    /// Whether a device does not have the object: 06020000h, or 06090011h for a sub-index.
+    ///
+    /// Real-time: yes.
+    pub fn is_absent(self) -> bool {
+        matches!(self, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX)
+    }
+
     /// What usually lies behind it.
     pub fn likely_cause(self) -> &'static str {
         self.texts().map_or("vendor specific: see the device manual", |[_, _, cause, _]| cause)

@@ -1,7 +1,19 @@
 //! Access to the objects of a device, whatever its bus: what is asked for, and how it ends.
 
 use super::{AbortCode, Address};
+use std::time::Duration;
 use thiserror::Error;
+
+/// Longest time for a write of 1010h or 1011h: the device erases and writes its memory before it answers.
+const STORING: Duration = Duration::from_secs(10);
+
+/// Longest time to the answer to a write of an object: `usual`, and at least 10 s for 1010h (store parameters) and 1011h (restore
+/// default parameters).
+///
+/// Real-time: yes.
+pub fn write_patience(at: Address, usual: Duration) -> Duration {
+    if matches!(at.index, 0x1010 | 0x1011) { usual.max(STORING) } else { usual }
+}
 
 /// What is asked of a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -19,7 +19,7 @@ mod served;
 mod value;
 
 pub use abort::AbortCode;
-pub use access::{ObjectAnswer, ObjectError, ObjectRequest};
+pub use access::{ObjectAnswer, ObjectError, ObjectRequest, write_patience};
 pub use address::Address;
 pub use dictionary::{Access, Builder, Description, Handle, Mappable, Object, ObjectDictionary};
 pub use error::DictionaryError;

@@ -7,6 +7,7 @@ use super::*;
 use crate::sample::{self, share};
 use proptest::prelude::*;
 use yieldwall_config::injection::{DEFECTS, Defect, DefectKind, DefectRow, FoundBy, Kind, Target};
+use yieldwall_drives::profiles::EncoderKind;
 use yieldwall_motion::quantity::JointAngles;
 use yieldwall_run::bringup;
 use yieldwall_run::commission::{Begin, Commissioned, STEPS, Step, StepReport, Verdict};
@@ -88,6 +89,24 @@ fn a_healthy_machine_passes_every_step_in_every_mode_and_on_every_bus() {
         assert!(!done.states.contains(&cia402::State::OperationEnabled), "{file}");
         assert!(done.limits.iter().all(|limit| *limit == 1000), "{file}: {:?}", done.limits);
         assert!(done.farthest_rad < bound_rad(), "{file}: {}", done.farthest_rad);
+    }
+}
+
+/// Drives that are told their limit as a current, and drives whose limit no object tells.
+#[test]
+fn drives_without_6072h_pass_every_step() {
+    for profile in ["maxon-epos4", "zeroerr-edriver"] {
+        let loaded = config::load_rig(config::builtin("paper-admittance-csp.yaml")).unwrap();
+        let (mut rig, scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
+        for drive in &mut rig.drives {
+            drive.profile = config::ProfileName::from(profile.to_owned());
+            drive.encoder = Some(EncoderKind::MultiTurn);
+        }
+        let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
+        let done = machine.commission(&rig, Step::Communication.into(), &AtomicBool::new(false), |_| ()).unwrap();
+        assert_eq!(done.verdict(), Verdict::Pass, "{profile}: {:#?}", done.steps);
+        assert!(!machine.drive_states().into_iter().any(cia402::State::has_torque), "{profile}");
+        assert!(machine.drives().iter().all(|drive| drive.torque_limit_per_mille() == 1000), "{profile}");
     }
 }
 

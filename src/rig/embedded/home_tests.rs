@@ -168,6 +168,7 @@ fn a_drive_that_takes_the_offset_with_the_other_sign_is_found() {
         has_dummies: true,
         refuses_mode: false,
         sdo_server: config::SdoServer { answer_ms: 0, segments_only: false, lengths: Vec::new() },
+        objects: Vec::new(),
     });
     let (homed, ..) = homed(&(rig, machine.1), [true; 2], &[]);
     assert!(matches!(homed.unwrap().failed, Some((0, NotHome::Elsewhere(_)))));

@@ -8,7 +8,7 @@ use crate::permit::Ask;
 use crate::place::Place;
 use crate::proof::DriveIdentity;
 use yieldwall_drives::objects;
-use yieldwall_fieldbus::objects::{Address, ObjectAnswer, ObjectRequest};
+use yieldwall_fieldbus::objects::{Address, ObjectAnswer, ObjectRequest, write_patience};
 use yieldwall_fieldbus::time::Time;
 use yieldwall_motion::guard::Device;
 
@@ -40,8 +40,12 @@ impl<P: Place + ?Sized> Runner<P> {
         self.send(|master, now, out| master.networks_mut().ask(now, device, request, out))
             .map_err(|_| unread.clone())?;
         // Time may stand still in lockstep, and a cycle that has panicked moves nothing on: the place's own clock goes on.
-        let patience = self.patience.into_iter().max().unwrap_or_default() + BEYOND_PATIENCE;
-        let until = self.place.now() + patience;
+        let usual = self.patience.into_iter().max().unwrap_or_default();
+        let patience = match request {
+            ObjectRequest::Read(_) => usual,
+            ObjectRequest::Write(at, _) => write_patience(at, usual),
+        };
+        let until = self.place.now() + patience + BEYOND_PATIENCE;
         let has_cycles = self.next_sync != Time::NEVER && self.master.networks().segment().is_some();
         loop {
             if self.has_panicked || self.place.now() >= until {

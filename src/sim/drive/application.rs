@@ -6,7 +6,7 @@ use yieldwall_drives::profiles::Reaction;
 
 use super::device::Device;
 use yieldwall_fieldbus::canopen::{Application, HeartbeatChange, HeartbeatEvent, NmtState, is_dummy};
-use yieldwall_fieldbus::objects::{AbortCode, Address, ObjectDictionary, Reset, ServedDevice};
+use yieldwall_fieldbus::objects::{AbortCode, Address, ObjectDictionary, Reset, ServedDevice, load_le};
 use yieldwall_fieldbus::time::Time;
 
 /// The rated torque, in per mille of itself.
@@ -27,6 +27,10 @@ impl ServedDevice for Device {
             && is_dummy(u16::from_le_bytes([low, high]))
         {
             return Err(AbortCode::NOT_MAPPABLE);
+        }
+        let needed = self.needed_bits.iter().find(|(odd, _)| *odd == at).map_or(0, |(_, bits)| *bits);
+        if needed & !(load_le(data) as u32) != 0 {
+            return Err(AbortCode::VALUE);
         }
         let &[code] = data else { return Ok(()) };
         if at.index != cia::MODE_OF_OPERATION.index {

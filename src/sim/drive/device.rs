@@ -17,7 +17,7 @@ use super::servo::{Motion, Plan, Servo, TorqueRange};
 use super::watches::Watches;
 use super::{AxisSettings, Encoder};
 use yieldwall_drives::watchdog::Clock;
-use yieldwall_fieldbus::objects::{DictionaryError, ObjectDictionary};
+use yieldwall_fieldbus::objects::{Address, DictionaryError, ObjectDictionary};
 use yieldwall_fieldbus::time::Time;
 
 /// Bit of the error register 1001h for errors of the device profile.
@@ -47,6 +47,8 @@ pub(super) struct Device {
     /// States in which the mode may change, a bit each.
     mode_changes_in: u16,
     pub(super) lacks_dummies: bool,
+    /// Bits without which an object is not written.
+    pub(super) needed_bits: Vec<(Address, u32)>,
     pub(super) refuses_mode: bool,
     pub(super) forgets_torque_limit: bool,
     pub(super) watches: Watches,
@@ -113,6 +115,7 @@ impl Device {
             supported_modes: model.supported_modes(),
             mode_changes_in: model.mode_changes_in.iter().fold(0, |bits, state| bits | 1 << *state as u16),
             lacks_dummies: false,
+            needed_bits: Vec::new(),
             refuses_mode: false,
             forgets_torque_limit: false,
             watches: Watches::new(&od, model)?,

@@ -80,6 +80,27 @@ pub struct DriveQuirks {
     pub segments_only: bool,
     /// Objects that are sent with so many bytes whatever their type, 1 to 8.
     pub lengths: Vec<(Address, usize)>,
+    /// Objects that are otherwise than those of CiA 402.
+    pub objects: Vec<OddObject>,
+}
+
+/// An object of a drive that is otherwise than that of CiA 402. By default it is not.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct OddObject {
+    /// Index.
+    pub index: u16,
+    /// Sub-index; `None` for all that the index has.
+    pub sub: Option<u8>,
+    /// Whether the drive does not have it.
+    pub is_absent: bool,
+    /// Whether a write is refused (06010002h).
+    pub is_read_only: bool,
+    /// Value at power-on, if it is another one.
+    pub holds: Option<i64>,
+    /// Bits that are set at power-on, and without which a write is refused (06090030h).
+    pub needed_bits: u32,
+    /// Time from the request of a write to its answer, on CAN.
+    pub write_time: Duration,
 }
 
 /// A simulated servo drive on a joint.
@@ -110,14 +131,19 @@ impl Drive {
         let servo = profile.servo().ok_or_else(role)?;
         settings.position_loop.check()?;
         objects::check(servo)?;
-        let od = objects::build(&settings.scaling, servo, objects::communication(&settings, servo)?)?;
+        let odd = &settings.manner.objects;
+        let od = objects::build(&settings.scaling, servo, objects::communication(&settings, servo)?, odd)?;
         let DriveSettings { scaling, position_loop, encoder, ref manner, .. } = settings;
         let mut device = Device::new(od, &AxisSettings { scaling, position_loop, encoder }, servo)?;
         (device.lacks_dummies, device.refuses_mode) = (manner.lacks_dummies, manner.refuses_mode);
+        device.needed_bits = objects::needed_bits(&manner.objects);
         let mut node = Node::new(settings.node, device.od())?;
         node.set_sdo_time(manner.sdo_time);
         node.set_sdo_segments_only(manner.segments_only);
         manner.lengths.iter().for_each(|(at, bytes)| node.set_sdo_length(*at, *bytes));
+        for odd in manner.objects.iter().filter(|odd| !odd.write_time.is_zero()) {
+            node.set_sdo_write_time(Address::new(odd.index, odd.sub.unwrap_or_default()), odd.write_time);
+        }
         Ok(Drive { node, device, is_powered: false, ignores_heartbeats: false })
     }
 

@@ -8,9 +8,11 @@ use yieldwall_drives::profiles::{Entry, LimitSetter, Servo, SetPointWatch, Setti
 use yieldwall_drives::scaling::AxisScaling;
 
 use super::super::device::{DeviceError, commanded, declare, handle, holding, identity, mark, plain, shown};
-use super::DriveSettings;
+use super::{DriveSettings, OddObject};
 use yieldwall_fieldbus::canopen::{CanopenError, CommunicationProfile, PdoParameters, cob};
-use yieldwall_fieldbus::objects::{Access, Builder, DictionaryError, Handle, Object, ObjectDictionary};
+use yieldwall_fieldbus::objects::{
+    Access, Address, Builder, DictionaryError, Handle, Object, ObjectDictionary, load_le,
+};
 
 /// Quick stop ramp in rad/s^2 unless the master sets one: from 6 rad/s to rest in 60 ms.
 const QUICK_STOP_RAD_PER_S2: f64 = 100.0;
@@ -92,7 +94,8 @@ pub(super) fn build(
     scaling: &AxisScaling,
     servo: &Servo,
     communication: Vec<Object>,
-) -> Result<ObjectDictionary, DictionaryError> {
+    odd: &[OddObject],
+) -> Result<ObjectDictionary, DeviceError> {
     let counts = |rad: f64| (rad * scaling.counts_per_rad()).round() as i64;
     let options = OptionCodes::default();
     let option = |object, value: i16, lo: i16, hi: i16| declare(object, value.into()).limits(lo, hi);
@@ -148,7 +151,7 @@ pub(super) fn build(
         .object(declare(cia::DIGITAL_OUTPUT_MASK, 0))
         .object(commanded(cia::TARGET_VELOCITY, 0))
         .object(fixed(cia::SUPPORTED_MODES, servo.supported_modes().into()));
-    of_profile(of_current(builder, servo), servo).build()
+    Ok(with_oddities(of_profile(of_current(builder, servo), servo), odd)?.build()?)
 }
 
 /// The objects of a drive that limits its torque by its current.
@@ -169,6 +172,30 @@ fn of_current(builder: Builder, servo: &Servo) -> Builder {
     builder
         .object(holding(limit, RATED_CURRENT_MA).access(access))
         .object(holding(rated, RATED_CURRENT_MA).access(Access::ReadOnly))
+}
+
+/// What a drive declares otherwise than CiA 402.
+fn with_oddities(mut builder: Builder, odd: &[OddObject]) -> Result<Builder, DeviceError> {
+    for odd in odd {
+        let revise = |object: Object| {
+            let raw = odd.holds.map_or_else(|| load_le(object.value()), |value| value as u64);
+            let object = object.holding(raw | u64::from(odd.needed_bits));
+            let object = if odd.is_read_only { object.access(Access::ReadOnly) } else { object };
+            (!odd.is_absent).then_some(object)
+        };
+        let subs = odd.sub.map_or_else(|| builder.subs(odd.index), |sub| vec![sub]);
+        let is_declared = subs.iter().all(|sub| builder.revise(Address::new(odd.index, *sub), revise));
+        if subs.is_empty() || !is_declared {
+            return Err(DeviceError::Lacks { at: Address::new(odd.index, odd.sub.unwrap_or_default()) });
+        }
+    }
+    Ok(builder)
+}
+
+/// Bits without which an object is not written.
+pub(super) fn needed_bits(odd: &[OddObject]) -> Vec<(Address, u32)> {
+    let needs = odd.iter().filter(|odd| odd.needed_bits != 0);
+    needs.map(|odd| (Address::new(odd.index, odd.sub.unwrap_or_default()), odd.needed_bits)).collect()
 }
 
 /// What a profile says of its drive beyond the objects of CiA 402: those that are set at each start, and those of its watchdogs.

@@ -615,3 +615,45 @@ fn a_drive_that_does_not_watch_for_set_points_by_an_event_timer_has_none() {
     assert_eq!(bench.try_write(0x1400, 5, &[5, 0])[..], [0x80, 0x00, 0x14, 5, 0x11, 0x00, 0x09, 0x06]);
     assert_eq!(bench.read(0x1400, 0) & 0xff, 2);
 }
+
+#[test]
+fn objects_may_be_absent_fixed_or_want_certain_bits() {
+    let odd = |index, sub| OddObject { index, sub, ..OddObject::default() };
+    let objects = vec![
+        OddObject { is_read_only: true, ..odd(0x1600, None) },
+        OddObject { holds: Some(-4), is_read_only: true, ..odd(0x60c2, Some(2)) },
+        OddObject { needed_bits: 0x4000_0000, ..odd(0x1800, Some(1)) },
+        OddObject { is_absent: true, ..odd(0x6076, None) },
+    ];
+    let manner = DriveQuirks { objects, ..DriveQuirks::default() };
+    let mut bench = Bench::with(DriveSettings { manner, ..settings(Direction::Same) });
+    assert_eq!(bench.try_write(0x1600, 0, &[0]), [0x80, 0x00, 0x16, 0, 0x02, 0x00, 0x01, 0x06]);
+    assert_eq!(bench.request([0x40, 0xc2, 0x60, 2, 0, 0, 0, 0]), [0x4f, 0xc2, 0x60, 2, 0xfc, 0, 0, 0]);
+    assert_eq!(bench.try_write(0x60c2, 2, &[0xfc]), [0x80, 0xc2, 0x60, 2, 0x02, 0x00, 0x01, 0x06]);
+    assert_eq!(bench.request([0x40, 0x00, 0x18, 1, 0, 0, 0, 0])[7] & 0x40, 0x40);
+    let refused = [0x80, 0x00, 0x18, 1, 0x30, 0x00, 0x09, 0x06];
+    assert_eq!(bench.try_write(0x1800, 1, &0x8000_0181_u32.to_le_bytes()), refused);
+    assert_eq!(bench.try_write(0x1800, 1, &0xc000_0181_u32.to_le_bytes())[0], 0x60);
+    assert_eq!(bench.request([0x40, 0x76, 0x60, 0, 0, 0, 0, 0]), [0x80, 0x76, 0x60, 0, 0x00, 0x00, 0x02, 0x06]);
+    // What it does not have cannot be odd.
+    let manner = DriveQuirks { objects: vec![odd(0x5fff, Some(1))], ..DriveQuirks::default() };
+    let lacking = Drive::new(DriveSettings { manner, ..settings(Direction::Same) });
+    assert!(matches!(lacking, Err(DeviceError::Lacks { at: Address { index: 0x5fff, sub: 1 } })));
+}
+
+#[test]
+fn a_write_may_take_longer_than_others() {
+    let slow =
+        OddObject { index: 0x1010, sub: Some(1), write_time: Duration::from_millis(2500), ..OddObject::default() };
+    let manner = DriveQuirks { objects: vec![slow], ..DriveQuirks::default() };
+    let mut drive = Drive::new(DriveSettings { manner, ..settings(Direction::Same) }).unwrap();
+    let (mut out, begin) = (Vec::new(), Time(0));
+    drive.boot(begin, &mut out);
+    out.clear();
+    let id = cob::sdo_request(settings(Direction::Same).node);
+    drive.on_frame(begin, &Frame::new(id, &[0x23, 0x10, 0x10, 1, b's', b'a', b'v', b'e']), &mut out);
+    drive.poll(begin + Duration::from_millis(2499), &mut out);
+    assert!(out.is_empty(), "{out:?}");
+    drive.poll(begin + Duration::from_millis(2500), &mut out);
+    assert_eq!(out.iter().map(|frame| frame.data()[0]).collect::<Vec<_>>(), [0x60]);
+}

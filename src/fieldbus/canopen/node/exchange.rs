@@ -7,6 +7,7 @@ use super::service::Service;
 use super::{Node, PDOS, SYNC_REST};
 use crate::objects::ObjectDictionary;
 use crate::time::Time;
+use std::time::Duration;
 
 impl Node {
     /// Synchronous RPDOs to the dictionary, then the device, then TPDOs.
@@ -109,16 +110,17 @@ impl Node {
             is_slow || out.offer(frame)
         });
         if let Some(payload) = payload {
-            self.answer(now, &payload, out);
+            self.answer(now, self.sdo_time, &payload, out);
         }
     }
 
-    fn answer(&mut self, now: Time, payload: &[u8; 8], out: &mut impl Outbox) {
+    /// Answers after a time.
+    fn answer(&mut self, now: Time, time: Duration, payload: &[u8; 8], out: &mut impl Outbox) {
         let frame = Frame::new(cob::sdo_response(self.id), payload);
-        if self.sdo_time.is_zero() {
+        if time.is_zero() {
             out.push(frame);
         } else {
-            self.answers.push_back((now + self.sdo_time, frame));
+            self.answers.push_back((now + time, frame));
         }
     }
 
@@ -149,12 +151,14 @@ impl Node {
         if frame.len() != 8 || !is_served {
             return;
         }
-        let mut service = Service { app, changed: None, sent_lengths: &self.sent_lengths };
+        let mut service = Service { app, written: None, sent_lengths: &self.sent_lengths };
         let answer = self.sdo.on_request(now, frame.bytes(), &mut service);
-        let changed = service.changed;
+        let written = service.written;
         if let Some(payload) = answer {
-            self.answer(now, &payload, out);
+            let slow = self.write_times.iter().find(|(at, _)| Some(*at) == written);
+            self.answer(now, slow.map_or(self.sdo_time, |(_, time)| *time), &payload, out);
         }
+        let changed = written.map(|at| at.index).filter(|index| (0x1000..0x2000).contains(index));
         self.poll_sdo(now, out);
         if let Some(index) = changed {
             self.take_over(now, index, app.od());

@@ -68,6 +68,8 @@ pub struct Node {
     starts_at: Time,
     /// Time from an SDO request to what answers it.
     sdo_time: Duration,
+    /// Time from a request to what answers it, of objects that take longer to write.
+    write_times: Vec<(Address, Duration)>,
     /// Objects that are sent with another length than that of their type, bytes.
     sent_lengths: Vec<(Address, usize)>,
     /// Answers that wait for their time.
@@ -126,6 +128,7 @@ impl Node {
             reset_time: Duration::ZERO,
             starts_at: Time::NEVER,
             sdo_time: Duration::ZERO,
+            write_times: Vec::new(),
             sent_lengths: Vec::new(),
             answers: VecDeque::new(),
             next: Time::NEVER,
@@ -176,6 +179,12 @@ impl Node {
     /// How long the SDO server takes to answer; it answers at once unless set.
     pub fn set_sdo_time(&mut self, time: Duration) {
         self.sdo_time = time;
+    }
+
+    /// How long the SDO server takes to answer a write of one object, whatever its time for others.
+    pub fn set_sdo_write_time(&mut self, at: Address, time: Duration) {
+        self.write_times.retain(|(known, _)| *known != at);
+        self.write_times.push((at, time));
     }
 
     /// Has the SDO server send every value in segments, those of 4 bytes and less too, and refuse blocks (05040001h).

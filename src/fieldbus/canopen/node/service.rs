@@ -16,8 +16,8 @@ const LOAD: u64 = u32::from_le_bytes(*b"load") as u64;
 /// The objects of a device as its SDO server sees them.
 pub(super) struct Service<'a, A> {
     pub(super) app: &'a mut A,
-    /// Index of a communication object that was written.
-    pub(super) changed: Option<u16>,
+    /// The object that was written.
+    pub(super) written: Option<Address>,
     /// Objects that are sent with another length than that of their type.
     pub(super) sent_lengths: &'a [(Address, usize)],
 }
@@ -65,9 +65,7 @@ impl<A: Application> sdo::Objects for Service<'_, A> {
         if at.index == 0x1003 {
             forget_history(od);
         }
-        if (0x1000..0x2000).contains(&at.index) {
-            self.changed = Some(at.index);
-        }
+        self.written = Some(at);
         self.app.after_write(at);
         Ok(())
     }

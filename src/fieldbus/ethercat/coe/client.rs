@@ -6,7 +6,7 @@ use super::emergency::CoeEmergency;
 use super::information::{self, EntryDescription, ListKind, ObjectDescription, operation};
 use super::wire::{self, Response, Service};
 use crate::ethercat::EthercatError;
-use crate::objects::{AbortCode, Address, ObjectError};
+use crate::objects::{AbortCode, Address, ObjectError, write_patience};
 use crate::time::Time;
 use std::time::Duration;
 
@@ -115,11 +115,13 @@ pub struct CoeClient {
     most: usize,
     answer: CoeAnswer,
     timeout: Duration,
+    /// Longest time to each message of the present request.
+    patience: Duration,
     deadline: Time,
 }
 
 impl CoeClient {
-    /// A client that waits so long for each message.
+    /// A client that waits so long for each message, and for the answer to a write as long as [`write_patience`] says.
     pub fn new(timeout: Duration) -> Self {
         CoeClient {
             phase: Phase::Idle,
@@ -129,6 +131,7 @@ impl CoeClient {
             most: MOST_BYTES,
             answer: CoeAnswer::Idle,
             timeout,
+            patience: timeout,
             deadline: Time::NEVER,
         }
     }
@@ -149,6 +152,7 @@ impl CoeClient {
             return Err(EthercatError::Busy);
         }
         self.forget();
+        self.patience = self.timeout;
         (self.kind, self.at) = match request {
             CoeRequest::Read { at, complete } => (Kind::Read { complete }, at),
             CoeRequest::Write { at, complete, data } => {
@@ -156,6 +160,7 @@ impl CoeClient {
                     return Err(EthercatError::Full { what: "a value", len: data.len(), room: self.most });
                 }
                 self.value.extend_from_slice(data);
+                self.patience = write_patience(at, self.timeout);
                 (Kind::Write { complete }, at)
             }
             CoeRequest::List(kind) => {
@@ -172,7 +177,7 @@ impl CoeClient {
         };
         self.phase = Phase::Start { is_sent: false };
         self.answer = CoeAnswer::Pending;
-        self.deadline = now + self.timeout;
+        self.deadline = now + self.patience;
         Ok(())
     }
 
@@ -285,7 +290,7 @@ impl CoeClient {
             return CoeEvent::Foreign;
         }
         if self.is_busy() {
-            self.deadline = now + self.timeout;
+            self.deadline = now + self.patience;
         }
         CoeEvent::Answer
     }

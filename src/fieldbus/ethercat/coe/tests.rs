@@ -287,3 +287,18 @@ fn an_sdo_abort_ends_a_request_for_information() {
     assert_eq!(client.on_message(Time(2), &[0, 0x20, 0x80, 0, 0, 0, 0x01, 0x00, 0x04, 0x05]), CoeEvent::Answer);
     assert_eq!(*client.answer(), CoeAnswer::Failed(ObjectError::Aborted(AbortCode(0x0504_0001))));
 }
+
+#[test]
+fn a_write_that_stores_has_ten_seconds_and_any_other_its_usual_time() {
+    let usual = Duration::from_millis(100);
+    for (index, time) in [(0x1010, Duration::from_secs(10)), (0x1011, Duration::from_secs(10)), (0x6072, usual)] {
+        let at = Address::new(index, 1);
+        let mut client = CoeClient::new(usual);
+        client.start(Time(0), CoeRequest::Write { at, complete: false, data: b"save" }).unwrap();
+        let before = Time(0) + (time - Duration::from_millis(1));
+        client.poll(before);
+        assert!(client.is_busy(), "{index:04X}h");
+        client.poll(Time(0) + time);
+        assert_eq!(client.answer(), &CoeAnswer::Failed(ObjectError::NoAnswer));
+    }
+}

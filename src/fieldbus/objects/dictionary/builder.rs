@@ -61,6 +61,15 @@ impl Object {
         &self.value
     }
 
+    /// With another power-on value of a basic type; bits beyond its width are cut off. A string keeps its own.
+    pub fn holding(mut self, raw: u64) -> Self {
+        if let Some(bits) = self.data_type.bits() {
+            let raw = (raw & mask(bits)).to_le_bytes();
+            self.value.iter_mut().zip(raw).for_each(|(to, byte)| *to = byte);
+        }
+        self
+    }
+
     /// With these access rights.
     pub fn access(mut self, access: Access) -> Self {
         self.access = access;
@@ -108,6 +117,19 @@ impl Builder {
     /// Declares sub-index 0 of a record or array: its highest sub-index.
     pub fn highest_sub(self, index: u16, highest: u8) -> Self {
         self.object(Object::highest_sub(index, highest))
+    }
+
+    /// Declares what `revise` makes of an object, or no such object; whether it was declared before.
+    pub fn revise(&mut self, at: Address, revise: impl FnOnce(Object) -> Option<Object>) -> bool {
+        let Some(place) = self.objects.iter().position(|object| object.at == at) else { return false };
+        let object = self.objects.remove(place);
+        self.objects.extend(revise(object));
+        true
+    }
+
+    /// The sub-indices that are declared of an index.
+    pub fn subs(&self, index: u16) -> Vec<u8> {
+        self.objects.iter().filter(|object| object.at.index == index).map(|object| object.at.sub).collect()
     }
 
     /// Whether an object is declared.

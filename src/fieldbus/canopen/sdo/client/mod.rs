@@ -7,7 +7,7 @@ use std::time::Duration;
 use super::super::{CanopenError, Frame, NodeId, Outbox, cob};
 use super::block::{BlockReceiver, BlockSender};
 use super::wire;
-use crate::objects::{AbortCode, Address, Scalar};
+use crate::objects::{AbortCode, Address, Scalar, write_patience};
 use crate::time::Time;
 
 /// How a transfer ended.
@@ -93,6 +93,8 @@ const SWITCH_BELOW: u8 = 28;
 pub struct SdoClient {
     node: NodeId,
     timeout: Duration,
+    /// Longest time to each answer of the present transfer.
+    patience: Duration,
     capacity: usize,
     retries: u8,
     longest: Duration,
@@ -117,12 +119,14 @@ impl SdoClient {
     pub const DEFAULT_CAPACITY: usize = 1 << 20;
 
     /// A client for `node` that waits up to `timeout` for each answer and holds values of up to `capacity` bytes (at
-    /// least 4). Memory is taken as data arrive, not by what a device announces.
+    /// least 4). A write that the device stores has the time of [`write_patience`]. Memory is taken as data arrive, not
+    /// by what a device announces.
     pub fn new(node: NodeId, timeout: Duration, capacity: usize) -> Self {
         let capacity = capacity.max(wire::EXPEDITED);
         SdoClient {
             node,
             timeout,
+            patience: timeout,
             capacity,
             retries: RETRIES,
             longest: LONGEST_TRANSFER,
@@ -256,7 +260,7 @@ impl SdoClient {
         match step {
             Step::Ignore => None,
             Step::Wait => {
-                self.deadline = now + self.timeout;
+                self.deadline = now + self.patience;
                 self.tries = self.retries;
                 None
             }
@@ -266,7 +270,7 @@ impl SdoClient {
             }
             Step::Stream => {
                 self.tries = self.retries;
-                self.deadline = now + self.timeout;
+                self.deadline = now + self.patience;
                 self.stream(now, out);
                 None
             }
@@ -337,6 +341,7 @@ impl SdoClient {
         }
         self.at = Address::new(index, sub);
         self.data.clear();
+        self.patience = self.timeout;
         self.is_block = is_block;
         self.restarts = self.retries;
         self.give_up_at = now + self.longest;
@@ -359,6 +364,7 @@ impl SdoClient {
     ) -> Result<(), CanopenError> {
         self.check_len(data.len())?;
         self.begin(now, index, sub, is_block)?;
+        self.patience = write_patience(self.at, self.timeout);
         self.has_size = true;
         self.restarts = 0;
         self.data.extend_from_slice(data);
@@ -385,7 +391,7 @@ impl SdoClient {
 
     /// Sends what has to be answered.
     fn send(&mut self, now: Time, payload: wire::Payload, out: &mut impl Outbox) {
-        self.deadline = now + self.timeout;
+        self.deadline = now + self.patience;
         self.tries = self.retries;
         self.push(payload, out);
     }
@@ -402,7 +408,7 @@ impl SdoClient {
         if sender.poll(now, interval, &self.data, |payload| out.offer(Frame::new(id, &payload))) {
             self.tries = self.retries;
             let last = if sender.next_at() == Time::NEVER { now } else { sender.next_at() };
-            self.deadline = last + self.timeout;
+            self.deadline = last + self.patience;
         }
     }
 
@@ -423,7 +429,7 @@ impl SdoClient {
         match self.repetition() {
             Ok(payload) => {
                 self.tries -= 1;
-                self.deadline = now + self.timeout;
+                self.deadline = now + self.patience;
                 if let Some(payload) = payload {
                     self.push(payload, out);
                 }

@@ -216,3 +216,22 @@ proptest! {
         prop_assert_eq!(pass(&data, block_size, rooms), pass(&data, block_size, std::iter::repeat(1000)));
     }
 }
+
+#[test]
+fn a_write_that_stores_has_ten_seconds_and_any_other_its_usual_time() {
+    let usual = Duration::from_millis(100);
+    let node = crate::canopen::node_id(1).unwrap();
+    for (index, time) in [(0x1010, Duration::from_secs(10)), (0x1011, Duration::from_secs(10)), (0x6072, usual)] {
+        let (mut client, mut out) = (SdoClient::new(node, usual, 64), Vec::new());
+        client.start_download(NOW, index, 1, b"save", &mut out).unwrap();
+        assert_eq!(client.next_deadline(), NOW + time);
+        client.on_frame(NOW, &Frame::new(0x581, &[0x60, index as u8, (index >> 8) as u8, 1, 0, 0, 0, 0]), &mut out);
+        // It is read in its usual time, and written in longer than that where all objects have longer.
+        client.start_upload(NOW, index, 1, &mut out).unwrap();
+        assert_eq!(client.next_deadline(), NOW + usual);
+    }
+    let minute = Duration::from_secs(60);
+    let mut client = SdoClient::new(node, minute, 64);
+    client.start_download(NOW, 0x1010, 1, b"save", &mut Vec::new()).unwrap();
+    assert_eq!(client.next_deadline(), NOW + minute);
+}
