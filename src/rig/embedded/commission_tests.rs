@@ -7,7 +7,7 @@ use super::*;
 use crate::sample::{self, share};
 use proptest::prelude::*;
 use yieldwall_config::injection::{DEFECTS, Defect, DefectKind, DefectRow, FoundBy, Kind, Target};
-use yieldwall_drives::profiles::EncoderKind;
+use yieldwall_drives::profiles::{EncoderKind, Role, SetPointWatch};
 use yieldwall_motion::quantity::JointAngles;
 use yieldwall_run::bringup;
 use yieldwall_run::commission::{Begin, Commissioned, STEPS, Step, StepReport, Verdict};
@@ -99,7 +99,11 @@ fn drives_without_6072h_pass_every_step() {
         let loaded = config::load_rig(config::builtin("paper-admittance-csp.yaml")).unwrap();
         let (mut rig, scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
         for drive in &mut rig.drives {
-            drive.profile = config::ProfileName::from(profile.to_owned());
+            let mut shipped = (**config::ProfileName::from(profile.to_owned()).get().unwrap()).clone();
+            let Role::Servo(servo) = &mut shipped.device else { unreachable!() };
+            // A simulated drive does not act for a time that nobody knows.
+            servo.watchdogs.set_points = SetPointWatch::None;
+            drive.profile.set(shipped, None);
             drive.encoder = Some(EncoderKind::MultiTurn);
         }
         let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();

@@ -158,8 +158,15 @@ impl Bench<'_> {
     fn note_drive_limits(&mut self, found: &mut Found) -> Result<(), Halt> {
         let limits = torque_limits_per_mille(self.rig).map_err(|error| Halt::Failed(error.to_string()))?;
         for (joint, (device, per_mille)) in Device::DRIVES.into_iter().zip(limits).enumerate() {
-            let DriveLimit::Kept(own) = self.runner.drive_limit(self.rig, device)? else { continue };
             let name = self.name(joint);
+            let own = match self.runner.drive_limit(self.rig, device)? {
+                DriveLimit::OfMaster => continue,
+                DriveLimit::Untold => {
+                    found.note(format!("{name}: torque limit"), "no object tells it");
+                    continue;
+                }
+                DriveLimit::Kept(own) => own,
+            };
             found.note(
                 format!("{name}: its own torque limit"),
                 format!("{} in {}, {:.2} N m", own.held, own.at, own.torque_n_m),
