@@ -6,7 +6,7 @@ use std::time::Duration;
 use yieldwall_drives::eds::{Access, DeviceInfo, Eds, Entry, Kind, Node, Object, Value};
 
 use super::connection::{Error, Service};
-use super::known::known;
+use super::known::{known, type_held};
 use super::object_access::ObjectAccess;
 use super::scan::{identify, of_node};
 use yieldwall_fieldbus::canopen::NodeId;
@@ -160,8 +160,8 @@ fn entry(at: Address, bytes: &[u8], node_id: u8) -> Entry {
     let by_length = || type_by_length(bytes.len());
     let is_text = || !bytes.is_empty() && bytes.iter().all(|byte| matches!(byte, 0x20..0x7f | 0));
     // A string of four letters is more often a number.
-    let data_type = match (&known, by_length()) {
-        (Some(known), _) => known.data_type,
+    let data_type = match (type_held(at, None, bytes), by_length()) {
+        (Some(data_type), _) => data_type,
         (None, Some(data_type)) => data_type,
         (None, None) if is_text() => VISIBLE_STRING,
         (None, None) => OCTET_STRING,
@@ -228,7 +228,7 @@ pub fn sheet_of(node_id: u8, values: &[(Address, Vec<u8>)], explained: Option<&E
     let mut sheet = Eds { node: Some(Node { id: node_id, ..Node::default() }), ..Eds::default() };
     for (at, bytes) in values {
         let known = known(*at, explained);
-        let data_type = known.as_ref().map_or(OCTET_STRING, |known| known.data_type);
+        let data_type = type_held(*at, explained, bytes).unwrap_or(OCTET_STRING);
         let entry = Entry {
             name: known.map_or_else(String::new, |known| known.name),
             data_type,

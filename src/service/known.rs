@@ -3,9 +3,13 @@
 use yieldwall_drives::eds::{self, Eds};
 use yieldwall_drives::objects;
 
-use yieldwall_fieldbus::objects::Address;
+use super::scan::number;
+use yieldwall_fieldbus::objects::{Address, mask, sign_extend};
 
-/// UNSIGNED8 and UNSIGNED32 by their numbers.
+/// Whole numbers by the numbers of their types.
+const I8: u16 = 0x02;
+const I16: u16 = 0x03;
+const I32: u16 = 0x04;
 const U8: u16 = 0x05;
 const U16: u16 = 0x06;
 const U32: u16 = 0x07;
@@ -24,6 +28,35 @@ pub struct Known {
 /// What a data sheet says of an object, or else the standards.
 pub fn known(at: Address, eds: Option<&Eds>) -> Option<Known> {
     eds.and_then(|eds| of_sheet(at, eds)).or_else(|| of_standard(at))
+}
+
+/// The data type of an object that holds `held`. The data sheet or the standards give it, except that a torque limit which a drive counts
+/// with a minus has a sign.
+pub fn type_held(at: Address, eds: Option<&Eds>, held: &[u8]) -> Option<u16> {
+    let is_of_sheet = eds.is_some_and(|eds| eds.entry(at.index, at.sub).is_some());
+    let is_limit = [objects::POSITIVE_TORQUE_LIMIT, objects::NEGATIVE_TORQUE_LIMIT]
+        .iter()
+        .any(|limit| (limit.index, limit.sub) == (at.index, at.sub));
+    match (is_limit && !is_of_sheet && torque_limit(held) < 0, held.len(), number(held)) {
+        (false, ..) => known(at, eds).map(|known| known.data_type),
+        (true, ..=1, _) => Some(I8),
+        (true, _, ..=0xffff) => Some(I16),
+        (true, ..) => Some(I32),
+    }
+}
+
+/// A torque limit (60E0h, 60E1h) from its bytes, in the drive's unit. Some drives count the limit as a magnitude, others as a negative
+/// number. All bits set are no limit (`u32::MAX`).
+pub fn torque_limit(held: &[u8]) -> i64 {
+    let word = number(held);
+    let bits = match (held.len(), word) {
+        (..=1, _) => 8,
+        // More bytes than the value needs: a device may fill up with zeros.
+        (_, ..=0xffff) => 16,
+        _ => 32,
+    };
+    let word = u64::from(word);
+    if word == mask(bits) { i64::from(u32::MAX) } else { sign_extend(word, bits) }
 }
 
 /// An object with its name, if it has one: `6041h:0 statusword`.
@@ -139,6 +172,32 @@ mod tests {
         assert_eq!(named("Status Word", None), [Address::new(0x6041, 0)]);
         assert_eq!(known(Address::new(0x1a01, 2), None).unwrap().name, "tpdo-2.map-2");
         assert_eq!(known(Address::new(0x2010, 0), None), None, "of a vendor");
+    }
+
+    #[test]
+    fn a_torque_limit_is_a_magnitude_or_a_negative_number() {
+        let no_limit = i64::from(u32::MAX);
+        for (held, limit, data_type) in [
+            (&[0xe8, 0x03][..], 1000, U16),
+            (&[0x18, 0xfc], -1000, I16),
+            (&[0x0c, 0xfe], -500, I16),
+            (&[0x9c], -100, I8),
+            (&[0x64], 100, U16),
+            (&[0x18, 0xfc, 0xff, 0xff], -1000, I32),
+            (&[0x18, 0xfc, 0, 0], -1000, I16),
+            (&[0xe8, 0x03, 0, 0], 1000, U16),
+            (&[0xff, 0xff], no_limit, U16),
+            (&[0xff; 4], no_limit, U16),
+            (&[0xff, 0xff, 0, 0], no_limit, U16),
+        ] {
+            assert_eq!(torque_limit(held), limit, "{held:02x?}");
+            assert_eq!(type_held(Address::new(0x60e1, 0), None, held), Some(data_type), "{held:02x?}");
+        }
+        assert_eq!(type_held(Address::new(0x6072, 0), None, &[0x18, 0xfc]), Some(U16), "another limit");
+        let text =
+            b"[DeviceInfo]\nVendorName=x\n[60E1]\nParameterName=Limit\nObjectType=7\nDataType=6\nAccessType=rw\n";
+        let sheet = Eds::read(text).unwrap().eds;
+        assert_eq!(type_held(Address::new(0x60e1, 0), Some(&sheet), &[0x18, 0xfc]), Some(U16), "the data sheet counts");
     }
 
     #[test]
