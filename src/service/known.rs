@@ -129,19 +129,38 @@ fn of_standard(at: Address) -> Option<Known> {
     }
 }
 
-/// Where the objects of this name lie: in a data sheet, or else by the standards. Case, dashes, underlines and blanks do not count.
+/// Where the objects of this name lie. Case, dashes, underlines and blanks do not count.
+///
+/// If the data sheet has the object that the standards call so, the name means that object. Otherwise the names of the data sheet come
+/// before those of the standards. Entries that other objects explain, such as those of a mapping, come last: many editors name them as
+/// what they map. Among several objects of a data sheet the one counts that is spelt exactly so.
 pub fn named(name: &str, eds: Option<&Eds>) -> Vec<Address> {
-    let of_sheet: Vec<Address> = eds.map_or_else(Vec::new, |eds| {
-        eds.named(name).into_iter().map(|(index, sub)| Address::new(index, sub)).collect()
-    });
-    if !of_sheet.is_empty() {
-        return of_sheet;
-    }
     let bare =
         |name: &str| name.chars().filter(|one| one.is_alphanumeric()).flat_map(char::to_lowercase).collect::<String>();
     let wanted = bare(name);
     let meant = standard().filter(|object| bare(object.name) == wanted);
-    meant.map(|object| Address::new(object.index, object.sub)).collect()
+    let of_standard: Vec<Address> = meant.map(|object| Address::new(object.index, object.sub)).collect();
+    let Some(eds) = eds else { return of_standard };
+    if of_standard.iter().any(|at| eds.entry(at.index, at.sub).is_some()) {
+        return of_standard;
+    }
+    let of_sheet = eds.named(name).into_iter().map(|(index, sub)| Address::new(index, sub));
+    let (explained, own): (Vec<Address>, Vec<Address>) = of_sheet.partition(|at| is_explained(*at));
+    let found = [own, of_standard, explained].into_iter().find(|found| !found.is_empty()).unwrap_or_default();
+    let exact: Vec<Address> = found.iter().copied().filter(|at| is_spelt(name, *at, eds)).collect();
+    if exact.len() == 1 { exact } else { found }
+}
+
+/// Whether an entry only names another object or an error: entries of mappings, of assignments and of the error history.
+fn is_explained(at: Address) -> bool {
+    at.sub > 0 && matches!(at.index, 0x1003 | 0x1600..0x1800 | 0x1a00..0x1c00 | 0x1c10..0x1c30)
+}
+
+/// Whether a data sheet spells the name of an entry, of its object, or both with a dot between, exactly so.
+fn is_spelt(name: &str, at: Address, eds: &Eds) -> bool {
+    let own = eds.entry(at.index, at.sub).is_some_and(|entry| entry.name == name);
+    let object = at.sub == 0 && eds.objects.get(&at.index).is_some_and(|object| object.name == name);
+    own || object || of_sheet(at, eds).is_some_and(|known| known.name == name)
 }
 
 /// The names of the standards, and those of a data sheet: what somebody may have meant.
@@ -210,5 +229,55 @@ mod tests {
         assert_eq!(named("statusword", Some(&eds)), [Address::new(0x6041, 0)]);
         let pairs = known(Address::new(0x2000, 1), Some(&eds)).unwrap();
         assert_eq!((pairs.name.as_str(), pairs.data_type, pairs.is_writable), ("Motor.Pole pairs", 5, Some(true)));
+    }
+
+    /// A sheet of variables, and of records with one entry.
+    fn sheet(objects: &[(u16, u8, &str)]) -> Eds {
+        let mut text = "[DeviceInfo]\nVendorName=x\n".to_owned();
+        for (index, sub, name) in objects {
+            text += &match sub {
+                0 => format!("[{index:04X}]\nParameterName={name}\nObjectType=7\nDataType=6\nAccessType=rw\n"),
+                sub => format!(
+                    "[{index:04X}]\nParameterName=List\nObjectType=9\nSubNumber=1\n\
+                     [{index:04X}sub{sub:X}]\nParameterName={name}\nDataType=7\nAccessType=rw\n"
+                ),
+            };
+        }
+        Eds::read(text.as_bytes()).unwrap().eds
+    }
+
+    #[test]
+    fn a_name_means_the_object_and_not_the_entries_that_list_it() {
+        let [status, code] = [Address::new(0x6041, 0), Address::new(0x603f, 0)];
+        for (objects, name, meant) in [
+            (&[(0x1a00, 1, "Statusword"), (0x6041, 0, "Statusword")][..], "statusword", &[status][..]),
+            (
+                &[(0x1600, 2, "Target torque"), (0x6071, 0, "Target torque")],
+                "target-torque",
+                &[Address::new(0x6071, 0)],
+            ),
+            // The object has another name, or is not in the sheet at all.
+            (&[(0x1a00, 1, "Statusword"), (0x6041, 0, "Drive status")], "statusword", &[status]),
+            (&[(0x1a00, 1, "Statusword")], "statusword", &[status]),
+            (&[(0x1003, 1, "Error code"), (0x603f, 0, "Error code")], "error code", &[code]),
+            // Objects of the vendor beside their entries in a mapping.
+            (
+                &[(0x1a01, 3, "Motor current"), (0x2031, 0, "Motor current")],
+                "motor-current",
+                &[Address::new(0x2031, 0)],
+            ),
+            (&[(0x1a01, 3, "Gap")], "gap", &[Address::new(0x1a01, 3)]),
+            (&[(0x2041, 0, "status_word"), (0x6041, 0, "Statusword")], "statusword", &[status]),
+            // Names that differ by case and blanks alone: by their spelling, or both.
+            (&[(0x2000, 0, "Gain P"), (0x2001, 0, "GainP")], "GainP", &[Address::new(0x2001, 0)]),
+            (&[(0x2000, 0, "Gain P"), (0x2001, 0, "GainP")], "Gain P", &[Address::new(0x2000, 0)]),
+            (
+                &[(0x2000, 0, "Gain P"), (0x2001, 0, "GainP")],
+                "gain-p",
+                &[Address::new(0x2000, 0), Address::new(0x2001, 0)],
+            ),
+        ] {
+            assert_eq!(named(name, Some(&sheet(objects))), meant, "{objects:?} {name}");
+        }
     }
 }
