@@ -388,3 +388,27 @@ fn a_negative_torque_limit_is_dumped_as_one() {
     let entry = found.entry(0x60e1, 0).unwrap();
     assert_eq!((entry.data_type, &entry.value), (3, &Some(yieldwall_drives::eds::Value::Integer(-1000))));
 }
+
+/// The same entries from the drive that sends values of one to four bytes with up to eight, as from one that does not; each value whose
+/// type nothing gives is named.
+#[test]
+fn a_dump_of_a_drive_with_wrong_lengths_loses_no_entry() {
+    let places = |eds: &Eds| {
+        eds.entries()
+            .filter(|(.., entry)| entry.value.is_some())
+            .map(|(index, sub, _)| at(index, sub))
+            .collect::<Vec<_>>()
+    };
+    let (plain, missed) = inventory(&mut service(), node(1), |_| {}).unwrap();
+    assert!(missed.iter().all(|missed| !missed.why.is_uncertain()), "{missed:?}");
+    let (odd, missed) = inventory(&mut of_rig("vendors/wrong-lengths.yaml"), node(1), |_| {}).unwrap();
+    let [plain, odd] = [places(&plain), places(&odd)];
+    let lost: Vec<&Address> =
+        plain.iter().filter(|at| !odd.contains(at) && (at.index < 0x2000 || at.index >= 0x6000)).collect();
+    assert_eq!(lost, Vec::<&Address>::new());
+    assert!(odd.contains(&at(0x1600, 1)));
+    let uncertain: Vec<Address> =
+        missed.iter().filter(|missed| missed.why.is_uncertain()).map(|missed| missed.at).collect();
+    assert!(uncertain.iter().all(|at| odd.contains(at)), "{uncertain:?}");
+    println!("uncertain: {uncertain:?}");
+}
