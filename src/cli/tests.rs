@@ -101,6 +101,11 @@ fn devices_that_are_not_there_are_no_success() {
     let file = folder.join("left.dcf").display().to_string();
     let exit = |line: &str| run(line.split(' ').map(OsString::from));
     assert_eq!(exit(&format!("yieldwall -q od dump left --out {file}")), Exit::Ok);
+    // Its drive fills answers up, and the standards give the types of these values.
+    let odd = folder.join("odd.dcf");
+    let dump = format!("yieldwall -q od dump left --out {} --rig builtin:vendors/wrong-lengths.yaml", odd.display());
+    assert_eq!(exit(&dump), Exit::Ok);
+    assert!(std::fs::read_to_string(&odd).unwrap().contains("[1600sub1]"));
     for (line, wanted) in [
         ("nmt 55 start", Exit::DeviceMismatch),
         ("nmt 55 stop", Exit::DeviceMismatch),

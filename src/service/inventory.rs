@@ -1,12 +1,13 @@
 //! All objects of a device with their values: by its data sheet, or found by asking.
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::time::Duration;
 
 use yieldwall_drives::eds::{Access, DeviceInfo, Eds, Entry, Kind, Node, Object, Value};
 
 use super::connection::{Error, Service};
-use super::known::known;
+use super::known::{known, type_held};
 use super::object_access::ObjectAccess;
 use super::scan::{identify, of_node};
 use yieldwall_fieldbus::canopen::NodeId;
@@ -27,16 +28,60 @@ const LSS_ANSWER: Duration = Duration::from_millis(200);
 /// Entries that are looked for at most, and bytes of their values: more than a device with the largest dictionary has.
 const MOST_ENTRIES: usize = 16_384;
 const MOST_BYTES: usize = 16 << 20;
+/// Bytes to which a device fills a number up at most.
+const MOST_FILLED: usize = 8;
 /// Objects whose reading empties them, or takes for ever: a program, an error log of the vendor.
 const PROGRAMS: std::ops::Range<u16> = 0x1f50..0x1f60;
 
-/// An object without a value, and why.
+/// An object without a value, or with one that is not certain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UnreadObject {
     /// The object.
     pub at: Address,
-    /// Why there is none.
-    pub why: Error,
+    /// The reason.
+    pub why: Unread,
+}
+
+/// Why an object has no value, or none that is certain.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unread {
+    /// The device gives no value.
+    Failed(Error),
+    /// The device fills answers up, and nothing gives the type of the value in this one, whose length is in bytes.
+    Padded(usize),
+    /// The answer, whose length is in bytes, is no value of the type that the data sheet gives.
+    Unfit(usize),
+}
+
+impl Unread {
+    /// Whether the device has answered with a value that the inventory cannot vouch for.
+    pub fn is_uncertain(self) -> bool {
+        !matches!(self, Self::Failed(_))
+    }
+}
+
+impl fmt::Display for Unread {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Failed(error) => error.fmt(out),
+            Self::Padded(bytes) => {
+                write!(out, "comes with {bytes} bytes from a device that fills answers up: its type is not known")
+            }
+            Self::Unfit(bytes) => {
+                write!(out, "comes with {bytes} bytes that are no value of its type in the data sheet")
+            }
+        }
+    }
+}
+
+/// What an inventory finds beside the values.
+#[derive(Default)]
+struct Doubts {
+    missed: Vec<UnreadObject>,
+    /// Entries whose type only their length gives, and that may be filled up; with their lengths.
+    by_length: Vec<(Address, usize)>,
+    /// Whether a value whose length CiA 301 fixes came with more bytes.
+    is_padding: bool,
 }
 
 /// All objects of a device with their values as they are now, found by asking for every index there may be. Nothing is written.
@@ -67,7 +112,7 @@ pub fn inventory_of(
     mut eds: Eds,
     mut progress: impl FnMut(f64),
 ) -> Result<(Eds, Vec<UnreadObject>), Error> {
-    let mut missed = Vec::new();
+    let mut doubts = Doubts::default();
     let (mut entries, mut bytes) = (0, 0);
     // Below 1000h are types, not objects.
     let listed = objects.indices()?.map(|listed| listed.into_iter().filter(|index| *index >= 0x1000).collect());
@@ -79,18 +124,23 @@ pub fn inventory_of(
         if PROGRAMS.contains(&index) {
             continue;
         }
-        if let Some(object) = object(objects, node_id, index, &mut missed)? {
+        if let Some(object) = object(objects, node_id, index, &mut doubts)? {
             entries += object.entries.len();
             bytes += object.entries.values().map(size).sum::<usize>();
             eds.objects.insert(index, object);
         }
-        if entries + missed.len() > MOST_ENTRIES || bytes > MOST_BYTES {
+        if entries + doubts.missed.len() > MOST_ENTRIES || bytes > MOST_BYTES {
             return Err(Error::Boundless(entries));
         }
     }
     let count = |from: u16| eds.objects.range(from..from + 0x200).count() as u16;
     (eds.device.rpdos, eds.device.tpdos) = (Some(count(0x1400)), Some(count(0x1800)));
     progress(1.0);
+    let Doubts { mut missed, by_length, is_padding } = doubts;
+    if is_padding {
+        missed.extend(by_length.into_iter().map(|(at, length)| UnreadObject { at, why: Unread::Padded(length) }));
+        missed.sort_by_key(|missed| (missed.at.index, missed.at.sub));
+    }
     Ok((eds, missed))
 }
 
@@ -99,44 +149,50 @@ fn object(
     objects: &mut (impl ObjectAccess + ?Sized),
     node_id: u8,
     index: u16,
-    missed: &mut Vec<UnreadObject>,
+    doubts: &mut Doubts,
 ) -> Result<Option<Object>, Error> {
     let mut entries = BTreeMap::new();
-    let first = match objects.read(Address::new(index, 0)) {
+    let mut first = match objects.read(Address::new(index, 0)) {
         Err(Error::Refused(AbortCode::NO_OBJECT)) => return Ok(None),
         Err(error @ (Error::Link(_) | Error::Interrupted | Error::NoAnswer)) => return Err(error),
         first => first,
     };
+    // What is longer is no count that was filled up.
+    let may_count = first.as_ref().map_or(true, |bytes| bytes.len() <= MOST_FILLED);
+    let is_list = may_count && is_list(index);
+    let count = if may_count { count(index, is_list, &first) } else { 0 };
     let mut take = |sub: u8, answer: Result<Vec<u8>, Error>| {
         let at = Address::new(index, sub);
         match answer {
             Ok(bytes) => {
-                entries.insert(sub, entry(at, &bytes, node_id));
+                let entry = entry(at, &bytes, node_id);
+                doubts.weigh(at, &bytes, entry.data_type);
+                entries.insert(sub, entry);
                 Ok(true)
             }
             Err(Error::Refused(AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX)) => Ok(false),
             Err(error @ (Error::Link(_) | Error::Interrupted)) => Err(error),
             Err(why) => {
-                missed.push(UnreadObject { at, why });
+                doubts.missed.push(UnreadObject { at, why: Unread::Failed(why) });
                 Ok(true)
             }
         }
     };
-    let count = match &first {
-        Ok(bytes) if bytes.len() == 1 => bytes.first().copied().unwrap_or_default(),
-        // Without a first entry the others are looked for where most devices have them.
-        Err(Error::Refused(AbortCode::NO_SUB_INDEX)) => 8,
-        _ => 0,
-    };
-    take(0, first)?;
-    let mut has_more = false;
-    // A variable that happens to be one byte long has nothing at sub-index 1.
-    if count > 0 && count < u8::MAX && take(1, objects.read(Address::new(index, 1)))? {
-        has_more = true;
+    // A variable that happens to be a small number has nothing at sub-index 1. A list may lack its first entry.
+    let mut has_more = count > 0 && take(1, objects.read(Address::new(index, 1)))?;
+    if has_more || is_list {
         for sub in 2..=count {
-            take(sub, objects.read(Address::new(index, sub)))?;
+            has_more |= take(sub, objects.read(Address::new(index, sub)))?;
         }
     }
+    let mut is_filled = false;
+    if let (Ok(bytes), true) = (&mut first, is_list || has_more) {
+        is_filled = bytes.len() > 1;
+        // Sub-index 0 of a list is a count, whatever its length.
+        bytes.truncate(1);
+    }
+    take(0, first)?;
+    doubts.is_padding |= is_filled;
     if entries.is_empty() {
         return Ok(None);
     }
@@ -144,6 +200,43 @@ fn object(
     let kind = if has_more { Kind::Record } else { Kind::Variable };
     let name = if has_more { format!("object-{index:04x}") } else { name };
     Ok(Some(Object { name, kind, entries, line: 0 }))
+}
+
+/// Whether the standards have entries at an index, of which sub-index 0 holds the number.
+fn is_list(index: u16) -> bool {
+    let has_count = known(Address::new(index, 0), None).is_none_or(|known| known.data_type == U8);
+    has_count && known(Address::new(index, 1), None).is_some()
+}
+
+/// Entries behind sub-index 0 that are worth asking for, 0 to 254, by what it answers: for a list by its first byte, and for an object that
+/// nobody knows if it is a small number in as many bytes as the device likes.
+fn count(index: u16, is_list: bool, first: &Result<Vec<u8>, Error>) -> u8 {
+    let count = match first {
+        Ok(bytes) if is_list => bytes.first().copied().unwrap_or_default(),
+        Ok(bytes) if known(Address::new(index, 0), None).is_none() => match bytes.split_first() {
+            Some((count, more)) if more.iter().all(|byte| *byte == 0) => *count,
+            _ => 0,
+        },
+        // Without a first entry the others are looked for where most devices have them.
+        Err(Error::Refused(AbortCode::NO_SUB_INDEX)) => 8,
+        _ => 0,
+    };
+    if count < u8::MAX { count } else { 0 }
+}
+
+impl Doubts {
+    /// Notes whether an answer is longer than CiA 301 has it, and whether its type is a guess that the length of the answer gives.
+    fn weigh(&mut self, at: Address, bytes: &[u8], data_type: u16) {
+        let standard = type_held(at, None, bytes);
+        // Bytes of a whole number, from the number of its values.
+        let size = |data_type: u16| Value::range(data_type).map(|range| (range.end - range.start).ilog2().div_ceil(8));
+        let is_longer = standard.and_then(size).is_some_and(|size| bytes.len() > size as usize);
+        self.is_padding |= is_longer && at.index < 0x2000;
+        let may_be_filled = bytes.len() > 1 && matches!(bytes.last(), Some(0 | 0xff));
+        if standard != Some(data_type) && may_be_filled {
+            self.by_length.push((at, bytes.len()));
+        }
+    }
 }
 
 /// Bytes of a value that is not a number.
@@ -160,8 +253,8 @@ fn entry(at: Address, bytes: &[u8], node_id: u8) -> Entry {
     let by_length = || type_by_length(bytes.len());
     let is_text = || !bytes.is_empty() && bytes.iter().all(|byte| matches!(byte, 0x20..0x7f | 0));
     // A string of four letters is more often a number.
-    let data_type = match (&known, by_length()) {
-        (Some(known), _) => known.data_type,
+    let data_type = match (type_held(at, None, bytes), by_length()) {
+        (Some(data_type), _) => data_type,
         (None, Some(data_type)) => data_type,
         (None, None) if is_text() => VISIBLE_STRING,
         (None, None) => OCTET_STRING,
@@ -214,9 +307,14 @@ pub fn values_of(
         }
         let at = Address::new(index, sub);
         match objects.read(at) {
-            Ok(bytes) => entry.value = Some(of_node(at, Value::from_bytes(entry.data_type, &bytes), node_id)),
+            Ok(bytes) => match Value::from_bytes(entry.data_type, &bytes) {
+                Value::Bytes(bytes) if Value::range(entry.data_type).is_some() => {
+                    missed.push(UnreadObject { at, why: Unread::Unfit(bytes.len()) });
+                }
+                value => entry.value = Some(of_node(at, value, node_id)),
+            },
             Err(error @ (Error::Link(_) | Error::Interrupted | Error::NoAnswer)) => return Err(error),
-            Err(why) => missed.push(UnreadObject { at, why }),
+            Err(why) => missed.push(UnreadObject { at, why: Unread::Failed(why) }),
         }
     }
     progress(1.0);
@@ -228,7 +326,7 @@ pub fn sheet_of(node_id: u8, values: &[(Address, Vec<u8>)], explained: Option<&E
     let mut sheet = Eds { node: Some(Node { id: node_id, ..Node::default() }), ..Eds::default() };
     for (at, bytes) in values {
         let known = known(*at, explained);
-        let data_type = known.as_ref().map_or(OCTET_STRING, |known| known.data_type);
+        let data_type = type_held(*at, explained, bytes).unwrap_or(OCTET_STRING);
         let entry = Entry {
             name: known.map_or_else(String::new, |known| known.name),
             data_type,
@@ -308,5 +406,93 @@ mod tests {
             assert!(entries <= MOST_ENTRIES + 0x100, "{length}: {entries}");
             assert!(length == 1 || entries * length <= MOST_BYTES + length, "{length}: {entries}");
         }
+    }
+
+    /// A device that fills its answers up with zeros to four bytes, or does not.
+    struct Filling(usize, Vec<((u16, u8), Vec<u8>)>);
+
+    impl Filling {
+        fn new(length: usize) -> Self {
+            let bytes = |number: u32| number.to_le_bytes().to_vec();
+            let objects = vec![
+                ((0x1000, 0), bytes(0x0002_0192)),
+                ((0x1001, 0), vec![0]),
+                ((0x1018, 0), vec![2]),
+                ((0x1018, 1), bytes(0x5957)),
+                ((0x1018, 2), bytes(0x0402)),
+                ((0x1600, 0), vec![2]),
+                ((0x1600, 1), bytes(0x6040_0010)),
+                ((0x1600, 2), bytes(0x607a_0020)),
+                // A list that lacks its first entry.
+                ((0x1800, 0), vec![2]),
+                ((0x1800, 2), vec![1]),
+                ((0x1c12, 0), vec![1]),
+                ((0x1c12, 1), vec![0, 0x16]),
+                // Those that nobody knows: a record, a variable that looks like a count, and one that fills its bytes.
+                ((0x2000, 0), vec![1]),
+                ((0x2000, 1), vec![7, 0]),
+                ((0x2001, 0), vec![3, 0]),
+                ((0x2002, 0), bytes(0x1234_5678)),
+                ((0x6041, 0), vec![0x40, 0x02]),
+            ];
+            Self(length, objects)
+        }
+    }
+
+    impl ObjectAccess for Filling {
+        fn read(&mut self, at: Address) -> Result<Vec<u8>, Error> {
+            let found = self.1.iter().find(|(place, _)| *place == (at.index, at.sub));
+            let is_there = self.1.iter().any(|((index, _), _)| *index == at.index);
+            let Some((_, bytes)) = found else {
+                let code = if is_there { AbortCode::NO_SUB_INDEX } else { AbortCode::NO_OBJECT };
+                return Err(Error::Refused(code));
+            };
+            let mut bytes = bytes.clone();
+            bytes.resize(bytes.len().max(self.0), 0);
+            Ok(bytes)
+        }
+
+        fn write(&mut self, _: Address, _: &[u8]) -> Result<(), Error> {
+            Err(Error::NoAnswer)
+        }
+    }
+
+    /// Entries with their values; a file in between, so that what the file cannot say does not count.
+    fn values(eds: &Eds) -> Vec<((u16, u8), Value)> {
+        let text = eds.to_dcf(&Node { id: 1, ..Node::default() });
+        let read = Eds::read(text.as_bytes()).unwrap();
+        assert_eq!(read.findings, []);
+        read.eds.entries().filter_map(|(index, sub, entry)| Some(((index, sub), entry.value.clone()?))).collect()
+    }
+
+    #[test]
+    fn a_device_that_fills_its_answers_up_loses_no_entry_and_no_doubt_is_silent() {
+        let (plain, missed) = inventory_of(&mut Filling::new(1), 1, Eds::default(), |_| ()).unwrap();
+        assert_eq!(missed, []);
+        let places: Vec<(u16, u8)> = Filling::new(1).1.iter().map(|(place, _)| *place).collect();
+        let plain = values(&plain);
+        assert_eq!(plain.iter().map(|(place, _)| *place).collect::<Vec<_>>(), places);
+        for length in [2, 4, 8] {
+            let (filled, missed) = inventory_of(&mut Filling::new(length), 1, Eds::default(), |_| ()).unwrap();
+            assert_eq!(values(&filled), plain, "{length} bytes");
+            let doubtful: Vec<(u16, u8)> = missed.iter().map(|missed| (missed.at.index, missed.at.sub)).collect();
+            let with_zeros =
+                if length == 8 { &[(0x2000, 1), (0x2001, 0), (0x2002, 0)][..] } else { &[(0x2000, 1), (0x2001, 0)] };
+            assert_eq!(doubtful, with_zeros, "{length} bytes");
+            assert!(missed.iter().all(|missed| missed.why.is_uncertain()));
+            // A data sheet gives the types.
+            let (read, missed) = values_of(&mut Filling::new(length), 1, &filled, |_| ()).unwrap();
+            assert_eq!((values(&read), missed), (plain.clone(), vec![]), "{length} bytes");
+        }
+    }
+
+    #[test]
+    fn an_answer_that_is_no_value_of_its_type_is_named() {
+        let (mut sheet, _) = inventory_of(&mut Filling::new(1), 1, Eds::default(), |_| ()).unwrap();
+        let entry = sheet.objects.get_mut(&0x2002).and_then(|object| object.entries.get_mut(&0)).unwrap();
+        entry.data_type = U8;
+        let (read, missed) = values_of(&mut Filling::new(4), 1, &sheet, |_| ()).unwrap();
+        assert_eq!(missed, [UnreadObject { at: Address::new(0x2002, 0), why: Unread::Unfit(4) }]);
+        assert_eq!(read.entry(0x2002, 0).unwrap().value, None);
     }
 }

@@ -110,8 +110,8 @@ pub fn plan(
         let Some(Asked { known, wanted }) = asked(at, entry, explained, node_id) else { continue };
         let name = known.as_ref().map_or_else(|| entry.name.clone(), |known| known.name.clone());
         let mut leave_out = |why: Why| plan.left_out.push(LeftOut { at, name: name.clone(), why });
-        let (data_type, new) = match wanted {
-            Ok(wanted) => wanted,
+        let forms = match wanted {
+            Ok(forms) => forms,
             Err(why) => {
                 leave_out(why);
                 continue;
@@ -125,6 +125,9 @@ pub fn plan(
                 continue;
             }
         };
+        // The device tells by its answer which of the types is its own.
+        let form = forms.iter().find(|(_, bytes)| bytes.len() == old.len()).or(forms.first());
+        let Some((data_type, new)) = form.cloned() else { continue };
         if old == new || Value::from_bytes(data_type, &old) == Value::from_bytes(data_type, &new) {
             continue;
         }
@@ -144,8 +147,8 @@ pub fn plan(
 struct Asked {
     /// What is known of it.
     known: Option<Known>,
-    /// Data type and bytes, or why it is not written.
-    wanted: Result<(u16, Vec<u8>), Why>,
+    /// Data types that have a place for the value, with its bytes, the likeliest first; or why it is not written.
+    wanted: Result<Vec<(u16, Vec<u8>)>, Why>,
 }
 
 /// What a file wants of an entry; `None` if the file has no value of it, or it only shows something.
@@ -156,13 +159,18 @@ fn asked(at: Address, entry: &Entry, explained: Option<&Eds>, node_id: u8) -> Op
         return None;
     }
     let of_sheet = explained.and_then(|eds| eds.entry(at.index, at.sub));
-    let data_type = known.as_ref().map_or(entry.data_type, |known| known.data_type);
-    let wanted = match value.to_bytes(data_type, node_id) {
-        _ if entry.is_kept_from_download || of_sheet.is_some_and(|entry| entry.is_kept_from_download) => {
-            Err(Why::KeptFromDownload)
-        }
-        Some(bytes) => Ok((data_type, bytes)),
-        None => Err(Why::Unfit),
+    // Drives may have another type than the standard: theirs is in the data sheet, or else in the file.
+    let standard = known.as_ref().map_or(entry.data_type, |known| known.data_type);
+    let own = if of_sheet.is_some() { standard } else { entry.data_type };
+    let forms =
+        [standard, own].into_iter().filter_map(|data_type| Some((data_type, value.to_bytes(data_type, node_id)?)));
+    let forms: Vec<_> = forms.collect();
+    let wanted = if entry.is_kept_from_download || of_sheet.is_some_and(|entry| entry.is_kept_from_download) {
+        Err(Why::KeptFromDownload)
+    } else if forms.is_empty() {
+        Err(Why::Unfit)
+    } else {
+        Ok(forms)
     };
     Some(Asked { known, wanted })
 }
@@ -180,7 +188,7 @@ pub fn downloads(values: &Eds, explained: Option<&Eds>, node_id: u8) -> (Vec<(Ad
             (Err(why), ..) => Err(why),
             (Ok(_), Some(caution), _) => Err(Why::Caution(caution)),
             (Ok(_), None, None) => Err(Why::Unexplained),
-            (Ok((_, bytes)), None, Some(_)) => Ok(bytes),
+            (Ok(forms), None, Some(_)) => Ok(forms.into_iter().map(|(_, bytes)| bytes).next().unwrap_or_default()),
         };
         match checked {
             Ok(bytes) => drop(all.insert((index, sub), bytes)),

@@ -334,3 +334,81 @@ fn drives_of_five_odd_vendors_are_adopted_for_what_they_are() {
         assert!(missing.iter().any(|line| line.contains(says)), "{name}: {missing:#?}");
     }
 }
+
+/// A drive that holds one value in one object, as if in a type of its own.
+struct Holder(Address, Vec<u8>);
+
+impl ObjectAccess for Holder {
+    fn read(&mut self, at: Address) -> Result<Vec<u8>, Error> {
+        if at == self.0 { Ok(self.1.clone()) } else { Err(Error::Refused(AbortCode::NO_OBJECT)) }
+    }
+
+    fn write(&mut self, at: Address, value: &[u8]) -> Result<(), Error> {
+        match (at == self.0, value.len() == self.1.len()) {
+            (true, true) => self.1 = value.to_vec(),
+            (true, false) => return Err(Error::Refused(AbortCode::LENGTH)),
+            (false, _) => return Err(Error::Refused(AbortCode::NO_OBJECT)),
+        }
+        Ok(())
+    }
+}
+
+/// A file says which type the drive has, and the length of the drive's answer which of two types that both have a place for the value.
+#[test]
+fn a_torque_limit_is_restored_in_the_type_of_its_file() {
+    for (index, data_type, value, held, new) in [
+        (0x60e1, 3, "-500", &[0x18, 0xfc][..], &[0x0c, 0xfe][..]),
+        (0x60e0, 2, "-100", &[0x64], &[0x9c]),
+        (0x60e1, 4, "-70000", &[0; 4], &[0x90, 0xee, 0xfe, 0xff]),
+        (0x60e1, 4, "500", &[0; 4], &[0xf4, 0x01, 0, 0]),
+        // A file of somebody who writes all numbers as UNSIGNED32.
+        (0x6072, 7, "500", &[0, 0], &[0xf4, 0x01]),
+    ] {
+        let text = format!(
+            "[DeviceInfo]\nVendorName=x\n[{index:04X}]\nParameterName=Limit\nObjectType=7\nDataType={data_type}\nAccessType=rw\n\
+             ParameterValue={value}\n"
+        );
+        let wanted = Eds::read(text.as_bytes()).unwrap().eds;
+        let mut drive = Holder(at(index, 0), held.to_vec());
+        let found = plan(&mut drive, 1, &wanted, None).unwrap();
+        assert_eq!(found.left_out, [], "{value}");
+        let [step] = &found.steps[..] else { panic!("{value}: {:?}", found.steps) };
+        assert_eq!(step.new, new, "{value}");
+        assert_eq!(carry_out(&mut drive, step).unwrap(), WriteOutcome::Written, "{value}");
+        assert_eq!(plan(&mut drive, 1, &wanted, None).unwrap(), Plan::default(), "{value}");
+        assert_eq!(downloads(&wanted, None, 1).1, [], "{value}");
+    }
+}
+
+/// What is dumped of a drive that counts its limit as a negative number is negative in the file.
+#[test]
+fn a_negative_torque_limit_is_dumped_as_one() {
+    let mut drive = Holder(at(0x60e1, 0), vec![0x18, 0xfc]);
+    let (found, _) = inventory_of(&mut drive, 1, Eds::default(), |_| ()).unwrap();
+    let entry = found.entry(0x60e1, 0).unwrap();
+    assert_eq!((entry.data_type, &entry.value), (3, &Some(yieldwall_drives::eds::Value::Integer(-1000))));
+}
+
+/// The same entries from the drive that sends values of one to four bytes with up to eight, as from one that does not; each value whose
+/// type nothing gives is named.
+#[test]
+fn a_dump_of_a_drive_with_wrong_lengths_loses_no_entry() {
+    let places = |eds: &Eds| {
+        eds.entries()
+            .filter(|(.., entry)| entry.value.is_some())
+            .map(|(index, sub, _)| at(index, sub))
+            .collect::<Vec<_>>()
+    };
+    let (plain, missed) = inventory(&mut service(), node(1), |_| {}).unwrap();
+    assert!(missed.iter().all(|missed| !missed.why.is_uncertain()), "{missed:?}");
+    let (odd, missed) = inventory(&mut of_rig("vendors/wrong-lengths.yaml"), node(1), |_| {}).unwrap();
+    let [plain, odd] = [places(&plain), places(&odd)];
+    let lost: Vec<&Address> =
+        plain.iter().filter(|at| !odd.contains(at) && (at.index < 0x2000 || at.index >= 0x6000)).collect();
+    assert_eq!(lost, Vec::<&Address>::new());
+    assert!(odd.contains(&at(0x1600, 1)));
+    let uncertain: Vec<Address> =
+        missed.iter().filter(|missed| missed.why.is_uncertain()).map(|missed| missed.at).collect();
+    assert!(uncertain.iter().all(|at| odd.contains(at)), "{uncertain:?}");
+    println!("uncertain: {uncertain:?}");
+}

@@ -18,7 +18,7 @@ use crate::failure::{Exit, Failure};
 use crate::output::Output;
 use yieldwall_config::{Diagnostic, Severity};
 use yieldwall_fieldbus::objects::{AbortCode, Address};
-use yieldwall_service::{Caution, Error, Step, WriteOutcome, carry_out, known, type_by_length};
+use yieldwall_service::{Caution, Error, Step, WriteOutcome, carry_out, known, type_by_length, type_held};
 
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum Command {
@@ -198,7 +198,7 @@ fn read(arguments: &Read, output: &mut Output) -> Result<(), Failure> {
         let name = words::name(at, eds.as_ref());
         match reached.read(at) {
             Ok(bytes) => {
-                let data_type = known(at, eds.as_ref()).map(|known| known.data_type);
+                let data_type = type_held(at, eds.as_ref(), &bytes);
                 let shown = words::value(at, data_type, &bytes, reached.scaling());
                 documents.push(words::document(at, &name, &bytes, &shown));
                 rows.push([at.to_string(), name, shown.raw, shown.means.unwrap_or_default()]);
@@ -236,7 +236,8 @@ fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
         Err(error) => return Err(reached.failure(&format!("reading {at}"), error)),
     };
     let data_type = match (known(at, eds.as_ref()), &old) {
-        (Some(known), _) => known.data_type,
+        (Some(known), None) => known.data_type,
+        (Some(known), Some(old)) => type_held(at, eds.as_ref(), old).unwrap_or(known.data_type),
         (None, Some(old)) => type_by_length(old.len()).ok_or_else(|| no_type(at))?,
         (None, None) => return Err(no_type(at)),
     };

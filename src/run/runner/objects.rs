@@ -22,7 +22,15 @@ impl<P: Place + ?Sized> Runner<P> {
     /// # Errors
     /// [`RunError::Unread`] if it does not answer or refuses.
     pub fn read(&mut self, device: Device, index: u16, sub: u8) -> Result<u32, RunError> {
-        self.transfer(device, ObjectRequest::Read(Address::new(index, sub)))
+        self.read_bytes(device, Address::new(index, sub)).map(|data| unsigned(&data))
+    }
+
+    /// Reads the bytes of an object, the lowest first.
+    ///
+    /// # Errors
+    /// As [`Runner::read`].
+    pub(crate) fn read_bytes(&mut self, device: Device, at: Address) -> Result<Vec<u8>, RunError> {
+        self.transfer(device, ObjectRequest::Read(at))
     }
 
     /// Writes the little-endian bytes of an object of a device of a booted network.
@@ -33,8 +41,8 @@ impl<P: Place + ?Sized> Runner<P> {
         self.transfer(device, ObjectRequest::Write(at, data)).map(|_| ())
     }
 
-    /// One transfer; what was read, as an unsigned value.
-    fn transfer(&mut self, device: Device, request: ObjectRequest<'_>) -> Result<u32, RunError> {
+    /// One transfer; the bytes that were read.
+    fn transfer(&mut self, device: Device, request: ObjectRequest<'_>) -> Result<Vec<u8>, RunError> {
         let (ObjectRequest::Read(Address { index, sub }) | ObjectRequest::Write(Address { index, sub }, _)) = request;
         let unread = RunError::Unread { which: self.which(device), index, sub };
         self.send(|master, now, out| master.networks_mut().ask(now, device, request, out))
@@ -65,7 +73,7 @@ impl<P: Place + ?Sized> Runner<P> {
             }
             match self.master.networks().answer(device) {
                 ObjectAnswer::Pending => {}
-                ObjectAnswer::Done(data) => return Ok(unsigned(data)),
+                ObjectAnswer::Done(data) => return Ok(data.to_vec()),
                 ObjectAnswer::NotAsked | ObjectAnswer::Failed(_) => return Err(unread),
             }
         }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::json;
-use yieldwall_drives::eds::{Eds, Value};
+use yieldwall_drives::eds::{Eds, Entry, Value};
 
 use super::super::place::Place;
 use super::super::reached::DeviceHandle;
@@ -122,7 +122,7 @@ fn differences(first: &Eds, second: &Eds, eds: Option<&Eds>, all: bool) -> Vec<D
         if !all && (is_shown(at) || entries.iter().flatten().any(|entry| !entry.access.is_writable())) {
             continue;
         }
-        let data_type = known(at, eds).map(|known| known.data_type);
+        let data_type = common_type(at, &entries, eds);
         let [one, other] = entries;
         let bytes = [(one, own[0]), (other, own[1])].map(|(entry, node_id)| {
             let entry = entry?;
@@ -145,4 +145,53 @@ fn differences(first: &Eds, second: &Eds, eds: Option<&Eds>, all: bool) -> Vec<D
         found.push(Difference { at, name, first: one, second: other });
     }
     found
+}
+
+/// The data type in which both sides are compared: of the data sheet or the standards, or else of the first side whose type has a place for
+/// both values.
+fn common_type(at: Address, sides: &[Option<&Entry>; 2], eds: Option<&Eds>) -> Option<u16> {
+    let fits = |data_type: u16| {
+        let mut values = sides.iter().flatten().filter_map(|entry| entry.value.as_ref());
+        values.all(|value| value.to_bytes(data_type, 0).is_some())
+    };
+    let known = known(at, eds).map(|known| known.data_type);
+    let own = sides.iter().flatten().map(|entry| entry.data_type);
+    known.into_iter().chain(own).find(|data_type| fits(*data_type)).or(known)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sheet(index: &str, data_type: &str, value: &str) -> Eds {
+        let text = format!(
+            "[DeviceInfo]\nVendorName=x\n[{index}]\nParameterName=Limit\nObjectType=7\nDataType={data_type}\nAccessType=rw\n\
+             ParameterValue={value}\n"
+        );
+        Eds::read(text.as_bytes()).unwrap().eds
+    }
+
+    #[test]
+    fn a_negative_limit_is_compared_in_the_type_of_its_file() {
+        let negative = sheet("60E1", "3", "-500");
+        for (index, data_type, value, wanted) in [
+            ("60E1", "3", "-500", None),
+            // The bits of -500, as a dump without a data sheet has them.
+            ("60E1", "6", "65036", None),
+            ("60E1", "3", "-400", Some(("-500 (FE0Ch)", "-400 (FE70h)"))),
+            ("60E1", "6", "500", Some(("-500 (FE0Ch)", "500 (01F4h)"))),
+        ] {
+            let found = differences(&negative, &sheet(index, data_type, value), None, false);
+            let shown =
+                found.first().map(|one| (one.first.as_deref().unwrap_or(NONE), one.second.as_deref().unwrap_or(NONE)));
+            assert_eq!(shown, wanted, "{value}");
+        }
+        // Siblings: one and four bytes.
+        for (data_type, value) in [("2", "-100"), ("4", "-70000")] {
+            let side = sheet("60E0", data_type, value);
+            assert!(differences(&side, &side, None, false).is_empty());
+            let found = differences(&side, &sheet("60E0", data_type, "-99"), None, false);
+            assert!(found.first().is_some_and(|one| one.first.is_some() && one.second.is_some()), "{value}");
+        }
+    }
 }

@@ -17,7 +17,7 @@ use crate::progress::Progress;
 use crate::replace::Replace;
 use yieldwall_fieldbus::objects::Address;
 use yieldwall_rig::report::Stage;
-use yieldwall_service::{UnreadObject, downloads, inventory, inventory_of, values_of};
+use yieldwall_service::{Unread, UnreadObject, downloads, inventory, inventory_of, values_of};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
@@ -70,22 +70,51 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     if let Some(path) = &arguments.out {
         arguments.replace.write(path, &text)?;
     }
+    let end = certain(&missed, &reached.words());
     if output.is_json() {
-        return output.report(reached.document(json!({
+        let document = reached.document(json!({
             "file": arguments.out,
             "objects": document(&found),
             "missed": missed.iter().map(|missed| json!({ "object": missed.at.to_string(), "why": missed.why.to_string() })).collect::<Vec<_>>(),
-        })));
+        }));
+        return output.end(document, end);
+    }
+    for missed in &missed {
+        let verb = if missed.why.is_uncertain() { "uncertain" } else { "not read" };
+        let line =
+            format!("{verb}  {}: {}", words::titled(missed.at, &words::name(missed.at, eds.as_ref())), missed.why);
+        output.aside(words::wrapped(&line).trim_end());
     }
     let told = format!(
         "{count} values of {}{}",
         reached.words(),
-        if missed.is_empty() { String::new() } else { format!(", {} could not be read", missed.len()) }
+        match missed.iter().filter(|missed| !missed.why.is_uncertain()).count() {
+            0 => String::new(),
+            unread => format!(", {unread} could not be read"),
+        }
     );
     match &arguments.out {
         Some(path) => output.news(&format!("{told}, into {}", path.display())),
         None => output.verbatim(&String::from_utf8_lossy(&text)),
+    }?;
+    end
+}
+
+/// An error if the inventory cannot vouch for each value that the device gives.
+fn certain(missed: &[UnreadObject], device: &str) -> Result<(), Failure> {
+    let uncertain: Vec<_> = missed.iter().filter(|missed| missed.why.is_uncertain()).collect();
+    if uncertain.is_empty() {
+        return Ok(());
     }
+    let noun = if uncertain.len() == 1 { "value is" } else { "values are" };
+    let message = format!("{device}: {} {noun} not certain", uncertain.len());
+    let is_padded = uncertain.iter().any(|missed| matches!(missed.why, Unread::Padded(_)));
+    let help = if is_padded {
+        "give the data sheet of the device with --eds, which has the types of its objects"
+    } else {
+        "correct the types of these objects in the data sheet, or leave --eds away"
+    };
+    Err(Failure::new(Exit::OutOfTolerance, message, help))
 }
 
 /// All objects of a device with their values.
@@ -150,4 +179,27 @@ fn document(eds: &Eds) -> Vec<Value> {
         Some(words::document(at, &words::name(at, Some(eds)), &bytes, &shown))
     });
     valued.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use yieldwall_service::Error;
+
+    #[test]
+    fn a_dump_with_a_value_that_is_not_certain_is_no_success() {
+        let missed = |why| UnreadObject { at: Address::new(0x2001, 0), why };
+        let unread = missed(Unread::Failed(Error::NoAnswer));
+        assert!(certain(&[unread], "node 1").is_ok(), "the device gives no value");
+        for (why, message, help) in [
+            (Unread::Padded(4), "node 1: 1 value is not certain", "--eds, which"),
+            (Unread::Unfit(4), "node 1: 1 value is not certain", "leave --eds away"),
+        ] {
+            let failure = certain(&[unread, missed(why)], "node 1").unwrap_err();
+            assert_eq!(failure.exit, Exit::OutOfTolerance);
+            let finding = &failure.report.diagnostics[0];
+            assert_eq!(finding.message, message);
+            assert!(finding.help.as_ref().is_some_and(|text| text.contains(help)), "{:?}", finding.help);
+        }
+    }
 }

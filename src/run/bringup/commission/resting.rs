@@ -6,9 +6,10 @@ use crate::assembly::torque_limits_per_mille;
 use crate::proof::{DriveIdentity, DriveLimit};
 use yieldwall_config::{self as config, Positive};
 use yieldwall_drives::objects::{self, DEVICE_TYPE, Object};
-use yieldwall_fieldbus::objects::Address;
+use yieldwall_fieldbus::objects::{Address, sign_extend};
 use yieldwall_motion::guard::Device;
 use yieldwall_motion::quantity::Force;
+use yieldwall_service::{number, torque_limit};
 
 /// How often each drive is read, and for how long at most, s.
 const READS: usize = 1000;
@@ -43,14 +44,17 @@ const NEUTRAL: [(Object, bool, &str); 5] = [
     (objects::NEGATIVE_TORQUE_LIMIT, true, "below which torque in the negative direction stays"),
 ];
 /// The rated torque, per mille of itself.
-const RATED: u32 = 1000;
+const RATED: i64 = 1000;
 
-/// A value of so many bits as a signed number.
-fn signed(value: u32, bits: u8) -> i64 {
-    match bits {
-        16 => i64::from(value as u16 as i16),
-        _ => i64::from(value as i32),
+/// The value of an object that has to be neutral and is not, and the value that it has to hold; `None` if it is neutral.
+fn left_over(object: Object, is_limit: bool, held: &[u8], limit: u16) -> Option<(i64, i64)> {
+    if is_limit {
+        let own = torque_limit(held);
+        let wanted = RATED.max(i64::from(limit)) * if own < 0 { -1 } else { 1 };
+        return (own.abs() < i64::from(limit)).then_some((own, wanted));
     }
+    let own = sign_extend(u64::from(number(held)), object.bits());
+    (own != 0).then_some((own, 0))
 }
 
 impl Bench<'_> {
@@ -207,28 +211,25 @@ impl Bench<'_> {
     }
 
     /// What each drive holds of the objects that have to be neutral, or a failure that names the first that is not.
-    fn left_there(&mut self, found: &mut Found) -> Result<[Vec<Option<u32>>; 2], Halt> {
+    fn left_there(&mut self, found: &mut Found) -> Result<[Vec<Option<Vec<u8>>>; 2], Halt> {
         self.boot()?;
         let limits = torque_limits_per_mille(self.rig).map_err(|error| Halt::Failed(error.to_string()))?;
-        let mut all: [Vec<Option<u32>>; 2] = Default::default();
+        let mut all: [Vec<Option<Vec<u8>>>; 2] = Default::default();
         for (joint, (device, limit)) in Device::DRIVES.into_iter().zip(limits).enumerate() {
             let name = self.name(joint);
             let mut read = 0;
             for (object, is_limit, meaning) in NEUTRAL {
                 self.check_interrupt()?;
                 // One that does not tell an object does not have it.
-                let held = self.runner.read(device, object.index, object.sub).ok();
+                let held = self.runner.read_bytes(device, Address::new(object.index, object.sub)).ok();
                 all[joint].push(held);
-                let Some(held) = held else { continue };
+                let Some(Some(held)) = all[joint].last() else { continue };
                 read += 1;
-                let (is_neutral, wanted) =
-                    if is_limit { (held >= u32::from(limit), u32::from(limit).max(RATED)) } else { (held == 0, 0) };
-                if !is_neutral {
+                if let Some((own, wanted)) = left_over(object, is_limit, held, limit) {
                     let at = Address::new(object.index, object.sub);
                     return Err(Halt::Failed(format!(
-                        "{name} holds {} in {at}, {meaning}, and no boot of this program writes it: `yieldwall od write {name} {:04X}h {wanted} \
+                        "{name} holds {own} in {at}, {meaning}, and no boot of this program writes it: `yieldwall od write {name} {:04X}h {wanted} \
                          --save` with --bus and --rig",
-                        signed(held, object.bits()),
                         object.index
                     )));
                 }
@@ -388,4 +389,27 @@ pub(super) fn unsigned_zero(force_n: f64) -> f64 {
 fn angle_between_deg(one: Force, other: Force) -> f64 {
     let cosine = one.dot(other) / (one.norm() * other.norm()).max(f64::MIN_POSITIVE);
     yieldwall_motion::elementary::acos(cosine.clamp(-1.0, 1.0)).to_degrees()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn torque_limits_of_either_sign_are_neutral_at_the_limit_of_the_rig() {
+        let negative = |held: &[u8]| left_over(objects::NEGATIVE_TORQUE_LIMIT, true, held, 600);
+        for held in [&[0xe8, 0x03][..], &[0x18, 0xfc], &[0xa8, 0xfd], &[0x18, 0xfc, 0xff, 0xff], &[0xff, 0xff]] {
+            assert_eq!(negative(held), None, "{held:02x?}");
+        }
+        // -500, -599, 500 and 0 per mille, and -100 in one byte.
+        assert_eq!(negative(&[0x0c, 0xfe]), Some((-500, -1000)));
+        assert_eq!(negative(&[0xa9, 0xfd]), Some((-599, -1000)));
+        assert_eq!(negative(&[0xf4, 0x01]), Some((500, 1000)));
+        assert_eq!(negative(&[0, 0]), Some((0, 1000)));
+        assert_eq!(negative(&[0x9c]), Some((-100, -1000)));
+        assert_eq!(left_over(objects::NEGATIVE_TORQUE_LIMIT, true, &[0x18, 0xfc], 1200), Some((-1000, -1200)));
+        assert_eq!(left_over(objects::TORQUE_OFFSET, false, &[0xfb, 0xff], 600), Some((-5, 0)));
+        assert_eq!(left_over(objects::TORQUE_OFFSET, false, &[0xfb, 0xff, 0xff, 0xff], 600), Some((-5, 0)));
+        assert_eq!(left_over(objects::POSITION_OFFSET, false, &[0; 4], 600), None);
+    }
 }
