@@ -245,9 +245,14 @@ fn a_node_that_is_missing_or_deaf_is_named() {
         let mute = |frame: Frame| (frame.id() != 0x58a).then_some(frame);
         let silent = check_refused(&scenario, mute, "wrist");
         assert!(matches!(silent, BootFailure::NoAnswer { index: 0x1000, sub: 0 }), "{silent}");
+        // It holds 900 per mille, and refuses another limit.
         let refusing = |frame: Frame| {
-            let is_limit = frame.id() == 0x581 && frame.bytes()[..4] == [0x60, 0x72, 0x60, 0x00];
-            Some(if is_limit { Frame::new(0x581, &[0x80, 0x72, 0x60, 0x00, 0x22, 0, 0, 0x08]) } else { frame })
+            let answer: &[u8] = match (frame.id(), frame.bytes()[0], &frame.bytes()[1..4]) {
+                (0x581, 0x60, [0x72, 0x60, 0x00]) => &[0x80, 0x72, 0x60, 0x00, 0x22, 0, 0, 0x08],
+                (0x581, 0x4b, [0x72, 0x60, 0x00]) => &[0x4b, 0x72, 0x60, 0x00, 0x84, 0x03, 0, 0],
+                _ => return Some(frame),
+            };
+            Some(Frame::new(0x581, answer))
         };
         let refused = check_refused(&scenario, refusing, "left");
         assert!(matches!(refused, BootFailure::Keeps { index: 0x6072, sub: 0, .. }), "{refused}");

@@ -5,6 +5,8 @@ use std::time::Duration;
 use super::super::DeviceError;
 use yieldwall_fieldbus::time::Time;
 
+/// Share of the interpolation period by which SYNC may be late without a set-point that comes to rest.
+const LATE_SYNC: f64 = 0.1;
 /// Below this rate a drive that slows down counts as standing.
 const STANDSTILL_RAD_PER_S: f64 = 0.01;
 /// A drive that is kept from standing still ends its ramp that long after the set-point came to rest.
@@ -101,14 +103,11 @@ struct Segment {
 }
 
 impl Segment {
-    /// Set-point and its rate; at rest after the end.
+    /// Set-point and its rate; at rest after the end. The rate stays for a SYNC that is a little late, as one behind a heartbeat.
     fn at(&self, now: Time) -> (f64, f64) {
         let elapsed = now.since(self.start).as_secs_f64();
-        if elapsed < self.seconds {
-            (self.from_rad + self.rate_rad_per_s * elapsed, self.rate_rad_per_s)
-        } else {
-            (self.from_rad + self.rate_rad_per_s * self.seconds, 0.0)
-        }
+        let rate = if elapsed < self.seconds * (1.0 + LATE_SYNC) { self.rate_rad_per_s } else { 0.0 };
+        (self.from_rad + self.rate_rad_per_s * elapsed.min(self.seconds), rate)
     }
 }
 
@@ -315,7 +314,14 @@ mod tests {
     fn the_setpoint_is_a_straight_line_over_the_interpolation_period() {
         let mut servo = in_plan(Plan::Position);
         servo.aim_at(Time(0), 0.02, 2e-3);
-        for (us, setpoint, rate) in [(0, 0.0, 10.0), (500, 0.005, 10.0), (1500, 0.015, 10.0), (2000, 0.02, 0.0)] {
+        for (us, setpoint, rate) in [
+            (0, 0.0, 10.0),
+            (500, 0.005, 10.0),
+            (1500, 0.015, 10.0),
+            (2000, 0.02, 10.0),
+            (2190, 0.02, 10.0),
+            (2210, 0.02, 0.0),
+        ] {
             servo.tick(Time::from_micros(us), STANDING, RANGE);
             assert!((servo.setpoint_rad() - setpoint).abs() < 1e-12, "{us} us");
             // 1000 N m/rad on the error, 10 N m s/rad on the rate.
@@ -323,7 +329,7 @@ mod tests {
             assert!((servo.torque_n_m() - torque.min(50.0)).abs() < 1e-9, "{us} us: {}", servo.torque_n_m());
             assert_eq!(servo.is_limited(), torque > 50.0);
         }
-        assert_eq!(servo.next_tick(), Time::from_micros(2125));
+        assert_eq!(servo.next_tick(), Time::from_micros(2335));
     }
 
     #[test]
