@@ -35,7 +35,7 @@ fn scenario(file: &'static str, profile: &'static str) -> Scenario {
 fn on_ethercat(can: &Scenario, profile: &'static str) -> Scenario {
     let mut segment = scenario("paper-ethercat.yaml", profile);
     segment.rig.rig.command_mode = can.rig.rig.command_mode;
-    segment.rig.control = can.rig.control.clone();
+    segment.rig.control = can.rig.control;
     segment
 }
 

@@ -1,6 +1,5 @@
 //! Drives whose objects cannot all be written: what they hold already passes, and what differs is refused by name.
 
-use std::path::PathBuf;
 use std::process::Command;
 
 use yieldwall::bus::BootFailure;
@@ -33,7 +32,7 @@ const SEGMENT: &str = "buses: {main: {ethercat: {}}}\ndrives: [{name: left, addr
                        range_counts: 500000000\n";
 
 fn yieldwall(line: &str) -> (Option<i32>, String) {
-    let folder = PathBuf::from(std::env::temp_dir()).join(format!("yieldwall-fixed-{}", std::process::id()));
+    let folder = std::env::temp_dir().join(format!("yieldwall-fixed-{}", std::process::id()));
     let mut program = Command::new(hil_tests::program());
     let seen = hil_tests::processes::output(program.args(line.split(' ')).env("XDG_STATE_HOME", folder));
     (seen.status.code(), [seen.stdout, seen.stderr].map(|bytes| String::from_utf8(bytes).unwrap()).concat())
