@@ -198,6 +198,9 @@ fn boot_help(failure: &BootFailure) -> &'static str {
         BootFailure::Keeps { .. } | BootFailure::FixedExponent { .. } | BootFailure::Synchronisation { .. } => {
             "`yieldwall od read` with the device and the object shows what it holds; then do what the message says"
         }
+        BootFailure::ReadBack { .. } => {
+            "look for another master and for a duplicate node id: somebody else has written to the node or answered for it"
+        }
         BootFailure::NoRating { .. } | BootFailure::KeepsMore { .. } => {
             "`yieldwall od read` with the device and the object shows what it holds"
         }

@@ -423,7 +423,8 @@ fn drives_get_a_speed_limit_of_their_own_before_they_are_started() {
     for node in [1_u8, 2] {
         let place = |id: u16, head: [u8; 4]| {
             let is_it = |frame: &Frame| frame.id() == id + u16::from(node) && frame.bytes()[..4] == head;
-            frames.iter().position(is_it).unwrap_or_else(|| panic!("no {head:x?} to or from node {node}"))
+            // It is read before it is written, and read back.
+            frames.iter().rposition(is_it).unwrap_or_else(|| panic!("no {head:x?} to or from node {node}"))
         };
         let limit = |at: usize| u32::from_le_bytes([4, 5, 6, 7].map(|byte| frames[at].bytes()[byte]));
         let written = place(0x600, [0x23, 0x80, 0x60, 0x00]);
