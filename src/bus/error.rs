@@ -304,7 +304,7 @@ pub enum BootFailure {
     },
 }
 
-/// What a person can do about an object whose value the device keeps.
+/// Advice for an object whose value the device keeps.
 fn advice(index: u16) -> &'static str {
     match index {
         0x1400..0x1c00 | 0x1c12 | 0x1c13 => {

@@ -24,7 +24,7 @@ pub struct Master {
     inputs: Inputs,
     /// Whether the cycle failed and never runs again.
     has_failed: bool,
-    /// Of the joints, since it failed.
+    /// Rest of the joints since it failed.
     joint_rest: JointRest,
     last: Outputs,
 }

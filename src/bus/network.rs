@@ -202,7 +202,7 @@ pub trait Network: Send + Sync {
     /// The objects that the boot writes, of each device.
     fn written(&self) -> Vec<Written>;
 
-    /// The frames and objects that the boot will send, but for repetitions, where they are known before.
+    /// The frames and objects that the boot will send, except repetitions, where they are known before.
     fn plan(&self) -> Option<BootPlan> {
         None
     }

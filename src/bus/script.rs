@@ -25,7 +25,7 @@ pub(super) enum Action {
     Product,
     /// The revision has to be one that the profile is for.
     Revision,
-    /// A state: the object has to hold this value, but for the bits of `kept`, which stay as the device has them or are set where it refuses
+    /// A state: the object has to hold this value, except the bits of `kept`, which stay as the device has them or are set where it refuses
     /// the value without them. It is written if it holds another one.
     State { value: u32, kept: u32 },
     /// A command: the object is written whatever it holds, since the write itself has an effect, or since the device changes the object by
@@ -55,13 +55,13 @@ pub(super) enum Action {
     SyncType { value: u32 },
     /// The object has to come to this value within the time that an answer may take.
     Await { value: u32 },
-    /// The same of the type of synchronisation, which a device may not tell.
+    /// As [`Action::Await`], for the type of synchronisation, which a device may lack.
     Synchronised { value: u32 },
     /// Time in ns that the device takes to copy its outputs before SYNC0; a device may lack it.
     CopyTime,
 }
 
-/// What a cycle time consists of.
+/// A part of the cycle time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum CyclePart {
     /// 60C2h:1.
@@ -83,7 +83,7 @@ impl Action {
         matches!(self, Action::Await { .. } | Action::Synchronised { .. } | Action::CopyTime)
     }
 
-    /// What the object gets, if it gets a value that is known beforehand.
+    /// The value that the object gets, if it is known beforehand.
     pub(super) fn value(self) -> Option<u32> {
         match self {
             Action::State { value, .. }
@@ -389,7 +389,7 @@ pub(super) fn mode(
     Ok(())
 }
 
-/// What a part of the cycle time has to be, for a drive with this power of ten: the drive's own stays where it can say the period, and nothing
+/// The value of a part of the cycle time, for a drive with this power of ten: the drive's own stays where it can say the period, and nothing
 /// is returned for it then.
 pub(super) fn cycle_time(period_us: u32, exponent: Option<i8>, part: CyclePart) -> Result<Option<u32>, BootFailure> {
     if let Some(value) = exponent.and_then(|exponent| in_units(period_us, exponent)) {

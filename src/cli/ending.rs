@@ -134,7 +134,7 @@ pub(super) fn rig_failure(error: &RigError) -> Failure {
         }
         RigError::NotStopped { .. } => (
             Exit::SafetyStop,
-            "the simulated drives make torque until they are told Disable Voltage, and went on; please report it with the rig file",
+            "the simulated drives went on to make torque after Disable Voltage; please report it with the rig file",
         ),
         RigError::Arm(_) => (Exit::SafetyStop, "the scene leads the simulated arm where it cannot go"),
         _ => (

@@ -191,7 +191,7 @@ pub fn segment(
 /// The chip of a device that nobody has programmed.
 const EMPTY_CHIP: [u8; 2048] = [0xff; 2048];
 
-/// What a simulated device on EtherCAT does in a manner of its own.
+/// Oddities of a simulated device on EtherCAT.
 fn manner_on_segment(device: &config::SegmentDevice) -> Manner {
     Manner {
         al_status_bits: device.al_status_bits,

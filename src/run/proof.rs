@@ -189,7 +189,7 @@ impl<P: Place + ?Sized> Runner<P> {
         Ok(KeptLimit { at: Address::new(current.limit.index, current.limit.sub), held, per_mille, torque_n_m })
     }
 
-    /// Most torque of a drive at its joint by the limit that it holds, N m; the rig's own where no object tells it.
+    /// Most torque of a drive at its joint by the limit that it holds, N m; the rig's own where no object holds it.
     pub(crate) fn torque_limit_n_m(&mut self, rig: &config::Rig, device: Device) -> Result<f64, RunError> {
         match torque_limit_of(rig, device) {
             None => Ok(rig.guard.torque_limit_n_m.get()),
@@ -225,20 +225,20 @@ impl<P: Place + ?Sized> Runner<P> {
     }
 }
 
-/// How a drive limits its torque, by its profile; nothing if the profile names no limit.
+/// The torque limit of a drive by its profile; nothing if the profile names none.
 fn torque_limit_of(rig: &config::Rig, device: Device) -> Option<TorqueLimit<'_>> {
     let profile = drive_of(rig, device)?.profile.get()?;
     profile.servo()?.limits.of_torque()
 }
 
-/// Whose the torque limit of a drive is.
+/// The owner of a drive's torque limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum DriveLimit {
     /// The master sets it.
     OfMaster,
     /// The drive keeps it.
     Kept(KeptLimit),
-    /// No object tells it.
+    /// No object holds it.
     Untold,
 }
 

@@ -281,7 +281,7 @@ impl<P: Place + ?Sized> Runner<P> {
         self.boot_watch = Some(watch);
     }
 
-    /// Has drives that keep a torque limit of their own be moved for the first time with no lower one: a person has confirmed it.
+    /// Allows a first motion of drives that keep a torque limit of their own, with no lower one: a person has confirmed it.
     pub fn accept_drive_limits(&mut self) {
         self.accepts_drive_limits = true;
     }

@@ -74,7 +74,7 @@ impl fmt::Display for Unread {
     }
 }
 
-/// What an inventory finds beside the values.
+/// Findings of an inventory beside the values.
 #[derive(Default)]
 struct Doubts {
     missed: Vec<UnreadObject>,
@@ -157,7 +157,7 @@ fn object(
         Err(error @ (Error::Link(_) | Error::Interrupted | Error::NoAnswer)) => return Err(error),
         first => first,
     };
-    // What is longer is no count that was filled up.
+    // A longer answer is no count that was filled up.
     let may_count = first.as_ref().map_or(true, |bytes| bytes.len() <= MOST_FILLED);
     let is_list = may_count && is_list(index);
     let count = if may_count { count(index, is_list, &first) } else { 0 };
@@ -428,7 +428,7 @@ mod tests {
                 ((0x1800, 2), vec![1]),
                 ((0x1c12, 0), vec![1]),
                 ((0x1c12, 1), vec![0, 0x16]),
-                // Those that nobody knows: a record, a variable that looks like a count, and one that fills its bytes.
+                // Objects that nobody knows: a record, a variable that looks like a count, and one that fills its bytes.
                 ((0x2000, 0), vec![1]),
                 ((0x2000, 1), vec![7, 0]),
                 ((0x2001, 0), vec![3, 0]),

@@ -125,7 +125,7 @@ pub fn plan(
                 continue;
             }
         };
-        // The device tells by its answer which of the types is its own.
+        // The length of the answer shows which of the types is the device's own.
         let form = forms.iter().find(|(_, bytes)| bytes.len() == old.len()).or(forms.first());
         let Some((data_type, new)) = form.cloned() else { continue };
         if old == new || Value::from_bytes(data_type, &old) == Value::from_bytes(data_type, &new) {

@@ -380,7 +380,7 @@ fn a_torque_limit_is_restored_in_the_type_of_its_file() {
     }
 }
 
-/// What is dumped of a drive that counts its limit as a negative number is negative in the file.
+/// The dump of a drive that counts its limit as a negative number has a negative number in the file.
 #[test]
 fn a_negative_torque_limit_is_dumped_as_one() {
     let mut drive = Holder(at(0x60e1, 0), vec![0x18, 0xfc]);

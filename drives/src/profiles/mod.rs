@@ -3,12 +3,14 @@
 //! A profile is a file. [`SHIPPED`] holds the texts of those in `drives/profiles`; the main crate reads them as it reads rigs,
 //! with the feature `config` of this one.
 
+mod limits;
 mod servo;
 
+pub use limits::{CurrentLimit, LimitSetter, Limits, MotorSpeed, TorqueLimit};
 pub use servo::{
-    BitState, Brake, BrakeHolder, BrakeOutput, BuiltInWatch, CurrentLimit, CycleTime, Encoder, EncoderKind,
-    EncoderSide, HeartbeatWatch, Homing, LimitSetter, Limits, MotorSpeed, OptionCodes, PositionAtHome, ProcessData,
-    Reaction, Servo, ServoObjects, SetPointWatch, Setting, SyncWatch, TimeUnit, TimedObject, TorqueLimit, Watchdogs,
+    BitState, Brake, BrakeHolder, BrakeOutput, BuiltInWatch, CycleTime, Encoder, EncoderKind, EncoderSide,
+    HeartbeatWatch, Homing, OptionCodes, PositionAtHome, ProcessData, Reaction, Servo, ServoObjects, SetPointWatch,
+    Setting, SyncWatch, TimeUnit, TimedObject, Watchdogs,
 };
 
 use std::collections::BTreeMap;

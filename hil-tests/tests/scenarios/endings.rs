@@ -39,7 +39,7 @@ fn on_ethercat(can: &Scenario, profile: &'static str) -> Scenario {
     segment
 }
 
-/// How a run ends.
+/// The end of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Way {
     Whole,

@@ -100,7 +100,7 @@ impl Boot {
         }
     }
 
-    /// What is being done now.
+    /// Words for the present step.
     pub(super) fn doing(&self) -> &'static str {
         self.script.doing()
     }
@@ -196,7 +196,7 @@ fn heartbeat(period_ms: u32) -> Step {
     common("set the heartbeat", objects::PRODUCER_HEARTBEAT, Action::State { value: period_ms, kept: 0 })
 }
 
-/// Has the node make neither SYNC nor TIME: the master alone does. Bit 30 of their identifiers (1005h, 1012h) would have it do so.
+/// Keeps the node from making SYNC and TIME: the master alone makes them. Bit 30 of their identifiers (1005h, 1012h) would have it do so.
 fn no_producer() -> [Step; 2] {
     let step = |doing, index| Step { doing, index, sub: 0, bytes: 4, action: Action::Clear { bits: PRODUCES } };
     [step("keep it from making SYNC", 0x1005), step("keep it from making TIME", 0x1012)]

@@ -55,7 +55,7 @@ pub struct PlannedWrite {
     pub stands: bool,
 }
 
-/// What a node has told of itself, by which later values are computed.
+/// Values that a node has reported, from which later values are computed.
 #[derive(Clone, Copy, Debug, Default)]
 struct Told {
     resolution: [Option<u32>; 2],
@@ -77,7 +77,7 @@ impl Told {
         }
     }
 
-    /// What an action writes; `None` where that depends on what was not told.
+    /// The value that an action writes; `None` where it depends on a value that the node has not reported.
     fn value(&self, action: Action) -> Result<Option<u32>, BootFailure> {
         match (action, self.resolution) {
             (Action::LimitSpeed { counts_per_s }, [Some(increments), Some(revolutions)]) => {
@@ -123,7 +123,7 @@ impl NodePlan {
     }
 
     /// All that is written or stands already, in its order, for a node whose objects hold what `read` says; and why the boot would refuse the
-    /// node, if it would. What the node refuses itself shows only when it is written to.
+    /// node, if it would. A refusal by the node itself shows only when it is written to.
     pub fn writes(
         &self,
         mut read: impl FnMut(Address) -> Option<Vec<u8>>,

@@ -90,7 +90,7 @@ pub enum SegmentFailure {
     TooMany {
         /// Devices that answer.
         found: u16,
-        /// How many there may be.
+        /// The greatest number.
         most: u16,
     },
     /// The number of devices changed while they were brought up.

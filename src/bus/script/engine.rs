@@ -21,7 +21,7 @@ const READ_AGAIN: Duration = Duration::from_millis(10);
 /// Bytes of the largest object that is read.
 const LONGEST: usize = 8;
 
-/// How far a step is.
+/// Progress of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
     /// The object is read.
@@ -33,10 +33,10 @@ enum Stage {
     Verify(Option<AbortCode>),
 }
 
-/// The steps of one device, and how far they have come. What is asked goes to the device by whatever its bus has for that.
+/// The steps of one device, and their progress. The bus of the device carries each request.
 #[derive(Clone, Debug)]
 pub(crate) struct Script {
-    /// How long the device may take to answer one request.
+    /// Longest time to the answer of one request.
     timeout: Duration,
     identity: Identity,
     steps: Vec<Step>,
@@ -44,9 +44,9 @@ pub(crate) struct Script {
     stage: Stage,
     /// States before this place belong to a unit that differs.
     open_until: usize,
-    /// What the identifier of the present PDO was when it was read last, or has to be: its bits that stay as the device has them.
+    /// The identifier of the present PDO as it was read last, or has to be: its bits that stay as the device has them.
     kept: u32,
-    /// Increments and revolutions of the encoder, as the drive tells them.
+    /// Increments and revolutions of the encoder, as the drive reports them.
     resolution: [u32; 2],
     /// The value of a limit in another unit at the rated torque.
     rated: u32,
@@ -59,7 +59,7 @@ pub(crate) struct Script {
     given_up_at: Time,
 }
 
-/// What is asked of the device next.
+/// The next request to the device.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Wanted {
     at: Address,
@@ -112,7 +112,7 @@ impl Script {
         (&self.steps, &self.identity)
     }
 
-    /// What is being done now.
+    /// Words for the present step.
     pub(crate) fn doing(&self) -> &'static str {
         self.steps.get(self.next).map_or("start", |step| step.doing)
     }
@@ -133,7 +133,7 @@ impl Script {
         self.next >= self.steps.len()
     }
 
-    /// What is asked next; nothing when all is done.
+    /// The next request; nothing when all is done.
     ///
     /// # Errors
     /// If what the device said before does not let the next step be made.
@@ -335,7 +335,7 @@ impl Script {
             (Stage::Write, action) if code == AbortCode::VALUE && action.kept() & !self.kept != 0 => {
                 self.kept |= action.kept();
             }
-            // What follows shows whether the device needs that.
+            // The next steps show whether the device needs that.
             (Stage::Write, Action::Off { .. }) => self.finish(step),
             (Stage::Write, Action::State { .. } | Action::Clear { .. }) => self.stage = Stage::Verify(Some(code)),
             (Stage::Write, Action::Command { .. }) if code.is_read_only() => self.stage = Stage::Verify(Some(code)),

@@ -138,7 +138,7 @@ fn of_what_is_fixed_only_what_differs_is_refused_and_by_name() {
     }
 }
 
-/// What sets the cycle time.
+/// Setter of the cycle time.
 fn cycle(period_us: u32) -> [Step; 3] {
     let part = |part| Action::CycleTime { period_us, part };
     [
@@ -340,13 +340,5 @@ fn a_limit_that_the_drive_keeps_allows_no_more_than_the_rig() {
         let mut device = Device::holding(&[(0x3001, 1, 4760), (0x3001, 2, held)]).fixed(&[(0x3001, 2)]);
         assert_eq!(device.take(&of_current(Action::KeepsCurrent { per_mille: 500 })), end);
         assert!(device.written.is_empty());
-    }
-}
-
-proptest! {
-    #[test]
-    fn no_limit_of_the_current_allows_more_torque_than_was_asked_for(per_mille in any::<u16>(), rated in any::<u32>()) {
-        let value = CurrentLimit::value(per_mille, rated);
-        prop_assert!(rated == 0 || CurrentLimit::per_mille(value, rated) <= u32::from(per_mille) || value == u32::MAX);
     }
 }

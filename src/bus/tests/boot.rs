@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// What the left drive was asked and told, in hexadecimal.
+/// Requests to the left drive, in hexadecimal.
 fn of_left(net: &Net) -> Vec<&str> {
     net.requests.iter().filter(|(node, _)| *node == 1).map(|(_, line)| line.as_str()).collect()
 }

@@ -23,8 +23,8 @@ pub(crate) enum Command {
     /// Write an image into the memory chip of a device, after what it holds was kept in a file; asks before. Text, such as a device
     /// description (ESI), and an image that the chip has no room for are refused
     Write(Write),
-    /// Check the SII of devices: 7 if one is empty or cannot be read, or is of another device than the rig says. What of an image is damaged,
-    /// missing or unusual is a warning
+    /// Check the SII of devices: 7 if one is empty or cannot be read, or is of another device than the rig says. A damaged, missing
+    /// or unusual part of an image is a warning
     Check(Check),
 }
 
@@ -185,7 +185,7 @@ fn image_of(path: &Path, is_forced: bool) -> Result<Vec<u8>, Failure> {
     Ok(image)
 }
 
-/// What kind of text this is, and what makes an image of it or stands in its place; `None` for what is no text.
+/// The kind of text, and the way from it to an image; `None` if it is no text.
 fn text_kind(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
     const ASK: &str = "ask the vendor for the SII image of this device, a binary file; or keep the image of a device of its kind: \
                        `yieldwall sii read NODE --out FILE`";
@@ -292,7 +292,7 @@ pub(super) fn overwrite(
     desk.service.write_sii(device.position, &words).map_err(|error| {
         let mut failure = desk.failure(device, "writing its SII", error);
         if let (Some(finding), Some(path)) = (failure.report.diagnostics.first_mut(), &kept) {
-            // What the chip held may be no whole image.
+            // The image before may not be whole.
             let command =
                 format!("yieldwall sii write {} {} --force{}", device.position, path.display(), desk.arguments);
             finding.help = Some(match Sii::read(&held) {
@@ -438,7 +438,7 @@ pub(super) fn checked(desk: &mut SegmentSession, word: Option<&str>) -> Result<V
     Ok(checked)
 }
 
-/// What is wrong with the SII of a device: it says nothing, or that this is another device.
+/// A fault of the SII of a device: it is empty, or names another device.
 pub(super) fn wrong(device: &Device, present: &Present) -> Vec<String> {
     if let Err(failure) = &present.sii {
         return vec![failure.to_string()];
@@ -448,7 +448,7 @@ pub(super) fn wrong(device: &Device, present: &Present) -> Vec<String> {
     entry.filter(|name| fits != *name).map(|_| fits.clone()).into_iter().collect()
 }
 
-/// What of its SII is damaged, missing or unusual.
+/// Damaged, missing or unusual parts of its SII.
 pub(super) fn warnings(present: &Present) -> Vec<String> {
     let sii = present.sii.as_ref().ok();
     sii.iter().flat_map(|sii| &sii.warnings).map(ToString::to_string).collect()

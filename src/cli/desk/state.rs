@@ -45,7 +45,7 @@ const STATUSWORD: Address = Address::new(0x6041, 0);
 const CONTROLWORD: Address = Address::new(0x6040, 0);
 const ERROR_CODE: Address = Address::new(0x603f, 0);
 const MODE: Address = Address::new(0x6061, 0);
-/// How often it is looked whether a drive has left a state, and how long is waited between: a second in all.
+/// Number of reads of the statusword until a drive has left a state, and the time between them: a second in all.
 const LOOKS: u32 = 50;
 const LOOK: Duration = Duration::from_millis(20);
 

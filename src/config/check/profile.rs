@@ -204,8 +204,7 @@ impl Checked<'_> {
             }
         }
         if limits.torque.is_some() {
-            let message =
-                format!("`{KEY}` and `device.servo.limits.torque` are both there, and a drive is told one limit");
+            let message = format!("`{KEY}` and `device.servo.limits.torque` are both there, and a drive has one limit");
             self.findings.error(KEY, message, "leave out `current`");
         }
     }

@@ -94,7 +94,7 @@ fn is_zero<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
 
-/// What a simulated device on EtherCAT does in a manner of its own, or a device beside those of the rig.
+/// Oddities of a simulated device on EtherCAT, or a device beside those of the rig.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
@@ -108,7 +108,7 @@ pub struct SegmentDevice {
     #[garde(inner(length(max = 400_000), custom(check_digits)))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sii: Option<String>,
-    /// What becomes of a request for SDO information. Left out: it is answered.
+    /// Answer to a request for SDO information. Left out: it is answered.
     #[serde(default, skip_serializing_if = "is_answered")]
     pub sdo_information: SdoInformation,
     /// Counter of all its mailbox messages. 0 to 7. Left out: it counts from 1 to 7.
@@ -123,7 +123,7 @@ pub struct SegmentDevice {
     pub is_turned: bool,
 }
 
-/// What becomes of a request for SDO information.
+/// Answer to a request for SDO information.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SdoInformation {

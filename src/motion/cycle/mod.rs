@@ -239,7 +239,7 @@ pub struct Cycle {
     enabling_cycles: u32,
     /// Cycles for which the brakes of a rig that is stopped have been closed.
     braked_cycles: u32,
-    /// Of a rig in a latched state.
+    /// Rest of the joints in a latched state.
     joint_rest: JointRest,
     excess: Excess<2>,
     /// Work of the fixture on the proxy in its last step, beyond what its spring lost, J.
@@ -467,7 +467,7 @@ impl Cycle {
         &self.servo
     }
 
-    /// What it knows besides its stages.
+    /// Its settings.
     pub fn settings(&self) -> &Settings {
         &self.settings
     }

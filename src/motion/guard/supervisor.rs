@@ -31,7 +31,7 @@ pub enum State {
     Holding,
     /// The reference comes to rest along a ramp; a quick stop follows.
     Stopping,
-    /// Latched: quick stop was commanded. Drives that still make torque once the joints rest are told to take it off.
+    /// Latched: quick stop was commanded. Drives that still make torque once the joints rest get Disable Voltage.
     Stopped,
     /// Latched: voltage off was commanded.
     Disabled,
@@ -142,7 +142,7 @@ pub struct Supervisor {
     reaction: Option<Reaction>,
     clear_cycles: u16,
     resetting: bool,
-    /// Drives that were stopped still made torque once it could go, and are told to take it off.
+    /// Drives that were stopped still made torque once it could go, and get Disable Voltage.
     takes_torque_off: bool,
 }
 

@@ -92,7 +92,7 @@ fn a_healthy_machine_passes_every_step_in_every_mode_and_on_every_bus() {
     }
 }
 
-/// Drives that are told their limit as a current, and drives whose limit no object tells.
+/// Drives with a limit of the current, and drives without any object of a limit.
 #[test]
 fn drives_without_6072h_pass_every_step() {
     for profile in ["maxon-epos4", "zeroerr-edriver"] {

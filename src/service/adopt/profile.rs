@@ -196,7 +196,10 @@ fn missing(survey: &Survey, sheet: Option<&Eds>) -> Vec<String> {
     put(!survey.stops_on_error, "1029h:1 does not take 0: it may stay Operational on a communication error");
     put(!survey.takes_quick_stop, "605Ah does not take 2: how its quick stop ends is its own");
     let [has_torque, has_following_error, has_speed] = survey.limits;
-    put(!has_torque, "no torque limit (6072h): a rig in torque mode, and the drill, need one");
+    put(
+        !has_torque,
+        "no torque limit (6072h): name its object in another unit (`limits.current`) by the manual, or confirm the drive's own limit in `commission`",
+    );
     put(!has_following_error, "no following error window (6065h)");
     put(!has_speed, "no limit of the motor's speed (6080h with 608Fh)");
     put(!survey.takes_cycle_time, "60C2h does not take 1 ms: see how the drive learns the cycle time");

@@ -49,7 +49,7 @@ impl<L: EthernetLink> SegmentService<L> {
     /// As [`SegmentService::read`].
     pub fn chip_size(&mut self, position: u16, held: &[u8]) -> Result<Option<usize>, SegmentError> {
         let status = u16_at(&self.read(position, register::SII_CONTROL, 2)?, 0);
-        // What emulates a chip is as large as it is.
+        // An emulated chip has any size.
         let is_small = status & (sii_control::LARGE | sii_control::EMULATED) == 0;
         let by_head = Sii::read(held).is_ok().then(|| chip_words(held));
         Ok(if is_small { Some(SMALL_WORDS) } else { by_head })

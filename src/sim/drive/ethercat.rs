@@ -50,7 +50,7 @@ impl EthercatDrive {
         Self::odd(profile, serial, axis, &[])
     }
 
-    /// The same with objects that are otherwise than those of CiA 402.
+    /// As [`EthercatDrive::new`], with objects that are otherwise than those of CiA 402.
     ///
     /// # Errors
     /// As [`EthercatDrive::new`], and if the drive does not have one of these objects.

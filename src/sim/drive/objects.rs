@@ -174,7 +174,7 @@ fn of_current(builder: Builder, servo: &Servo) -> Builder {
         .object(holding(rated, RATED_CURRENT_MA).access(Access::ReadOnly))
 }
 
-/// What a drive declares otherwise than CiA 402.
+/// Revises the objects that a drive declares otherwise than CiA 402.
 fn with_oddities(mut builder: Builder, odd: &[OddObject]) -> Result<Builder, DeviceError> {
     for odd in odd {
         let revise = |object: Object| {

@@ -635,7 +635,7 @@ fn objects_may_be_absent_fixed_or_want_certain_bits() {
     assert_eq!(bench.try_write(0x1800, 1, &0x8000_0181_u32.to_le_bytes()), refused);
     assert_eq!(bench.try_write(0x1800, 1, &0xc000_0181_u32.to_le_bytes())[0], 0x60);
     assert_eq!(bench.request([0x40, 0x76, 0x60, 0, 0, 0, 0, 0]), [0x80, 0x76, 0x60, 0, 0x00, 0x00, 0x02, 0x06]);
-    // What it does not have cannot be odd.
+    // An object that it does not have cannot be odd.
     let manner = DriveQuirks { objects: vec![odd(0x5fff, Some(1))], ..DriveQuirks::default() };
     let lacking = Drive::new(DriveSettings { manner, ..settings(Direction::Same) });
     assert!(matches!(lacking, Err(DeviceError::Lacks { at: Address { index: 0x5fff, sub: 1 } })));

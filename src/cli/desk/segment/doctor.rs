@@ -148,7 +148,7 @@ fn objects(desk: &mut SegmentSession, device: &Device, present: &Present, is_led
     Ok(checks)
 }
 
-/// What its objects say.
+/// The state of its objects.
 fn asked(desk: &mut SegmentSession, device: &Device) -> Vec<Check> {
     let mut read = |at| match desk.objects(device) {
         Ok(mut objects) => yieldwall_service::ObjectAccess::read(&mut objects, at).map_err(|error| error.to_string()),

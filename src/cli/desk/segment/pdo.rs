@@ -19,7 +19,7 @@ struct Exchange {
     pdos: Vec<(u16, Vec<u32>)>,
 }
 
-/// What each sync manager carries: 3 for outputs, 4 for inputs.
+/// The type of each sync manager: 3 for outputs, 4 for inputs.
 const SYNC_MANAGER_TYPES: u16 = 0x1c00;
 /// The first of what is assigned to sync managers, and of their synchronisation.
 const ASSIGNMENT: u16 = 0x1c10;

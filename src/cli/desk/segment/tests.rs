@@ -357,7 +357,7 @@ fn coupler() -> String {
     image.iter().map(|byte| format!("{byte:02x} ")).collect()
 }
 
-/// A coupler has no objects, a drive in INIT is asked in PRE-OP and put back, and a cable in an output is told.
+/// A coupler has no objects, a drive in INIT is asked in PRE-OP and put back, and a cable in an output is reported.
 #[test]
 #[cfg(target_os = "linux")]
 fn doctor_takes_devices_as_they_are() {

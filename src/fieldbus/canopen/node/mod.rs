@@ -181,7 +181,7 @@ impl Node {
         self.sdo_time = time;
     }
 
-    /// How long the SDO server takes to answer a write of one object, whatever its time for others.
+    /// Time of the SDO server to the answer of a write of one object, whatever its time for others.
     pub fn set_sdo_write_time(&mut self, at: Address, time: Duration) {
         self.write_times.retain(|(known, _)| *known != at);
         self.write_times.push((at, time));

@@ -282,7 +282,7 @@ fn an_sdo_abort_ends_a_request_for_information() {
     let mut client = CoeClient::new(Duration::from_secs(1));
     client.start(Time(0), CoeRequest::List(ListKind::All)).unwrap();
     assert!(client.message(&mut [0; 64]) > 0);
-    // What is no abort has nothing to do with it.
+    // A message that is no abort does not belong to it.
     assert_eq!(client.on_message(Time(1), &[0, 0x30, 0x43, 0x00, 0x10, 0, 1, 0, 0, 0]), CoeEvent::Foreign);
     assert_eq!(client.on_message(Time(2), &[0, 0x20, 0x80, 0, 0, 0, 0x01, 0x00, 0x04, 0x05]), CoeEvent::Answer);
     assert_eq!(*client.answer(), CoeAnswer::Failed(ObjectError::Aborted(AbortCode(0x0504_0001))));

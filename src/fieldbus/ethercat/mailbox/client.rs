@@ -62,7 +62,7 @@ pub struct MailboxClient {
     counter: Counter,
     /// The last message of the device, with its header.
     heard: Vec<u8>,
-    /// How many of the next messages may be the one before once more.
+    /// Number of next messages that may repeat the one before.
     in_doubt: u8,
     outgoing: Vec<u8>,
     step: Step,
@@ -399,7 +399,7 @@ mod tests {
         bytes
     }
 
-    /// What becomes of a read, of a device that says this, one message after the other. A step of this kind is lost once.
+    /// The outcome of a read from a device with these messages, one after the other. A step of this kind is lost once.
     fn read(mailbox: &mut MailboxClient, now: &mut Time, said: &[Vec<u8>], mut lost: Option<Step>) -> Option<u8> {
         mailbox.ask(*now, ObjectRequest::Read(Address { index: 0x6041, sub: 0 })).unwrap();
         let (mut buffer, mut said) = ([0; 2048], said.iter());

@@ -165,7 +165,7 @@ pub struct Sii {
     pub order: String,
     /// Full name of the device.
     pub name: String,
-    /// What its CoE can do: [`coe_details`]; 0 where the image does not say.
+    /// Abilities of its CoE: [`coe_details`]; 0 where the image does not say.
     pub coe_details: u8,
     /// Current that it takes from the E-bus, mA.
     pub e_bus_ma: i16,
@@ -243,7 +243,7 @@ pub enum SiiError {
     /// Nothing is programmed.
     #[error("the chip is empty: all its bytes are {byte:02X}h")]
     Empty {
-        /// What all bytes are.
+        /// The value of all bytes.
         byte: u8,
     },
 }

@@ -27,7 +27,7 @@ pub struct Category<'a> {
     pub end: usize,
 }
 
-/// What stands where a category may begin.
+/// The content of a place where a category may begin.
 enum Place {
     /// The header of a category: its word, type and length in words.
     Header(usize, u16, usize),
@@ -93,7 +93,7 @@ pub fn words_needed(image: &[u8]) -> usize {
 }
 
 impl Sii {
-    /// Reads an image; words are little-endian. Categories that this reader does not know are skipped. What is damaged or missing is
+    /// Reads an image; words are little-endian. Categories that this reader does not know are skipped. Damaged or missing parts are
     /// left out, and named in [`Sii::warnings`].
     ///
     /// # Errors
@@ -128,7 +128,7 @@ impl Sii {
     }
 }
 
-/// What was read so far of an image.
+/// The part of an image that was read so far.
 struct Reader<'a> {
     sii: Sii,
     strings: Vec<&'a [u8]>,
@@ -318,7 +318,7 @@ impl Category<'_> {
         SiiWarning::TooMany { word: self.word_of(byte), what, most }
     }
 
-    /// What the bytes behind the last whole part are.
+    /// The kind of the bytes behind the last whole part.
     fn leftover(&self, byte: usize, rest: &[u8], what: &'static str) -> SiiWarning {
         match uniform(rest) {
             Some(_) => SiiWarning::Filler { word: self.word_of(byte), bytes: rest.len(), category: self.word },

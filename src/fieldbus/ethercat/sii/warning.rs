@@ -1,4 +1,4 @@
-//! What of an image is damaged, missing or unusual, while the rest of it is taken.
+//! Damaged, missing or unusual parts of an image whose rest is taken.
 
 use super::MailboxArea;
 
@@ -14,21 +14,21 @@ pub enum SiiWarning {
         "word 0007h: the checksum is {is:02X}h, and words 0 to 6 give {should_be:02X}h: the controller does not load them"
     )]
     Checksum {
-        /// What the image has.
+        /// The value in the image.
         is: u8,
-        /// What it should have.
+        /// The right value.
         should_be: u8,
     },
     /// The checksum is the value by which controllers do not check, which is meant for development.
     #[error("word 0007h: 88A4h switches the checksum of words 0 to 6 off, which would be {should_be:02X}h")]
     Unchecked {
-        /// What it should be.
+        /// The right value.
         should_be: u8,
     },
     /// No vendor is programmed.
     #[error("word 0008h: the vendor is {is:08X}h: the identity is not programmed")]
     NoVendor {
-        /// What the image has.
+        /// The value in the image.
         is: u32,
     },
     /// The image ends in the middle of a word.
@@ -84,7 +84,7 @@ pub enum SiiWarning {
     Filler {
         /// Word at which they begin.
         word: usize,
-        /// How many there are.
+        /// Their number.
         bytes: usize,
         /// First word of the category.
         category: usize,
@@ -104,12 +104,12 @@ pub enum SiiWarning {
     TooMany {
         /// Word at which the first one too many begins.
         word: usize,
-        /// What there are too many of.
+        /// The kind of part.
         what: &'static str,
-        /// How many there may be.
+        /// The greatest number.
         most: usize,
     },
-    /// Two places say where a mailbox is, and differ. That of the sync managers is taken.
+    /// Two places say where a mailbox is, and differ. The sync managers count.
     #[error(
         "word {word:04X}h: the mailbox is at {:04X}h with {} bytes here, and its sync manager has it at {:04X}h with {} bytes",
         .area.start, .area.len, .manager.start, .manager.len

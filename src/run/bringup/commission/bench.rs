@@ -221,7 +221,7 @@ impl<'a> Bench<'a> {
                     limit.at, limit.held, limit.torque_n_m
                 )),
                 DriveLimit::Untold => {
-                    kept.push(format!("{name} tells no torque limit: read in the maker's tool how much it may make."));
+                    kept.push(format!("{name} has no object of a torque limit: read the limit in the maker's tool."));
                 }
             }
         }

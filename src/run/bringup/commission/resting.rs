@@ -166,7 +166,7 @@ impl Bench<'_> {
             let own = match self.runner.drive_limit(self.rig, device)? {
                 DriveLimit::OfMaster => continue,
                 DriveLimit::Untold => {
-                    found.note(format!("{name}: torque limit"), "no object tells it");
+                    found.note(format!("{name}: torque limit"), "no object holds it");
                     continue;
                 }
                 DriveLimit::Kept(own) => own,

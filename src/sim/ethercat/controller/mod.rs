@@ -50,24 +50,24 @@ pub struct ControllerSettings {
     pub mailbox_time: Duration,
     /// Whether it has distributed clocks.
     pub has_dc: bool,
-    /// What it does otherwise than the standard has it.
+    /// Its deviations from the standard.
     pub manner: Manner,
 }
 
-/// What a device does otherwise than the standard has it, or most devices do.
+/// Deviations of a device from the standard, or from most devices.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Manner {
     /// Bits of AL status that are always set; of bit 5 and above.
     pub al_status_bits: u16,
     /// The counter of all its mailbox messages; `None` if it counts.
     pub mailbox_counter: Option<u8>,
-    /// What becomes of a request for SDO information.
+    /// Answer to a request for SDO information.
     pub information: Information,
     /// Whether the cable that comes from the master is in its output: port 1 has that link, and port 0 the one away from the master.
     pub is_turned: bool,
 }
 
-/// What becomes of a request for SDO information.
+/// Answer to a request for SDO information.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Information {
     /// It is answered.
