@@ -73,7 +73,7 @@ pub fn setup() -> SegmentSetup {
     };
     let identity =
         Identity { device_type: 0, vendor_id: 0x732, product_codes: vec![0x2648_3052], revisions: Revisions::Any };
-    let mapped = |index, sub, quantity| Mapped { at: Address::new(index, sub), bits: 32, quantity };
+    let mapped = |index, sub, quantity| Mapped { at: Address::new(index, sub), bits: 32, quantity, value: 0 };
     let channels = (1..).zip(Quantity::CHANNELS).map(|(sub, channel)| mapped(0x6000, sub, Some(channel)));
     let status = [mapped(0x6010, 0, Some(Quantity::Status)), mapped(0x6020, 0, Some(Quantity::SampleCounter))];
     let outputs = vec![mapped(0x7010, 1, None), mapped(0x7010, 2, None)];

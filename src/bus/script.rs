@@ -9,9 +9,10 @@ use crate::setup::HomingOrder;
 use yieldwall_drives::cia402::{CommandMode, OperationMode};
 use yieldwall_drives::objects::{self, Object};
 use yieldwall_drives::profiles::{
-    CurrentLimit, DeviceProfile, Entry, Identity, LimitSetter, PdoMap, Quantity, Revisions, Servo, Setting, TorqueLimit,
+    CurrentLimit, DeviceProfile, Entry, Identity, LimitSetter, PdoMap, Quantity, Revisions, Servo, Setting,
+    TorqueLimit, Unused,
 };
-use yieldwall_fieldbus::canopen::BusId;
+use yieldwall_fieldbus::canopen::{BusId, MappingEntry};
 use yieldwall_fieldbus::objects::Address;
 
 pub(super) use engine::Script;
@@ -271,6 +272,26 @@ pub(super) fn unit(steps: Vec<Step>) -> impl Iterator<Item = Step> {
     first.into_iter().chain(steps)
 }
 
+const MAP: &str = "map the process data";
+
+/// The steps by which a mapping comes to hold its entries, each index, sub-index and bits: a unit, so that one that is right stays; a fixed
+/// one is compared.
+pub(super) fn mapping_steps(index: u16, is_fixed: bool, entries: &[(u16, u8, u8)]) -> Vec<Step> {
+    let step = |sub: u8, action| Step { doing: MAP, index, sub, bytes: if sub == 0 { 1 } else { 4 }, action };
+    let wanted = |value| match is_fixed {
+        true => Action::Expect { value, mask: u32::MAX },
+        false => Action::State { value, kept: 0 },
+    };
+    let raw = |(index, sub, bits): (u16, u8, u8)| MappingEntry::new(index, sub, bits).to_u32();
+    let count = step(0, wanted(entries.len() as u32));
+    let entries = (1..=u8::MAX).zip(entries).map(|(sub, entry)| step(sub, wanted(raw(*entry))));
+    if is_fixed {
+        return std::iter::once(count).chain(entries).collect();
+    }
+    let off = step(0, Action::Off { value: 0, kept: 0 });
+    unit(std::iter::once(off).chain(entries).chain([count]).collect()).collect()
+}
+
 /// A step with an object that every device has at the same place.
 pub(super) fn common(doing: &'static str, object: Object, action: Action) -> Step {
     Step { doing, index: object.index, sub: object.sub, bytes: object.bits() / 8, action }
@@ -421,8 +442,16 @@ fn interpolation_time(period_us: u32) -> Option<(u32, u32)> {
 }
 
 /// The object of the device that is meant.
-pub(super) fn mapped(profile: &DeviceProfile, quantity: Quantity) -> Result<&Entry, BootFailure> {
-    profile.object(quantity).ok_or_else(|| lacking(profile, quantity.word()))
+/// The entry of a mapping by which a quantity is carried: index, sub-index and bits.
+pub(super) fn mapped(profile: &DeviceProfile, quantity: Quantity) -> Result<(u16, u8, u8), BootFailure> {
+    profile.mapped(quantity).ok_or_else(|| lacking(profile, quantity.word()))
+}
+
+/// The value that an output has which is nothing to the rig: its own, otherwise what the boot writes to the object.
+pub(super) fn unused_value(unused: Unused, steps: &[Step]) -> i32 {
+    let at = Address::new(unused.index, unused.sub);
+    let written = || steps.iter().rev().filter(|step| step.at() == at).find_map(|step| step.action.value());
+    unused.value.or_else(|| written().map(|value| value as i32)).unwrap_or_default()
 }
 
 pub(super) fn lacking(profile: &DeviceProfile, what: &'static str) -> BootFailure {

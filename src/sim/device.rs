@@ -108,7 +108,7 @@ pub(super) fn mark() -> impl Iterator<Item = Object> {
 
 /// The mapped objects of a PDO as the dictionary takes them.
 pub(super) fn mapping(profile: &DeviceProfile, pdo: &Pdo) -> Vec<(u16, u8, u8)> {
-    profile.entries(pdo).map(|entry| (entry.index, entry.sub, entry.bits)).collect()
+    pdo.maps.iter().filter_map(|quantity| profile.mapped(*quantity)).collect()
 }
 
 /// An unsigned object of a profile, 0 at power-on.

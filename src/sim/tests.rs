@@ -6,7 +6,7 @@ use yieldwall_drives::scaling::{AxisScaling, Direction};
 
 use super::can::{BitTiming, Delivery, QueueOrder, VirtualBus};
 use super::*;
-use yieldwall_fieldbus::canopen::{Frame, node_id};
+use yieldwall_fieldbus::canopen::{Frame, MappingEntry, node_id};
 use yieldwall_fieldbus::time::Time;
 
 const MASTER: usize = 0;
@@ -124,8 +124,10 @@ impl Rig {
             let mut remap = |parameter: u16, id: u32, pdo: &yieldwall_drives::profiles::Pdo| {
                 self.write(node, parameter, 1, id | 1 << 31, 4);
                 self.write(node, parameter + 0x200, 0, 0, 1);
-                for (sub, entry) in (1..).zip(profile.entries(pdo)) {
-                    self.write(node, parameter + 0x200, sub, entry.to_u32(), 4);
+                for (sub, entry) in (1..).zip(super::device::mapping(&profile, pdo)) {
+                    let (index, mapped, bits) = entry;
+                    let entry = MappingEntry::new(index, mapped, bits).to_u32();
+                    self.write(node, parameter + 0x200, sub, entry, 4);
                 }
                 self.write(node, parameter + 0x200, 0, pdo.maps.len() as u32, 1);
                 self.write(node, parameter, 2, pdo.transmission_type.into(), 1);

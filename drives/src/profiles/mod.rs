@@ -63,6 +63,10 @@ pub struct About {
     pub name: String,
     /// On what it was tried.
     pub tried: Tried,
+    /// The buses that its process data are written for. Left out: both.
+    #[cfg_attr(feature = "config", serde(default = "Fieldbus::all", skip_serializing_if = "Fieldbus::are_all"))]
+    #[cfg_attr(feature = "config", garde(length(min = 1, max = 2)))]
+    pub buses: Vec<Fieldbus>,
     /// What its error codes mean: the name of a table that comes with the program, or a table's file (`.yaml`), relative to this
     /// file. Without it codes have the meaning that the standards give them.
     #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Option::is_none"), garde(length(min = 1)))]
@@ -70,6 +74,37 @@ pub struct About {
     /// The documents that were read, by the short names that `source` uses.
     #[cfg_attr(feature = "config", garde(length(min = 1)))]
     pub sources: BTreeMap<String, String>,
+}
+
+/// A bus that carries objects.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
+#[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
+pub enum Fieldbus {
+    /// CANopen.
+    Canopen,
+    /// CANopen over EtherCAT (CoE).
+    Ethercat,
+}
+
+impl Fieldbus {
+    /// All buses.
+    pub fn all() -> Vec<Self> {
+        vec![Fieldbus::Canopen, Fieldbus::Ethercat]
+    }
+
+    #[cfg(feature = "config")]
+    fn are_all(buses: &[Self]) -> bool {
+        Self::all().iter().all(|bus| buses.contains(bus))
+    }
+
+    /// Its name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Fieldbus::Canopen => "CANopen",
+            Fieldbus::Ethercat => "EtherCAT",
+        }
+    }
 }
 
 /// On what a profile was tried.
@@ -208,14 +243,6 @@ pub struct Entry {
 }
 
 impl Entry {
-    /// The value of the mapping parameter (1600h, 1A00h and following).
-    ///
-    /// # Source
-    /// CiA 301, PDO mapping parameter record: index, sub-index, length in bits, from the highest byte down.
-    pub fn to_u32(&self) -> u32 {
-        u32::from(self.index) << 16 | u32::from(self.sub) << 8 | u32::from(self.bits)
-    }
-
     /// Length in bytes.
     pub fn bytes(&self) -> u8 {
         self.bits / 8
@@ -257,6 +284,26 @@ pub enum Quantity {
     Status,
     /// Counter of a sensor's samples.
     SampleCounter,
+    /// Bits without an object: index 0 in the mapping. 1 to 255.
+    Gap(u8),
+    /// An object that is nothing to the rig.
+    Unused(Unused),
+}
+
+/// A mapped object that is nothing to the rig. As an output it is sent `value`, or what the boot writes to it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields))]
+pub struct Unused {
+    /// Index in the object dictionary; 0005h and the like are the dummies of CANopen.
+    pub index: u16,
+    /// Sub-index.
+    pub sub: u8,
+    /// Length in bits. 1 to 64.
+    pub bits: u8,
+    /// Value of an output, negative ones in two's complement. Left out: what the boot writes to the object, otherwise 0.
+    #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub value: Option<i32>,
 }
 
 impl Quantity {
@@ -282,6 +329,8 @@ impl Quantity {
             Quantity::Tz => "tz",
             Quantity::Status => "status",
             Quantity::SampleCounter => "sample_counter",
+            Quantity::Gap(_) => "gap",
+            Quantity::Unused(_) => "unused",
         }
     }
 }
@@ -291,18 +340,27 @@ impl Quantity {
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct Pdo {
-    /// Number of the PDO, 1 to 4; its parameters are at 13FFh + number (RPDO) or 17FFh + number (TPDO).
-    #[cfg_attr(feature = "config", garde(range(min = 1, max = 4)))]
-    pub number: u8,
+    /// Number of the PDO, 1 to 512, on CANopen 1 to 4: its mapping is at 15FFh + number (RPDO) or 19FFh + number (TPDO), so that 0x102 means
+    /// 1701h or 1B01h.
+    #[cfg_attr(feature = "config", garde(range(min = 1, max = 512)))]
+    pub number: u16,
+    /// Whether the device lets nobody change the mapping: it is compared then, and never written.
+    #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "std::ops::Not::not"))]
+    pub fixed: bool,
     /// Transmission type: 1 to 240 every n-th SYNC, 254 and 255 event-driven.
     #[cfg_attr(feature = "config", garde(range(min = 1)))]
     pub transmission_type: u8,
-    /// Mapped objects in the order of the payload, 8 bytes at most.
-    #[cfg_attr(feature = "config", garde(length(min = 1, max = 8)))]
+    /// Mapped objects in the order of the payload; on CANopen 8 bytes at most.
+    #[cfg_attr(feature = "config", garde(length(min = 1, max = 254)))]
     pub maps: Vec<Quantity>,
 }
 
 impl Pdo {
+    /// Its number on CANopen; 0, which no PDO has, if it is none of CANopen.
+    pub fn canopen_number(&self) -> u8 {
+        u8::try_from(self.number).unwrap_or(0)
+    }
+
     /// Whether it follows SYNC.
     ///
     /// # Source
@@ -317,11 +375,11 @@ impl Pdo {
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct PdoMap {
-    /// Received by the device, sent by the master; the first one carries controlword and set-point.
-    #[cfg_attr(feature = "config", garde(length(max = 4), dive))]
+    /// Received by the device, sent by the master. On CANopen one, which carries controlword and set-point.
+    #[cfg_attr(feature = "config", garde(length(max = 16), dive))]
     pub rpdo: Vec<Pdo>,
-    /// Sent by the device.
-    #[cfg_attr(feature = "config", garde(length(min = 1, max = 4), dive))]
+    /// Sent by the device; on CANopen 4 at most.
+    #[cfg_attr(feature = "config", garde(length(min = 1, max = 16), dive))]
     pub tpdo: Vec<Pdo>,
 }
 
@@ -381,6 +439,11 @@ impl DeviceProfile {
         &self.profile.name
     }
 
+    /// Whether its process data are written for a bus.
+    pub fn is_for(&self, bus: Fieldbus) -> bool {
+        self.profile.buses.contains(&bus)
+    }
+
     /// The drive; `None` of a sensor.
     pub fn servo(&self) -> Option<&Servo> {
         match &self.device {
@@ -429,14 +492,19 @@ impl DeviceProfile {
         }
     }
 
-    /// The mapped objects of a PDO; those that the device does not have are left out.
-    pub fn entries(&self, pdo: &Pdo) -> impl Iterator<Item = &Entry> {
-        pdo.maps.iter().filter_map(|quantity| self.object(*quantity))
+    /// The entry of a mapping by which a quantity is carried: index, sub-index and bits; `None` if the device has no such object.
+    pub fn mapped(&self, quantity: Quantity) -> Option<(u16, u8, u8)> {
+        match quantity {
+            Quantity::Gap(bits) => Some((0, 0, bits)),
+            Quantity::Unused(Unused { index, sub, bits, .. }) => Some((index, sub, bits)),
+            quantity => self.object(quantity).map(|entry| (entry.index, entry.sub, entry.bits)),
+        }
     }
 
-    /// Payload length of a PDO in bytes.
+    /// Payload length of a PDO in bytes; objects that the device does not have count for nothing.
     pub fn payload_bytes(&self, pdo: &Pdo) -> usize {
-        self.entries(pdo).map(|entry| usize::from(entry.bits)).sum::<usize>().div_ceil(8)
+        let bits = pdo.maps.iter().filter_map(|quantity| self.mapped(*quantity)).map(|(.., bits)| usize::from(bits));
+        bits.sum::<usize>().div_ceil(8)
     }
 }
 

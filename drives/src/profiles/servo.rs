@@ -39,6 +39,11 @@ pub struct Servo {
     /// What it watches its master by.
     #[cfg_attr(feature = "config", garde(dive))]
     pub watchdogs: Watchdogs,
+    /// Time from SYNC0 to SYNC1 on EtherCAT, us, of a drive that wants both (AssignActivate 0700h in its device description). Left out: SYNC0
+    /// alone (0300h). 0 to 1 000 000.
+    #[cfg_attr(feature = "config", garde(range(max = 1_000_000)))]
+    #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub sync1_us: Option<u32>,
     /// How it finds its reference by itself; left out if it does not, or no source that was read says how.
     #[cfg_attr(feature = "config", garde(dive))]
     #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Option::is_none"))]

@@ -15,6 +15,7 @@ mod exchange;
 mod faults;
 mod figures;
 mod fixed_objects;
+mod fixed_process_data;
 mod force_sensors;
 mod hostile;
 mod injections;

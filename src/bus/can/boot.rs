@@ -8,8 +8,8 @@ use crate::setup::{DriveSetup, MasterSetup, SensorNode};
 use std::time::Duration;
 use yieldwall_drives::objects;
 use yieldwall_drives::profiles::{
-    DeviceProfile, Entry, HeartbeatWatch, Identity, Pdo, PdoMap, Quantity, Reset, Servo, SetPointWatch, SyncWatch,
-    TimeUnit, TimedObject,
+    DeviceProfile, Entry, HeartbeatWatch, Identity, Pdo, PdoMap, Reset, Servo, SetPointWatch, SyncWatch, TimeUnit,
+    TimedObject,
 };
 use yieldwall_drives::watchdog::{HEARTBEAT_PERIODS, WATCHED_CYCLES};
 use yieldwall_fieldbus::canopen::{Frame, NmtCommand, NodeId, Outbox, SdoClient, SdoOutcome, cob};
@@ -236,7 +236,7 @@ fn pdos(profile: &DeviceProfile, map: &PdoMap, node: NodeId, rpdo_deadline_ms: u
     let mut steps = Vec::new();
     for (used, is_rpdo) in [(&map.rpdo, true), (&map.tpdo, false)] {
         for number in 1..=PDO_COUNT {
-            let Some(pdo) = used.iter().find(|pdo| pdo.number == number) else { continue };
+            let Some(pdo) = used.iter().find(|pdo| pdo.canopen_number() == number) else { continue };
             let id = if is_rpdo { cob::rpdo(number, node) } else { cob::tpdo(number, node) };
             // An identifier of 0 would be a network command.
             let id = id.ok_or_else(|| lacking(profile, "an identifier"))?;
@@ -264,16 +264,11 @@ fn remap(
         action,
     };
     let state = |value: u32| Action::State { value, kept: 0 };
-    let offset = u16::from(pdo.number) - 1;
+    let offset = pdo.number.saturating_sub(1);
     let (comm, map, kept) = if is_rpdo { (0x1400, 0x1600, 0) } else { (0x1800, 0x1a00, NO_REMOTE) };
     let (comm, map) = (comm + offset, map + offset);
-    let mut mapping = vec![access(map, 0, 1, Action::Off { value: 0, kept: 0 })];
-    for (sub, quantity) in (1..).zip(&pdo.maps) {
-        mapping.push(access(map, sub, 4, state(mapped(profile, *quantity)?.to_u32())));
-    }
-    mapping.push(access(map, 0, 1, state(pdo.maps.len() as u32)));
     let mut steps = vec![access(comm, 1, 4, Action::Off { value: id | cob::INVALID, kept })];
-    steps.extend(unit(mapping));
+    steps.extend(script::mapping_steps(map, pdo.fixed, &layout_entries(profile, pdo)?));
     steps.push(access(comm, 2, 1, state(pdo.transmission_type.into())));
     if deadline_ms > 0 {
         steps.push(access(comm, 5, 2, state(deadline_ms)));
@@ -284,8 +279,7 @@ fn remap(
 
 /// The objects of one PDO as the compiled layout wants them.
 pub(super) fn layout_entries(profile: &DeviceProfile, pdo: &Pdo) -> Result<Vec<(u16, u8, u8)>, BootFailure> {
-    let entry = |quantity: &Quantity| mapped(profile, *quantity).map(|entry| (entry.index, entry.sub, entry.bits));
-    pdo.maps.iter().map(entry).collect()
+    pdo.maps.iter().map(|quantity| mapped(profile, *quantity)).collect()
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 mod plan;
 
+use super::node::Node;
 use crate::axis::{DriveOrders, DriveWords};
 use crate::error::BootFailure;
 use crate::setup::{BrakeWords, DriveSetup, SensorNode};
@@ -93,6 +94,8 @@ struct Outgoing {
     bus: BusId,
     id: u16,
     len: u8,
+    /// What is nothing to the rig.
+    word: u64,
     controlword: Field,
     target: Field,
     /// Digital outputs, of a drive whose brake the master holds.
@@ -142,13 +145,15 @@ impl Image {
     pub(super) fn new(
         mode: CommandMode,
         drives: &[(&DriveSetup, NodeId)],
+        nodes: &[Node],
         sensor_bus: BusId,
         sensor: SensorFrames<'_>,
     ) -> Result<Self, BootFailure> {
         let last_bus = drives.iter().map(|(drive, _)| drive.bus).fold(sensor_bus, BusId::max);
         let mut image = Incomings::new(last_bus);
         let rpdos = drives.iter().map(|(drive, node)| (drive.bus, [1, 2, 3, 4].map(|number| cob::rpdo(number, *node))));
-        let outgoing = drives.iter().enumerate().map(|(joint, drive)| image.drive(mode, joint, *drive));
+        let outgoing = drives.iter().zip(nodes).enumerate();
+        let outgoing = outgoing.map(|(joint, (drive, node))| image.drive(mode, joint, *drive, node.boot.steps().0));
         let outgoing = outgoing.collect::<Result<_, _>>()?;
         let (plain, status_bits) = match sensor {
             SensorFrames::Canopen(setup, node) => (None, image.sensor(sensor_bus, setup, node)?),
@@ -355,8 +360,8 @@ impl Image {
     ///
     /// Real-time: yes.
     pub(super) fn send(&self, orders: &[DriveOrders; 2], out: &mut impl Outbox) {
-        for (Outgoing { bus, id, len, controlword, target, brake }, orders) in self.outgoing.iter().zip(orders) {
-            let mut word = 0;
+        for (Outgoing { bus, id, len, word, controlword, target, brake }, orders) in self.outgoing.iter().zip(orders) {
+            let mut word = *word;
             controlword.put_unsigned(&mut word, u64::from(orders.controlword));
             target.put_signed(&mut word, i64::from(orders.target));
             if let Some((outputs, words)) = brake {

@@ -120,7 +120,7 @@ impl CanNetwork {
         }
         let lines: Vec<Line> = setup.buses().map(|bus| Line::new(setup, bus, &nodes)).collect();
         // What the drives' profiles lack was found above.
-        let mut image = Image::new(setup.mode, &drives, sensor_bus, sensor).map_err(of_sensor)?;
+        let mut image = Image::new(setup.mode, &drives, &nodes, sensor_bus, sensor).map_err(of_sensor)?;
         for line in &lines {
             for own in [cob::NMT, cob::SYNC, cob::heartbeat(id)] {
                 image.reserve(line.bus, own);

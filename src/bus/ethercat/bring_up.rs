@@ -605,7 +605,8 @@ impl EthercatNetwork {
                 if self.bring_up.sync0_tries >= TRIES {
                     return Err(SegmentFailure::Sync0Late { tries: TRIES }.into());
                 }
-                (self.bring_up.writes, self.bring_up.sync0_from_ns) = writes::sync0(self.period, time_ns);
+                let sync1 = self.stations.get(place).and_then(|station| station.setup.sync1);
+                (self.bring_up.writes, self.bring_up.sync0_from_ns) = writes::sync0(self.period, sync1, time_ns);
                 self.bring_up.progress = 0;
             }
             Task::Sync0 => {

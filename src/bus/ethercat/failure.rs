@@ -249,7 +249,10 @@ fn next(to: AlState, code: AlStatusCode) -> &'static str {
         (_, AlStatusCode::INVALID_OUTPUTS | AlStatusCode::INVALID_INPUTS) => {
             "compare the process data of its profile with 1C12h, 1C13h and what they name"
         }
-        (_, AlStatusCode::INVALID_DC | AlStatusCode::INVALID_CYCLE | AlStatusCode::INVALID_SYNC0_CYCLE) => {
+        (_, AlStatusCode::INVALID_DC | AlStatusCode::INVALID_SYNC1_CYCLE) => {
+            "compare cycle.period_us and `sync1_us` of its profile with the modes of its clock in its ESI (AssignActivate 0700h wants SYNC1)"
+        }
+        (_, AlStatusCode::INVALID_CYCLE | AlStatusCode::INVALID_SYNC0_CYCLE) => {
             "compare cycle.period_us with 1C32h:05 and the modes in its ESI"
         }
         (_, AlStatusCode::NO_SYNC | AlStatusCode::FATAL_SYNC | AlStatusCode::SYNC_ERROR | AlStatusCode::PLL) => {

@@ -70,6 +70,8 @@ pub struct StationSetup {
     pub waits: Waits,
     /// When it acts.
     pub acts: Acts,
+    /// Time from SYNC0 to SYNC1, of a device that wants both.
+    pub sync1: Option<Duration>,
     /// Process data that it is sent.
     pub outputs: Vec<ProcessData>,
     /// Process data that it sends.
@@ -100,10 +102,12 @@ pub struct ProcessData {
 pub struct Mapped {
     /// The object.
     pub at: Address,
-    /// Its bits: 8, 16, 24 or 32.
+    /// Its bits: 1 to 32, and up to 255 of what is nothing to the rig.
     pub bits: u8,
-    /// What it is to the rig; outputs that are nothing to it are sent as 0.
+    /// What it is to the rig.
     pub quantity: Option<Quantity>,
+    /// The value of an output that is nothing to the rig.
+    pub value: i32,
 }
 
 /// Bits of the status of a sensor's sample; 0 where it tells no such thing.
@@ -156,7 +160,7 @@ impl SegmentDrive {
         let (speed, window) = (self.speed_limit_counts_per_s, self.following_error_counts);
         script::limits(servo, self.torque_limit_per_mille, speed, window, &mut steps);
         let all = |pdos: &[Pdo], first: u16| -> Result<Vec<ProcessData>, BootFailure> {
-            pdos.iter().map(|pdo| process_data(profile, pdo, first)).collect()
+            pdos.iter().map(|pdo| process_data(profile, pdo, first, &steps)).collect()
         };
         let (outputs, inputs) = (all(&map.rpdo, 0x1600)?, all(&map.tpdo, 0x1a00)?);
         let needed = [Quantity::Controlword, mode.set_point(), Quantity::Statusword, Quantity::PositionActual];
@@ -180,6 +184,7 @@ impl SegmentDrive {
             identity: profile.identity.clone(),
             waits: self.waits,
             acts,
+            sync1: servo.sync1_us.map(|us| Duration::from_micros(us.into())),
             outputs,
             inputs,
             set_point: Some(mode.set_point()),
@@ -190,14 +195,18 @@ impl SegmentDrive {
     }
 }
 
-fn process_data(profile: &DeviceProfile, pdo: &Pdo, first: u16) -> Result<ProcessData, BootFailure> {
+fn process_data(profile: &DeviceProfile, pdo: &Pdo, first: u16, steps: &[Step]) -> Result<ProcessData, BootFailure> {
     let entry = |quantity: &Quantity| -> Result<Mapped, BootFailure> {
-        let entry = script::mapped(profile, *quantity)?;
-        let at = Address::new(entry.index, entry.sub);
-        Ok(Mapped { at, bits: entry.bits, quantity: Some(*quantity) })
+        let (index, sub, bits) = script::mapped(profile, *quantity)?;
+        let (quantity, value) = match *quantity {
+            Quantity::Gap(_) => (None, 0),
+            Quantity::Unused(unused) => (None, script::unused_value(unused, steps)),
+            quantity => (Some(quantity), 0),
+        };
+        Ok(Mapped { at: Address::new(index, sub), bits, quantity, value })
     };
     let entries = pdo.maps.iter().map(entry).collect::<Result<_, _>>()?;
-    Ok(ProcessData { index: first + u16::from(pdo.number.saturating_sub(1)), is_fixed: false, entries })
+    Ok(ProcessData { index: first + pdo.number.saturating_sub(1), is_fixed: pdo.fixed, entries })
 }
 
 impl StationSetup {
@@ -220,6 +229,7 @@ impl StationSetup {
             identity,
             waits,
             acts: Acts::ByItself,
+            sync1: None,
             outputs,
             inputs,
             set_point: None,
@@ -262,9 +272,10 @@ impl StationSetup {
     }
 }
 
-/// Bytes of process data, each value in whole bytes.
+/// Bytes of process data, whose entries lie one behind the other.
 fn bytes(pdos: &[ProcessData]) -> usize {
-    pdos.iter().flat_map(|pdo| &pdo.entries).map(|entry| usize::from(entry.bits.div_ceil(8))).sum()
+    let bits = pdos.iter().flat_map(|pdo| &pdo.entries).map(|entry| usize::from(entry.bits));
+    bits.sum::<usize>().div_ceil(8)
 }
 
 /// The mapping objects and the object that says which are exchanged, as a unit: switched off, written, switched on. Each mapping is a unit of
@@ -276,23 +287,10 @@ fn map(assignment: u16, pdos: &[ProcessData], steps: &mut Vec<Step>) {
     let access =
         |index: u16, sub: u8, bytes: u8, action| Step { doing: "map the process data", index, sub, bytes, action };
     let state = |value| Action::State { value, kept: 0 };
-    let expected = |value| Action::Expect { value, mask: u32::MAX };
-    let off = Action::Off { value: 0, kept: 0 };
-    let mut all = vec![access(assignment, 0, 1, off)];
+    let mut all = vec![access(assignment, 0, 1, Action::Off { value: 0, kept: 0 })];
     for pdo in pdos {
-        let raw =
-            |entry: &Mapped| u32::from(entry.at.index) << 16 | u32::from(entry.at.sub) << 8 | u32::from(entry.bits);
-        let entries = (1..=MOST_ENTRIES).zip(&pdo.entries);
-        let count = pdo.entries.len() as u32;
-        if pdo.is_fixed {
-            all.push(access(pdo.index, 0, 1, expected(count)));
-            all.extend(entries.map(|(sub, entry)| access(pdo.index, sub, 4, expected(raw(entry)))));
-        } else {
-            let mut mapping = vec![access(pdo.index, 0, 1, off)];
-            mapping.extend(entries.map(|(sub, entry)| access(pdo.index, sub, 4, state(raw(entry)))));
-            mapping.push(access(pdo.index, 0, 1, state(count)));
-            all.extend(unit(mapping));
-        }
+        let entries: Vec<_> = pdo.entries.iter().map(|entry| (entry.at.index, entry.at.sub, entry.bits)).collect();
+        all.extend(script::mapping_steps(pdo.index, pdo.is_fixed, &entries));
     }
     all.extend((1..=MOST_ENTRIES).zip(pdos).map(|(sub, pdo)| access(assignment, sub, 2, state(pdo.index.into()))));
     all.push(access(assignment, 0, 1, state(pdos.len() as u32)));

@@ -42,12 +42,14 @@ enum Disarming {
     Leaves,
 }
 
-/// A value in process data: its first byte, and its bytes.
+/// Bits that a value in process data has at most.
+const MOST_BITS: u8 = 32;
+
+/// A value in process data: its first bit, and its bits, 1 to 32.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Field {
-    quantity: Quantity,
-    at: usize,
-    bytes: usize,
+    bit: usize,
+    bits: u8,
 }
 
 /// Process data of one direction.
@@ -55,27 +57,34 @@ struct Field {
 pub(super) struct Area {
     pub(super) logical: u32,
     pub(super) len: usize,
-    fields: Vec<Field>,
+    fields: Vec<(Quantity, Field)>,
+    /// Values of outputs that are nothing to the rig.
+    constants: Vec<(Field, i32)>,
 }
 
 impl Area {
     fn new(logical: u32, pdos: &[ProcessData]) -> Result<Self, SegmentFailure> {
-        let mut area = Area { logical, len: 0, fields: Vec::new() };
+        let mut area = Area { logical, len: 0, fields: Vec::new(), constants: Vec::new() };
+        let mut bit = 0;
         for ProcessData { index, entries, .. } in pdos {
             if entries.len() > MOST_ENTRIES.into() {
                 return Err(SegmentFailure::TooManyObjects { index: *index, objects: entries.len() });
             }
         }
-        for Mapped { at, bits, quantity } in pdos.iter().flat_map(|pdo| &pdo.entries) {
-            if !matches!(bits, 8 | 16 | 24 | 32) {
+        for Mapped { at, bits, quantity, value } in pdos.iter().flat_map(|pdo| &pdo.entries) {
+            let field = Field { bit, bits: (*bits).min(MOST_BITS) };
+            let is_used = quantity.is_some() || *value != 0;
+            if *bits == 0 || is_used && *bits > MOST_BITS {
                 return Err(SegmentFailure::Bits { index: at.index, sub: at.sub, bits: *bits });
             }
-            let bytes = usize::from(bits / 8);
-            if let Some(quantity) = *quantity {
-                area.fields.push(Field { quantity, at: area.len, bytes });
+            match *quantity {
+                Some(quantity) => area.fields.push((quantity, field)),
+                None if *value != 0 => area.constants.push((field, *value)),
+                None => {}
             }
-            area.len += bytes;
+            bit += usize::from(*bits);
         }
+        area.len = bit.div_ceil(8);
         Ok(area)
     }
 }
@@ -83,19 +92,32 @@ impl Area {
 impl Field {
     /// The value as unsigned.
     fn get(&self, data: &[u8]) -> u32 {
-        let bytes = data.get(self.at..self.at + self.bytes).unwrap_or_default();
-        bytes.iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte))
+        let bytes = data.get(self.bit / 8..).unwrap_or_default().iter().take(self.bytes());
+        let word = bytes.rev().fold(0u64, |value, byte| value << 8 | u64::from(*byte));
+        (word >> (self.bit % 8)) as u32 & self.mask()
+    }
+
+    /// Bytes that it touches, 1 to 5.
+    fn bytes(&self) -> usize {
+        (self.bit % 8 + usize::from(self.bits)).div_ceil(8)
+    }
+
+    fn mask(&self) -> u32 {
+        u32::MAX >> (32 - u32::from(self.bits.clamp(1, MOST_BITS)))
     }
 
     /// The value with its sign.
     fn get_signed(&self, data: &[u8]) -> i32 {
-        let shift = 32 - 8 * self.bytes.clamp(1, 4) as u32;
+        let shift = 32 - u32::from(self.bits.clamp(1, MOST_BITS));
         (self.get(data) << shift) as i32 >> shift
     }
 
     fn put(&self, data: &mut [u8], value: i32) {
-        let to = data.get_mut(self.at..self.at + self.bytes).unwrap_or_default();
-        to.iter_mut().zip(value.to_le_bytes()).for_each(|(to, byte)| *to = byte);
+        let to = data.get_mut(self.bit / 8..).unwrap_or_default().iter_mut().take(self.bytes());
+        let shifted = |word: u32| (u64::from(word & self.mask()) << (self.bit % 8)).to_le_bytes();
+        for ((to, new), own) in to.zip(shifted(value as u32)).zip(shifted(u32::MAX)) {
+            *to = *to & !own | new;
+        }
     }
 }
 
@@ -310,8 +332,8 @@ impl Station {
         self.sampled_at = now;
         let mut sample = RawSample { counts: [0; 6], sequence: None, overload: false, invalid: false, age_ns: 0 };
         let mut has_counts = false;
-        for field in &self.inputs.fields {
-            match field.quantity {
+        for (quantity, field) in &self.inputs.fields {
+            match *quantity {
                 Quantity::Statusword => self.words.statusword = Some(field.get(data) as u16),
                 Quantity::PositionActual => self.words.position = Some(field.get_signed(data)),
                 Quantity::Status => {
@@ -346,16 +368,19 @@ impl Station {
         self.sample.map(|sample| RawSample { age_ns, ..sample })
     }
 
-    /// Writes what a drive is sent into its outputs; what is nothing to the rig is 0.
+    /// Writes what a drive is sent into its outputs, which are 0 before.
     ///
     /// Real-time: yes.
     pub(super) fn put_outputs(&self, orders: &DriveOrders, data: &mut [u8]) {
-        for field in &self.outputs.fields {
-            if field.quantity == Quantity::Controlword {
+        for (field, value) in &self.outputs.constants {
+            field.put(data, *value);
+        }
+        for (quantity, field) in &self.outputs.fields {
+            if *quantity == Quantity::Controlword {
                 field.put(data, orders.controlword.into());
-            } else if self.setup.set_point == Some(field.quantity) {
+            } else if self.setup.set_point == Some(*quantity) {
                 field.put(data, orders.target);
-            } else if let (Quantity::DigitalOutputs, Some(words)) = (field.quantity, self.setup.brake) {
+            } else if let (Quantity::DigitalOutputs, Some(words)) = (*quantity, self.setup.brake) {
                 field.put(data, words.word(orders.releases) as i32);
             }
         }
@@ -384,5 +409,68 @@ impl Station {
         }
         let alias = self.setup.alias.filter(|alias| *alias != sii.alias)?;
         Some(("the alias", format!("{alias:#x}"), sii.alias.into()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn mapped(bits: u8, quantity: Option<Quantity>, value: i32) -> Mapped {
+        Mapped { at: Address::new(0x2000, 0), bits, quantity, value }
+    }
+
+    fn area(entries: Vec<Mapped>) -> Result<Area, SegmentFailure> {
+        Area::new(0, &[ProcessData { index: 0x1600, is_fixed: true, entries }])
+    }
+
+    #[test]
+    fn words_lie_one_behind_the_other_to_the_bit() {
+        let entries = vec![
+            mapped(5, None, 0),
+            mapped(16, Some(Quantity::Controlword), 0),
+            mapped(3, None, -1),
+            mapped(32, Some(Quantity::TargetPosition), 0),
+            mapped(201, None, 0),
+        ];
+        let area = area(entries).unwrap();
+        assert_eq!(area.len, 33);
+        let mut data = [0; 33];
+        area.constants.iter().for_each(|(field, value)| field.put(&mut data, *value));
+        area.fields[0].1.put(&mut data, 0x0f1f);
+        area.fields[1].1.put(&mut data, -2);
+        assert_eq!(data[..8], [0xe0, 0xe3, 0xe1, 0xfe, 0xff, 0xff, 0xff, 0x00]);
+        assert_eq!((area.fields[0].1.get(&data), area.fields[1].1.get_signed(&data)), (0x0f1f, -2));
+    }
+
+    #[test]
+    fn an_entry_without_bits_and_a_word_that_is_too_long_are_refused() {
+        for entry in [mapped(0, None, 0), mapped(33, Some(Quantity::Statusword), 0), mapped(33, None, 1)] {
+            assert!(matches!(area(vec![entry]), Err(SegmentFailure::Bits { index: 0x2000, .. })), "{entry:?}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_value_is_read_as_it_was_written_and_leaves_the_rest(
+            bit in 0usize..96, bits in 1u8..=32, value: i32, before: [u8; 16],
+        ) {
+            let field = Field { bit, bits };
+            let mut data = before;
+            field.put(&mut data, value);
+            let shift = 32 - u32::from(bits);
+            prop_assert_eq!(field.get_signed(&data), (value << shift) >> shift);
+            let bits_of = |data: [u8; 16]| u128::from_le_bytes(data);
+            let own = u128::from(u32::MAX >> shift) << bit;
+            prop_assert_eq!((bits_of(data) ^ bits_of(before)) & !own, 0);
+        }
+
+        #[test]
+        fn short_data_never_panic(bit in 0usize..200, bits in 1u8..=32, mut data: Vec<u8>) {
+            let field = Field { bit, bits };
+            field.put(&mut data, -1);
+            let _ = (field.get(&data), field.get_signed(&data));
+        }
     }
 }

@@ -152,18 +152,23 @@ pub(super) fn exchange(
     Ok(writes)
 }
 
-/// SYNC0 from a while after a moment of system time on, and the moment at which it then comes first: it has to be switched on before.
-pub(super) fn sync0(period: Duration, system_time_ns: u64) -> (Vec<Write>, u64) {
+/// SYNC0, and SYNC1 so long after it where there is one, from a while after a moment of system time on, and the moment at which SYNC0 then comes
+/// first: it has to be switched on before.
+pub(super) fn sync0(period: Duration, sync1: Option<Duration>, system_time_ns: u64) -> (Vec<Write>, u64) {
     let period_ns = period.as_nanos().clamp(1, u32::MAX.into()) as u64;
     let earliest = system_time_ns.saturating_add(SYNC0_AHEAD.as_nanos() as u64);
     let start = earliest.div_ceil(period_ns).saturating_mul(period_ns);
     let write = |register, bytes: &[u8], is_compared| Write { register, bytes: bytes.to_vec(), is_compared };
-    let writes = vec![
+    let mut writes = vec![
         write(register::DC_CYCLIC_CONTROL, &[0, 0], true),
         write(register::DC_SYNC0_CYCLE, &(period_ns as u32).to_le_bytes(), true),
-        // What is read there is the next pulse.
-        write(register::DC_START_TIME, &start.to_le_bytes(), false),
-        write(register::DC_ACTIVATION, &[3], true),
     ];
+    if let Some(after) = sync1 {
+        let after_ns = after.as_nanos().min(u32::MAX.into()) as u32;
+        writes.push(write(register::DC_SYNC1_CYCLE, &after_ns.to_le_bytes(), true));
+    }
+    // The register then reads as the next pulse.
+    writes.push(write(register::DC_START_TIME, &start.to_le_bytes(), false));
+    writes.push(write(register::DC_ACTIVATION, &[if sync1.is_some() { 7 } else { 3 }], true));
     (writes, start)
 }

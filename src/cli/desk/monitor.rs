@@ -8,6 +8,7 @@ use super::place::{DeviceSession, Entry, Place};
 use super::words::{nmt_words, spaced};
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
+use yieldwall_drives::profiles::Quantity;
 use yieldwall_fieldbus::canopen::{Emergency, Frame, NmtState, cob, nmt};
 use yieldwall_fieldbus::objects::{AbortCode, Address};
 use yieldwall_link::{Arrival, Received};
@@ -151,15 +152,18 @@ fn fields(frame: &Frame, entry: &Entry, number: u8, is_tpdo: bool) -> Option<Str
     let profile = entry.profile.as_deref()?;
     let map = profile.pdos(entry.mode)?;
     let pdos = if is_tpdo { &map.tpdo } else { &map.rpdo };
-    let pdo = pdos.iter().find(|pdo| pdo.number == number)?;
+    let pdo = pdos.iter().find(|pdo| pdo.canopen_number() == number)?;
     if profile.payload_bytes(pdo) != frame.data().len() {
         return None;
     }
     let mut at = 0;
     let each = pdo.maps.iter().filter_map(|quantity| {
-        let entry = profile.object(*quantity)?;
-        let (bits, word) = (u32::from(entry.bits), frame.bits().checked_shr(at).unwrap_or_default());
+        let (.., bits) = profile.mapped(*quantity)?;
+        let (bits, word) = (u32::from(bits), frame.bits().checked_shr(at).unwrap_or_default());
         at += bits;
+        if matches!(quantity, Quantity::Gap(_)) {
+            return None;
+        }
         let masked = word & u64::MAX.checked_shr(64 - bits).unwrap_or_default();
         let is_word = quantity.word().ends_with("word") || quantity.word() == "status";
         let shown = match (is_word, bits) {

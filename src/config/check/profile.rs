@@ -2,15 +2,19 @@
 
 use yieldwall_drives::cia402::State;
 use yieldwall_drives::profiles::{
-    BrakeHolder, DeviceProfile, Entry, ForceSensor, HeartbeatWatch, Homing, Limits, Pdo, PdoMap, Quantity, Revisions,
-    Role, Servo, SetPointWatch, Setting, SyncWatch,
+    BrakeHolder, DeviceProfile, Entry, Fieldbus, ForceSensor, HeartbeatWatch, Homing, Limits, Pdo, PdoMap, Quantity,
+    Revisions, Role, Servo, SetPointWatch, Setting, SyncWatch, Unused,
 };
 
 use super::Findings;
 use crate::suggest::nearest;
 
-/// Bytes that a CAN frame carries.
+/// Bytes that a CAN frame carries, and PDOs of a direction that CANopen has identifiers for.
 const FRAME_BYTES: usize = 8;
+const CANOPEN_PDOS: u16 = 4;
+/// Bits of an object at most, of a value that the master reads or writes, and of a gap.
+const OBJECT_BITS: u8 = 64;
+const VALUE_BITS: u8 = 32;
 /// Abort connection option code and quick stop option code of CiA 402.
 const ABORT_CONNECTION: u16 = 0x6007;
 const QUICK_STOP: u16 = 0x605a;
@@ -93,12 +97,14 @@ fn check_servo(findings: &mut Findings, profile: &DeviceProfile, servo: &Servo) 
     for (_, word, set_point, map) in modes {
         let Some(map) = map else { continue };
         let key = format!("device.servo.process_data.{word}");
-        let sent = [Quantity::Controlword, set_point, Quantity::DigitalOutputs];
-        check.pdos(&format!("{key}.rpdo"), &map.rpdo, &sent[..if servo.brake.of_master().is_some() { 3 } else { 2 }]);
+        let is_braked = servo.brake.of_master().is_some();
+        let brake = is_braked.then_some(Quantity::DigitalOutputs);
+        let sent: Vec<Quantity> = [Quantity::Controlword, set_point].into_iter().chain(brake).collect();
+        check.pdos(&format!("{key}.rpdo"), &map.rpdo, &sent);
+        check.computed(&format!("{key}.rpdo"), servo, &map.rpdo);
         check.pdos(&format!("{key}.tpdo"), &map.tpdo, &[Quantity::Statusword, Quantity::PositionActual]);
         check.drive_pdos(&key, map, set_point);
-        if servo.brake.of_master().is_some() && !map.rpdo.iter().any(|pdo| pdo.maps.contains(&Quantity::DigitalOutputs))
-        {
+        if is_braked && !map.rpdo.iter().any(|pdo| pdo.maps.contains(&Quantity::DigitalOutputs)) {
             let message = format!("`{key}.rpdo` does not carry `digital_outputs`, by which the brake is held");
             let help = match set_point {
                 Quantity::TargetTorque => "map it behind the set-point",
@@ -327,6 +333,9 @@ impl Checked<'_> {
             for (place, quantity) in pdo.maps.iter().enumerate() {
                 let at = format!("{at}.maps[{place}]");
                 let word = quantity.word();
+                if self.fills(&at, *quantity) {
+                    continue;
+                }
                 if !known.contains(quantity) {
                     let words: Vec<&str> = known.iter().map(|quantity| quantity.word()).collect();
                     let message = format!("`{at}` is `{word}`, which does not go this way");
@@ -344,11 +353,10 @@ impl Checked<'_> {
                 carried.push(*quantity);
             }
             let bytes = self.profile.payload_bytes(pdo);
-            if bytes > FRAME_BYTES {
-                let message = format!("`{at}.maps` make {bytes} bytes, and a CAN frame carries {FRAME_BYTES}");
-                self.findings.error(&format!("{at}.maps"), message, "spread them over two PDOs");
+            if self.profile.is_for(Fieldbus::Canopen) {
+                self.of_canopen(&at, pdo, bytes);
             }
-            if pdo.maps.len() > most {
+            if !pdo.fixed && pdo.maps.len() > most {
                 let message =
                     format!("`{at}.maps` has {} objects, and a PDO of this device carries {most}", pdo.maps.len());
                 self.findings.error(&format!("{at}.maps"), message, "spread them over two PDOs");
@@ -356,18 +364,68 @@ impl Checked<'_> {
         }
     }
 
+    /// What CANopen has room and identifiers for.
+    fn of_canopen(&mut self, at: &str, pdo: &Pdo, bytes: usize) {
+        const OTHERWISE: &str = "or write `buses: [ethercat]` in `profile` if that is its only bus";
+        if bytes > FRAME_BYTES {
+            let message = format!("`{at}.maps` make {bytes} bytes, and a CAN frame carries {FRAME_BYTES}");
+            self.findings.error(&format!("{at}.maps"), message, format!("spread them over two PDOs, {OTHERWISE}"));
+        }
+        if pdo.number > CANOPEN_PDOS {
+            let message = format!("`{at}.number` is {}, and CANopen has identifiers for 1 to 4", pdo.number);
+            self.findings.error(&format!("{at}.number"), message, format!("write one of these, {OTHERWISE}"));
+        }
+    }
+
+    /// Whether a mapped quantity is nothing to the rig: its lengths are checked then.
+    fn fills(&mut self, at: &str, quantity: Quantity) -> bool {
+        let (bits, most) = match quantity {
+            Quantity::Gap(bits) => (bits, u8::MAX),
+            Quantity::Unused(Unused { bits, value, .. }) => {
+                (bits, if value.is_some() { VALUE_BITS } else { OBJECT_BITS })
+            }
+            _ => return false,
+        };
+        if !(1..=most).contains(&bits) {
+            let message = format!("`{at}` has {bits} bits");
+            self.findings.error(at, message, format!("write its length by the mapping, 1 to {most} bits"));
+        }
+        true
+    }
+
+    /// Objects whose value the boot computes from what the drive holds are not sent with process data unless the profile says their value.
+    fn computed(&mut self, key: &str, servo: &Servo, pdos: &[Pdo]) {
+        let limits = [
+            servo.limits.current.as_ref().map(|current| &current.limit),
+            servo.limits.motor_speed.as_ref().map(|speed| &speed.limit),
+        ];
+        for (index, pdo) in pdos.iter().enumerate() {
+            for (place, quantity) in pdo.maps.iter().enumerate() {
+                let Quantity::Unused(Unused { index: object, sub, value: None, .. }) = *quantity else { continue };
+                if limits.iter().flatten().any(|limit| (limit.index, limit.sub) == (object, sub)) {
+                    let at = format!("{key}[{index}].maps[{place}]");
+                    let message = format!("`{at}` is a limit of the drive, and every cycle would set it to 0");
+                    self.findings.error(&at, message, "write its `value` in the unit of the object");
+                }
+            }
+        }
+    }
+
     /// What the process data of a drive have to carry, and when.
     fn drive_pdos(&mut self, key: &str, map: &PdoMap, set_point: Quantity) {
-        let first = map.rpdo.first().map_or(&[][..], |pdo| &pdo.maps[..]);
+        // A frame of EtherCAT carries all of them.
+        let is_one = self.profile.is_for(Fieldbus::Canopen);
+        let together = if is_one { 1 } else { map.rpdo.len() };
         for quantity in [Quantity::Controlword, set_point] {
-            if !first.contains(&quantity) {
+            if !map.rpdo.iter().take(together).any(|pdo| pdo.maps.contains(&quantity)) {
                 let message = format!("the first PDO of `{key}.rpdo` does not carry `{}`", quantity.word());
                 self.findings.error(&format!("{key}.rpdo"), message, "controlword and set-point are sent in one frame");
             }
         }
-        if map.rpdo.len() > 1 {
-            let message = format!("`{key}.rpdo` has {} PDOs, and one is sent", map.rpdo.len());
-            self.findings.error(&format!("{key}.rpdo"), message, "write one PDO with controlword and set-point");
+        if is_one && map.rpdo.len() > 1 {
+            let message = format!("`{key}.rpdo` has {} PDOs, and one is sent on CANopen", map.rpdo.len());
+            let help = "write one PDO with controlword and set-point, or `buses: [ethercat]` in `profile` if that is its only bus";
+            self.findings.error(&format!("{key}.rpdo"), message, help);
         }
         for quantity in [Quantity::Statusword, Quantity::PositionActual] {
             if !map.tpdo.iter().any(|pdo| pdo.maps.contains(&quantity)) {

@@ -2,6 +2,7 @@
 
 use super::Findings;
 use crate::tree::{Bus, Rig, SensorProtocol};
+use yieldwall_drives::profiles::Fieldbus;
 
 /// Greatest number of counts of a sensor on CAN.
 const MOST_ON_CAN: u32 = i16::MAX as u32;
@@ -30,6 +31,7 @@ pub(super) fn check_segment(findings: &mut Findings, rig: &Rig) {
         check_places(findings, rig, &devices);
     }
     check_counts(findings, rig);
+    check_profiles(findings, rig);
 }
 
 /// Whether a sensor on its bus can have such counts, and the simulated one on EtherCAT such a calibration.
@@ -57,6 +59,28 @@ fn check_counts(findings: &mut Findings, rig: &Rig) {
         let help = "write N per count three times and N m per count three times along the diagonal, from 1e-9 to 1, and 0 elsewhere; a rig \
                     without `simulation` may have any matrix";
         findings.error("sensor.calibration", message, help);
+    }
+}
+
+/// Whether the profiles of the drives are written for the buses that the drives are on.
+fn check_profiles(findings: &mut Findings, rig: &Rig) {
+    for (index, drive) in rig.drives.iter().enumerate() {
+        let Some(profile) = drive.profile.get() else { continue };
+        let key = format!("drives[{index}].profile");
+        let is_on = |bus: Fieldbus| format!("`{key}` is `{}`, which is not written for {}", profile.name(), bus.name());
+        let on_segment = drive.address.position().is_some();
+        let bus = if on_segment { Fieldbus::Ethercat } else { Fieldbus::Canopen };
+        if profile.is_for(bus) {
+            continue;
+        }
+        if on_segment {
+            let help =
+                "compare its process data with those of the drive on EtherCAT, and add `ethercat` to its `buses`";
+            findings.warning(&key, is_on(bus), help);
+        } else {
+            let help = "name the profile of this drive on CANopen; its process data differ from those on EtherCAT";
+            findings.error(&key, is_on(bus), help);
+        }
     }
 }
 

@@ -90,7 +90,7 @@ fn sensor(sensor: &config::Sensor) -> Result<StationSetup, AssemblyError> {
     let not_here = || AssemblyError::NoPosition("sensor".to_owned());
     let position = sensor.protocol.position().ok_or_else(not_here)?;
     let identity = segment_sensor();
-    let mapped = |index, sub, quantity| Mapped { at: Address::new(index, sub), bits: 32, quantity };
+    let mapped = |index, sub, quantity| Mapped { at: Address::new(index, sub), bits: 32, quantity, value: 0 };
     let channels = (1..).zip(Quantity::CHANNELS).map(|(sub, channel)| mapped(0x6000, sub, Some(channel)));
     let status = [mapped(0x6010, 0, Some(Quantity::Status)), mapped(0x6020, 0, Some(Quantity::SampleCounter))];
     let pdo = |index, entries| vec![ProcessData { index, is_fixed: true, entries }];

@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use yieldwall_drives::cia402::State;
 use yieldwall_drives::objects::{self as cia, error_code};
-use yieldwall_drives::profiles::DeviceProfile;
+use yieldwall_drives::profiles::{DeviceProfile, Pdo};
 use yieldwall_drives::watchdog::Clock;
 
 use super::super::DeviceError;
-use super::super::device::identity;
-use super::super::ethercat::{Communication, EthercatApplication};
+use super::super::device::{identity, mapping};
+use super::super::ethercat::{Communication, EthercatApplication, PdoMapping};
 use super::device::{Device, PROFILE_ERROR};
 use super::watches::Watch;
 use super::{AxisSettings, OddObject, objects};
@@ -23,6 +23,17 @@ const SHORTEST_CYCLE_NS: u32 = 62_500;
 const MAPPING_ENTRIES: u8 = 16;
 /// Bit of the error register for communication.
 const COMMUNICATION_ERROR: u8 = 1 << 4;
+/// What a mapping carries at power-on that can be changed.
+const OUTPUTS: [cia::Object; 5] =
+    [cia::CONTROLWORD, cia::TARGET_POSITION, cia::TARGET_VELOCITY, cia::TARGET_TORQUE, cia::MODE_OF_OPERATION];
+const INPUTS: [cia::Object; 6] = [
+    cia::STATUSWORD,
+    cia::POSITION_ACTUAL,
+    cia::VELOCITY_ACTUAL,
+    cia::TORQUE_ACTUAL,
+    cia::ERROR_CODE,
+    cia::MODE_DISPLAY,
+];
 /// The emergency that says that all errors have gone.
 const NO_ERROR: CoeEmergency = CoeEmergency { code: 0, register: 0, vendor: [0; 5] };
 
@@ -39,6 +50,33 @@ pub struct EthercatDrive {
     has_lost_master: bool,
     /// What of that and of its end is not told yet.
     untold: Option<CoeEmergency>,
+    /// Time from SYNC0 to SYNC1, of a model that works with both alone.
+    sync1_ns: Option<u32>,
+}
+
+/// Mappings of a direction at power-on: those that the profile calls fixed, of which the ones of its first mode are exchanged; without any of
+/// them, one that can be changed and holds `usual`.
+fn mappings<'a>(
+    profile: &DeviceProfile,
+    modes: impl Iterator<Item = &'a Vec<Pdo>>,
+    first: u16,
+    usual: &[cia::Object],
+) -> Vec<PdoMapping> {
+    let mut all: Vec<PdoMapping> = Vec::new();
+    for (mode, pdos) in modes.enumerate() {
+        for pdo in pdos.iter().filter(|pdo| pdo.fixed) {
+            let index = first + pdo.number.saturating_sub(1);
+            if !all.iter().any(|known| known.index == index) {
+                let entries = mapping(profile, pdo);
+                all.push(PdoMapping { index, entries, is_fixed: true, is_assigned: mode == 0 });
+            }
+        }
+    }
+    if all.is_empty() {
+        let entries = usual.iter().map(|object| (object.index, object.sub, object.bits())).collect();
+        all.push(PdoMapping { index: first, entries, is_fixed: false, is_assigned: true });
+    }
+    all
 }
 
 impl EthercatDrive {
@@ -64,28 +102,11 @@ impl EthercatDrive {
         let servo = profile.servo().ok_or_else(role)?;
         axis.position_loop.check()?;
         objects::check(servo)?;
-        let mapped = |objects: &[cia::Object]| -> Vec<(u16, u8, u8)> {
-            objects.iter().map(|object| (object.index, object.sub, object.bits())).collect()
-        };
-        let outputs = mapped(&[
-            cia::CONTROLWORD,
-            cia::TARGET_POSITION,
-            cia::TARGET_VELOCITY,
-            cia::TARGET_TORQUE,
-            cia::MODE_OF_OPERATION,
-        ]);
-        let inputs = mapped(&[
-            cia::STATUSWORD,
-            cia::POSITION_ACTUAL,
-            cia::VELOCITY_ACTUAL,
-            cia::TORQUE_ACTUAL,
-            cia::ERROR_CODE,
-            cia::MODE_DISPLAY,
-        ]);
+        let maps = || servo.process_data.modes().into_iter().filter_map(|mode| mode.3);
         let communication = Communication {
             identity: &identity(profile, serial),
-            outputs: (0x1600, &outputs),
-            inputs: (0x1a00, &inputs),
+            outputs: mappings(profile, maps().map(|map| &map.rpdo), 0x1600, &OUTPUTS),
+            inputs: mappings(profile, maps().map(|map| &map.tpdo), 0x1a00, &INPUTS),
             mapping_entries: MAPPING_ENTRIES,
             shortest_cycle_ns: SHORTEST_CYCLE_NS,
         };
@@ -94,7 +115,8 @@ impl EthercatDrive {
         device.needed_bits = objects::needed_bits(odd);
         // SYNC and RPDOs are not there; the controller watches in their place.
         (device.watches.sync, device.watches.set_points) = (Watch::None, Watch::None);
-        Ok(EthercatDrive { device, has_lost_master: false, untold: None })
+        let sync1_ns = servo.sync1_us.map(|us| us * 1000);
+        Ok(EthercatDrive { device, has_lost_master: false, untold: None, sync1_ns })
     }
 
     /// The joint's motion at this moment, in rad and rad/s; see [`Drive::measure`](super::Drive::measure).
@@ -258,6 +280,10 @@ impl EthercatApplication for EthercatDrive {
 
     fn refresh(&mut self) {
         self.device.refresh_if_stale();
+    }
+
+    fn sync1_ns(&self) -> Option<u32> {
+        self.sync1_ns
     }
 
     fn take_emergency(&mut self) -> Option<CoeEmergency> {

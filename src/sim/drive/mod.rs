@@ -131,8 +131,9 @@ impl Drive {
         let servo = profile.servo().ok_or_else(role)?;
         settings.position_loop.check()?;
         objects::check(servo)?;
-        let odd = &settings.manner.objects;
-        let od = objects::build(&settings.scaling, servo, objects::communication(&settings, servo)?, odd)?;
+        let mut odd = objects::fixed_mappings(servo);
+        odd.extend_from_slice(&settings.manner.objects);
+        let od = objects::build(&settings.scaling, servo, objects::communication(&settings, servo)?, &odd)?;
         let DriveSettings { scaling, position_loop, encoder, ref manner, .. } = settings;
         let mut device = Device::new(od, &AxisSettings { scaling, position_loop, encoder }, servo)?;
         (device.lacks_dummies, device.refuses_mode) = (manner.lacks_dummies, manner.refuses_mode);

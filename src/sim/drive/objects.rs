@@ -4,14 +4,16 @@ use std::collections::BTreeMap;
 
 use yieldwall_drives::cia402::OptionCodes;
 use yieldwall_drives::objects as cia;
-use yieldwall_drives::profiles::{Entry, LimitSetter, Servo, SetPointWatch, Setting, SyncWatch};
+use yieldwall_drives::profiles::{
+    Entry, LimitSetter, Pdo, PdoMap, Quantity, Servo, SetPointWatch, Setting, SyncWatch, Unused,
+};
 use yieldwall_drives::scaling::AxisScaling;
 
-use super::super::device::{DeviceError, commanded, declare, handle, holding, identity, mark, plain, shown};
+use super::super::device::{DeviceError, commanded, declare, handle, holding, identity, mapping, mark, plain, shown};
 use super::{DriveSettings, OddObject};
 use yieldwall_fieldbus::canopen::{CanopenError, CommunicationProfile, PdoParameters, cob};
 use yieldwall_fieldbus::objects::{
-    Access, Address, Builder, DictionaryError, Handle, Object, ObjectDictionary, load_le,
+    Access, Address, Builder, DictionaryError, Handle, Mappable, Object, ObjectDictionary, load_le,
 };
 
 /// Quick stop ramp in rad/s^2 unless the master sets one: from 6 rad/s to rest in 60 ms.
@@ -27,6 +29,8 @@ const HOMING_RAD_PER_S: f64 = 0.05;
 const HOMING_RAD_PER_S2: f64 = 0.5;
 /// Rated current of a drive that limits its current, and its limit at power-on, mA.
 const RATED_CURRENT_MA: u16 = 5000;
+/// First index that no data type and no communication object has.
+const FIRST_OF_VENDOR: u16 = 0x2000;
 /// Speed limit at power-on, r/min of the motor.
 const MAX_MOTOR_RPM: i64 = 3000;
 
@@ -151,7 +155,38 @@ pub(super) fn build(
         .object(declare(cia::DIGITAL_OUTPUT_MASK, 0))
         .object(commanded(cia::TARGET_VELOCITY, 0))
         .object(fixed(cia::SUPPORTED_MODES, servo.supported_modes().into()));
-    Ok(with_oddities(of_profile(of_current(builder, servo), servo), odd)?.build()?)
+    Ok(with_oddities(mapped(of_profile(of_current(builder, servo), servo), servo)?, odd)?.build()?)
+}
+
+/// Objects that the profile maps, and that are nothing to a rig.
+fn mapped(mut builder: Builder, servo: &Servo) -> Result<Builder, DeviceError> {
+    let maps = servo.process_data.modes().into_iter().filter_map(|mode| mode.3);
+    let all = maps.flat_map(|map| map.rpdo.iter().chain(&map.tpdo)).flat_map(|pdo| &pdo.maps);
+    let mut unused: Vec<Unused> = all
+        .filter_map(|quantity| if let Quantity::Unused(unused) = quantity { Some(*unused) } else { None })
+        .filter(|unused| unused.index >= FIRST_OF_VENDOR)
+        .collect();
+    unused.sort_by_key(|unused| (unused.index, unused.sub));
+    unused.dedup_by_key(|unused| (unused.index, unused.sub));
+    for (place, Unused { index, sub, bits, .. }) in unused.iter().copied().enumerate() {
+        if builder.has(index, sub) {
+            continue;
+        }
+        if sub > 0 && !builder.has(index, 0) {
+            let highest = unused.iter().skip(place).take_while(|other| other.index == index).last();
+            builder = builder.highest_sub(index, highest.map_or(sub, |last| last.sub));
+        }
+        let object = match bits {
+            1 => Object::new(index, sub, false),
+            8 => Object::new(index, sub, 0u8),
+            16 => Object::new(index, sub, 0u16),
+            32 => Object::new(index, sub, 0u32),
+            64 => Object::new(index, sub, 0u64),
+            _ => return Err(DeviceError::Lacks { at: Address::new(index, sub) }),
+        };
+        builder = builder.object(object.mappable(Mappable::Both));
+    }
+    Ok(builder)
 }
 
 /// The objects of a drive that limits its torque by its current.
@@ -190,6 +225,15 @@ fn with_oddities(mut builder: Builder, odd: &[OddObject]) -> Result<Builder, Dev
         }
     }
     Ok(builder)
+}
+
+/// The mappings of CANopen that the profile calls fixed.
+pub(super) fn fixed_mappings(servo: &Servo) -> Vec<OddObject> {
+    let maps = servo.process_data.modes().into_iter().filter_map(|mode| mode.3);
+    let all = maps.flat_map(|map| [(0x1600, &map.rpdo), (0x1a00, &map.tpdo)]);
+    let fixed =
+        all.flat_map(|(first, pdos)| pdos.iter().filter(|pdo| pdo.fixed).map(move |pdo| first + pdo.number - 1));
+    fixed.map(|index: u16| OddObject { index, is_read_only: true, ..OddObject::default() }).collect()
 }
 
 /// Bits without which an object is not written.
@@ -286,8 +330,14 @@ pub(super) fn communication(settings: &DriveSettings, servo: &Servo) -> Result<V
         &[cia::STATUSWORD, cia::POSITION_ACTUAL],
         &[cia::STATUSWORD, cia::VELOCITY_ACTUAL],
     ];
-    let parameters = |number: u8, id: Option<u16>, objects: &[cia::Object]| {
-        let mapping: Vec<_> = objects.iter().map(|object| (object.index, object.sub, object.bits())).collect();
+    let maps = || servo.process_data.modes().into_iter().filter_map(|mode| mode.3);
+    let fixed = |number: u8, pdos: fn(&PdoMap) -> &Vec<Pdo>| {
+        let pdo = maps().flat_map(pdos).find(|pdo| pdo.fixed && pdo.canopen_number() == number)?;
+        Some(mapping(&settings.profile, pdo))
+    };
+    let parameters = |number: u8, id: Option<u16>, own: Option<Vec<_>>, objects: &[cia::Object]| {
+        let usual = || objects.iter().map(|object| (object.index, object.sub, object.bits())).collect();
+        let mapping = own.unwrap_or_else(usual);
         let id = id.ok_or(CanopenError::PdoNumber(number))?;
         let event_driven = PdoParameters::event_driven(id, &mapping);
         Ok::<_, CanopenError>(if number == 1 { event_driven } else { event_driven.unused() })
@@ -298,8 +348,8 @@ pub(super) fn communication(settings: &DriveSettings, servo: &Servo) -> Result<V
         .rpdo_timers(matches!(servo.watchdogs.set_points, SetPointWatch::EventTimer { .. }));
     for (number, (rpdo, tpdo)) in (1u8..).zip(rpdos.into_iter().zip(tpdos)) {
         profile = profile
-            .rpdo(number, &parameters(number, cob::rpdo(number, settings.node), rpdo)?)
-            .tpdo(number, &parameters(number, cob::tpdo(number, settings.node), tpdo)?);
+            .rpdo(number, &parameters(number, cob::rpdo(number, settings.node), fixed(number, |map| &map.rpdo), rpdo)?)
+            .tpdo(number, &parameters(number, cob::tpdo(number, settings.node), fixed(number, |map| &map.tpdo), tpdo)?);
     }
     profile.objects()
 }

@@ -4,12 +4,13 @@ use std::time::Duration;
 use yieldwall_motion::elementary;
 
 use yieldwall_drives::cia402::OperationMode;
-use yieldwall_drives::profiles::Entry;
+use yieldwall_drives::profiles::Pdo;
 use yieldwall_drives::scaling::{AxisScaling, Direction};
 
+use super::super::device::mapping;
 use super::*;
 use yieldwall_config::shipped_profile;
-use yieldwall_fieldbus::canopen::node_id;
+use yieldwall_fieldbus::canopen::{MappingEntry, node_id};
 
 const NODE: u8 = 1;
 const CYCLE: Duration = Duration::from_micros(1000);
@@ -68,8 +69,12 @@ impl Bench {
     fn configure(&mut self, mode: OperationMode) {
         let profile = shipped_profile("simulated-servo");
         let pdos = profile.pdos(Some(mode)).unwrap();
-        self.remap(0x1400, 0x201, &profile.entries(&pdos.rpdo[0]).map(Entry::to_u32).collect::<Vec<_>>());
-        self.remap(0x1800, 0x181, &profile.entries(&pdos.tpdo[0]).map(Entry::to_u32).collect::<Vec<_>>());
+        let raw = |pdo: &Pdo| -> Vec<u32> {
+            let entries = mapping(&profile, pdo).into_iter();
+            entries.map(|(index, sub, bits)| MappingEntry::new(index, sub, bits).to_u32()).collect()
+        };
+        self.remap(0x1400, 0x201, &raw(&pdos.rpdo[0]));
+        self.remap(0x1800, 0x181, &raw(&pdos.tpdo[0]));
         self.write(0x6060, 0, &[mode.code() as u8]);
         self.send(Frame::new(0x000, &[0x01, NODE]));
     }

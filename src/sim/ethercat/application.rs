@@ -23,6 +23,11 @@ pub trait EthercatApplication: ServedDevice {
     /// Brings all objects that inputs carry up to date.
     fn refresh(&mut self) {}
 
+    /// Time from SYNC0 to SYNC1, ns, of a device that works with both alone.
+    fn sync1_ns(&self) -> Option<u32> {
+        None
+    }
+
     /// An emergency that is to be sent.
     fn take_emergency(&mut self) -> Option<CoeEmergency> {
         None

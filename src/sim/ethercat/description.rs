@@ -17,14 +17,25 @@ const SEND_MAILBOX: MailboxArea = MailboxArea { start: 0x1400, len: 128 };
 const OUTPUTS_START: u16 = 0x1800;
 const INPUTS_START: u16 = 0x1c00;
 
+/// A mapping object at power-on.
+#[derive(Clone, Debug)]
+pub(crate) struct PdoMapping {
+    /// 1600h to 17FFh for outputs, 1A00h to 1BFFh for inputs.
+    pub(crate) index: u16,
+    /// Index, sub-index and bits of each entry.
+    pub(crate) entries: Vec<(u16, u8, u8)>,
+    pub(crate) is_fixed: bool,
+    /// Whether it is exchanged.
+    pub(crate) is_assigned: bool,
+}
+
 /// The communication objects of a device.
 #[derive(Clone, Debug)]
 pub(crate) struct Communication<'a> {
     pub(crate) identity: &'a DeviceIdentity,
-    /// Index of the outputs' mapping, and what it holds: index, sub-index, bits.
-    pub(crate) outputs: (u16, &'a [(u16, u8, u8)]),
-    pub(crate) inputs: (u16, &'a [(u16, u8, u8)]),
-    /// Entries that a mapping may have; it can be changed if there are more than it has.
+    pub(crate) outputs: Vec<PdoMapping>,
+    pub(crate) inputs: Vec<PdoMapping>,
+    /// Entries that a mapping may have which can be changed.
     pub(crate) mapping_entries: u8,
     /// Shortest cycle that the device works with, in ns.
     pub(crate) shortest_cycle_ns: u32,
@@ -41,13 +52,16 @@ impl Communication<'_> {
         objects.push(Object::new(0x10f1, 2, 0u16).named("Sync error counter limit"));
         objects.push(Object::highest_sub(0x1c00, 4).named("Sync manager types"));
         objects.extend((1..=4).map(|kind| fixed(0x1c00, kind, kind, "Sync manager type")));
-        for (flow, (index, mapped), name) in
-            [(Flow::Outputs, self.outputs, "Outputs"), (Flow::Inputs, self.inputs, "Inputs")]
+        for (flow, mappings, name) in
+            [(Flow::Outputs, &self.outputs, "Outputs"), (Flow::Inputs, &self.inputs, "Inputs")]
         {
-            objects.extend(self.mapping(index, mapped, name));
-            let count = u8::from(!mapped.is_empty());
-            objects.push(Object::new(flow.assignment(), 0, count).limits(0u8, 1).named(name));
-            objects.push(Object::new(flow.assignment(), 1, if mapped.is_empty() { 0 } else { index }).named("PDO"));
+            objects.extend(mappings.iter().flat_map(|mapping| self.mapping(mapping, name)));
+            let assigned: Vec<u16> =
+                mappings.iter().filter(|mapping| mapping.is_assigned).map(|mapping| mapping.index).collect();
+            let most = mappings.len().max(1) as u8;
+            objects.push(Object::new(flow.assignment(), 0, assigned.len() as u8).limits(0u8, most).named(name));
+            let places = assigned.into_iter().chain(std::iter::repeat(0)).zip(1..=most);
+            objects.extend(places.map(|(index, sub)| Object::new(flow.assignment(), sub, index).named("PDO")));
         }
         for (index, name) in [(0x1c32, "Synchronisation of outputs"), (0x1c33, "Synchronisation of inputs")] {
             let shown = |sub, value: u32, name| Object::new(index, sub, value).access(Access::ReadOnly).named(name);
@@ -69,14 +83,11 @@ impl Communication<'_> {
         objects
     }
 
-    fn mapping(&self, index: u16, mapped: &[(u16, u8, u8)], name: &'static str) -> Vec<Object> {
-        if mapped.is_empty() {
-            return Vec::new();
-        }
-        let count = mapped.len() as u8;
-        let most = self.mapping_entries.max(count);
-        let is_fixed = most == count;
-        let rights = |object: Object| if is_fixed { object.access(Access::ReadOnly) } else { object };
+    fn mapping(&self, mapping: &PdoMapping, name: &'static str) -> Vec<Object> {
+        let PdoMapping { index, entries: mapped, is_fixed, .. } = mapping;
+        let (index, count) = (*index, mapped.len() as u8);
+        let most = if *is_fixed { count } else { self.mapping_entries.max(count) };
+        let rights = |object: Object| if *is_fixed { object.access(Access::ReadOnly) } else { object };
         let counted = Object::new(index, 0, count).limits(0, most).named(name);
         let raw = |(index, sub, bits): (u16, u8, u8)| u32::from(index) << 16 | u32::from(sub) << 8 | u32::from(bits);
         let all = mapped.iter().copied().map(raw).chain(std::iter::repeat(0)).zip(1..=most);

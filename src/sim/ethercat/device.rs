@@ -115,6 +115,10 @@ impl EthercatApplication for SimulatedDevice {
         self.inner_mut().refresh();
     }
 
+    fn sync1_ns(&self) -> Option<u32> {
+        self.inner().sync1_ns()
+    }
+
     fn take_emergency(&mut self) -> Option<CoeEmergency> {
         self.inner_mut().take_emergency()
     }

@@ -21,7 +21,7 @@ mod tests;
 
 pub use application::EthercatApplication;
 pub use controller::{Controller, ControllerSettings, Information, Manner};
-pub(super) use description::Communication;
+pub(super) use description::{Communication, PdoMapping};
 pub use description::{esi, sii};
 pub use device::SimulatedDevice;
 pub use segment::Segment;

@@ -2,7 +2,7 @@
 
 use super::super::DeviceError;
 use super::super::device::mark;
-use super::super::ethercat::{Communication, EthercatApplication};
+use super::super::ethercat::{Communication, EthercatApplication, PdoMapping};
 use super::sampler::{CHANNELS, Conversion, Sampler};
 use super::{MOST_HZ, MOST_PPM};
 use std::time::Duration;
@@ -168,10 +168,11 @@ impl ForceTorqueSensor {
 fn build(settings: &ForceTorqueSettings) -> Result<ObjectDictionary, DeviceError> {
     let channels = (1..=CHANNELS as u8).map(|sub| (0x6000, sub, 32));
     let inputs: Vec<_> = channels.chain([(0x6010, 0, 32), (0x6020, 0, 32)]).collect();
+    let fixed = |index, entries| PdoMapping { index, entries, is_fixed: true, is_assigned: true };
     let communication = Communication {
         identity: &settings.identity,
-        outputs: (0x1601, &[(0x7010, 1, 32), (0x7010, 2, 32)]),
-        inputs: (0x1a00, &inputs),
+        outputs: vec![fixed(0x1601, vec![(0x7010, 1, 32), (0x7010, 2, 32)])],
+        inputs: vec![fixed(0x1a00, inputs)],
         mapping_entries: 0,
         shortest_cycle_ns: SHORTEST_CYCLE_NS,
     };

@@ -107,8 +107,9 @@ fn communication(
     let own = CommunicationProfile::new(node, &identity(profile, serial)).mapping_entries(model.mapping_entries);
     let mut tpdos = model.process_data.tpdo.iter();
     let with_tpdos = tpdos.try_fold(own, |own, tpdo| {
-        let id = cob::tpdo(tpdo.number, node).ok_or(CanopenError::PdoNumber(tpdo.number))?;
-        Ok::<_, CanopenError>(own.tpdo(tpdo.number, &PdoParameters::synchronous(id, &mapping(profile, tpdo)).unused()))
+        let number = tpdo.canopen_number();
+        let id = cob::tpdo(number, node).ok_or(CanopenError::PdoNumber(number))?;
+        Ok::<_, CanopenError>(own.tpdo(number, &PdoParameters::synchronous(id, &mapping(profile, tpdo)).unused()))
     });
     with_tpdos?.objects()
 }

@@ -231,10 +231,10 @@ impl<'a> Device<'a> {
             })
         };
         for pdo in &map.tpdo {
-            all.push(plan(pdo, Use::Measured, cob::tpdo(pdo.number, self.node))?);
+            all.push(plan(pdo, Use::Measured, cob::tpdo(pdo.canopen_number(), self.node))?);
         }
         for pdo in &map.rpdo {
-            all.push(plan(pdo, Use::SetPoint, cob::rpdo(pdo.number, self.node))?);
+            all.push(plan(pdo, Use::SetPoint, cob::rpdo(pdo.canopen_number(), self.node))?);
         }
         Ok(())
     }

@@ -3,7 +3,7 @@
 use super::{IDENTIFIERS, Incoming, NO_SLOT, Outgoing, Source, slot_index};
 use crate::can::boot::layout_entries;
 use crate::error::BootFailure;
-use crate::script::{lacking, mapped, mapping, servo};
+use crate::script::{Step, lacking, mapped, mapping, servo, unused_value};
 use crate::setup::{BrakeWords, DriveSetup, SensorNode};
 use yieldwall_drives::cia402::CommandMode;
 use yieldwall_drives::profiles::{DeviceProfile, Pdo, Quantity, StatusBits};
@@ -28,6 +28,7 @@ impl Incomings {
         mode: CommandMode,
         joint: usize,
         (setup, node): (&DriveSetup, NodeId),
+        steps: &[Step],
     ) -> Result<Outgoing, BootFailure> {
         let profile = &*setup.profile;
         let map = mapping(profile, Some(mode.operation_mode()))?;
@@ -42,13 +43,20 @@ impl Incomings {
         let pdo = map.rpdo.first().ok_or_else(|| lacking(profile, set_point.word()))?;
         let layout = layout(profile, pdo)?;
         let find = |quantity: Quantity| {
-            let entry = mapped(profile, quantity)?;
-            layout.field(entry.index, entry.sub).ok_or_else(|| lacking(profile, quantity.word()))
+            let (index, sub, _) = mapped(profile, quantity)?;
+            layout.field(index, sub).ok_or_else(|| lacking(profile, quantity.word()))
         };
+        let mut word = 0;
+        for (quantity, (_, field)) in pdo.maps.iter().zip(layout.entries()) {
+            if let Quantity::Unused(unused) = *quantity {
+                field.put_bits(&mut word, i64::from(unused_value(unused, steps)) as u64);
+            }
+        }
         Ok(Outgoing {
             bus: setup.bus,
-            id: cob::rpdo(pdo.number, node).ok_or_else(|| lacking(profile, set_point.word()))?,
+            id: cob::rpdo(pdo.canopen_number(), node).ok_or_else(|| lacking(profile, set_point.word()))?,
             len: layout.len(),
+            word,
             controlword: find(Quantity::Controlword)?,
             target: find(set_point)?,
             brake: match servo(profile).ok().and_then(BrakeWords::of) {
@@ -83,14 +91,11 @@ impl Incomings {
     ) -> Result<(), BootFailure> {
         let layout = layout(profile, pdo)?;
         let mut fields = Vec::new();
-        for quantity in &pdo.maps {
-            let entry = mapped(profile, *quantity)?;
-            if let (Some(source), Some(field)) = (source(*quantity), layout.field(entry.index, entry.sub)) {
-                fields.push((source, field));
-            }
+        for (quantity, (_, field)) in pdo.maps.iter().zip(layout.entries()) {
+            fields.extend(source(*quantity).map(|source| (source, *field)));
         }
         // An identifier of 0 would be a network command.
-        let id = cob::tpdo(pdo.number, node).ok_or_else(|| lacking(profile, "an identifier"))?;
+        let id = cob::tpdo(pdo.canopen_number(), node).ok_or_else(|| lacking(profile, "an identifier"))?;
         if let Some(slot) = self.slots.get_mut(slot_index(bus, id)) {
             *slot = self.incoming.len() as u8;
         }

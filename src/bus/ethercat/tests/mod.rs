@@ -52,7 +52,7 @@ fn drive_setup(device: Device, position: u16) -> StationSetup {
 fn sensor_setup(position: u16) -> StationSetup {
     let identity =
         Identity { device_type: 0, vendor_id: 0x732, product_codes: vec![0x2648_3052], revisions: Revisions::Any };
-    let entry = |index, sub, quantity| Mapped { at: Address::new(index, sub), bits: 32, quantity };
+    let entry = |index, sub, quantity| Mapped { at: Address::new(index, sub), bits: 32, quantity, value: 0 };
     let channels = (1..).zip(Quantity::CHANNELS).map(|(sub, channel)| entry(0x6000, sub, Some(channel)));
     let more = [entry(0x6010, 0, Some(Quantity::Status)), entry(0x6020, 0, Some(Quantity::SampleCounter))];
     let outputs = vec![entry(0x7010, 1, None), entry(0x7010, 2, None)];

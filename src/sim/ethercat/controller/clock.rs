@@ -139,6 +139,7 @@ impl SyncSignals {
     /// Bits of the activation.
     pub(super) const UNIT: u8 = 1;
     pub(super) const SYNC0: u8 = 2;
+    pub(super) const SYNC1: u8 = 4;
 
     /// Starts or stops the signals as the registers say. A start that has passed waits for the system time to come round again: it
     /// never comes.

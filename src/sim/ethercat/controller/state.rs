@@ -224,6 +224,14 @@ impl<D: EthercatApplication> Controller<D> {
         if activation & SyncSignals::SYNC0 == 0 || !self.has_dc {
             return Err(AlStatusCode::INVALID_DC);
         }
+        if let Some(sync1_ns) = self.device.sync1_ns() {
+            if activation & SyncSignals::SYNC1 == 0 {
+                return Err(AlStatusCode::INVALID_DC);
+            }
+            if self.double(register::DC_SYNC1_CYCLE) != sync1_ns {
+                return Err(AlStatusCode::INVALID_SYNC1_CYCLE);
+            }
+        }
         let cycle = self.double(register::DC_SYNC0_CYCLE);
         if cycle == 0 || u64::from(cycle) < shortest {
             return Err(AlStatusCode::INVALID_CYCLE);
