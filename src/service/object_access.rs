@@ -31,8 +31,8 @@ pub trait ObjectAccess {
 /// The objects of a node on a CAN bus.
 #[derive(Debug)]
 pub struct NodeObjects<'a, L> {
-    service: &'a mut Service<L>,
-    node: NodeId,
+    pub(crate) service: &'a mut Service<L>,
+    pub(crate) node: NodeId,
 }
 
 impl<L: CanLink> Service<L> {

@@ -231,8 +231,8 @@ fn watched(ends_after: usize) -> Service<Watched> {
 fn a_drive_is_adopted_and_has_its_values_again() {
     let mut service = watched(usize::MAX);
     let (before, _) = inventory(&mut service, node(1), |_| {}).unwrap();
-    let values = adopt::originals(&mut service, node(1)).unwrap();
-    let survey = adopt::survey(&mut service, node(1), &values, None).unwrap();
+    let values = adopt::originals(&mut service.objects(node(1))).unwrap();
+    let survey = adopt::survey(&mut service.objects(node(1)), &values, None).unwrap();
     assert_eq!((survey.modes.len(), survey.mapping_entries, survey.has_dummies), (3, 8, true));
     assert_eq!((survey.lost_master, survey.follows_sync, survey.limits), (Some(3), [true; 2], [true; 3]));
     assert!(survey.has_rpdo_timer && survey.watches_heartbeat && survey.takes_cycle_time, "{survey:?}");
@@ -269,16 +269,16 @@ fn a_drive_is_adopted_and_has_its_values_again() {
 fn whoever_ends_an_adoption_leaves_the_drive_as_it_was() {
     let frames = {
         let mut service = watched(usize::MAX);
-        let values = adopt::originals(&mut service, node(1)).unwrap();
+        let values = adopt::originals(&mut service.objects(node(1))).unwrap();
         let begun = service.link().sent.len();
-        adopt::survey(&mut service, node(1), &values, None).unwrap();
+        adopt::survey(&mut service.objects(node(1)), &values, None).unwrap();
         begun + 1..service.link().sent.len()
     };
     let mut interrupted = 0;
     for ends_after in frames.step_by(7) {
         let mut service = watched(ends_after);
-        let values = adopt::originals(&mut service, node(1)).unwrap();
-        match adopt::survey(&mut service, node(1), &values, None) {
+        let values = adopt::originals(&mut service.objects(node(1))).unwrap();
+        match adopt::survey(&mut service.objects(node(1)), &values, None) {
             Err(adopt::Refusal::Service(Error::Interrupted)) => interrupted += 1,
             other => assert!(other.is_ok(), "{ends_after}: {other:?}"),
         }
@@ -293,12 +293,12 @@ fn whoever_ends_an_adoption_leaves_the_drive_as_it_was() {
 #[test]
 fn what_is_no_drive_at_rest_is_not_adopted() {
     let mut service = service();
-    assert!(matches!(adopt::originals(&mut service, node(10)), Err(adopt::Refusal::NoDrive(0x0002_0194))));
+    assert!(matches!(adopt::originals(&mut service.objects(node(10))), Err(adopt::Refusal::NoDrive(0x0002_0194))));
     service.command(NmtCommand::StartRemoteNode, Some(node(1))).unwrap();
-    assert_eq!(adopt::originals(&mut service, node(1)), Err(adopt::Refusal::Nmt(NmtState::Operational)));
+    assert_eq!(adopt::originals(&mut service.objects(node(1))), Err(adopt::Refusal::Nmt(NmtState::Operational)));
     service.write(node(2), at(0x6040, 0), &[6, 0]).unwrap();
-    assert!(matches!(adopt::originals(&mut service, node(2)), Err(adopt::Refusal::State(Some(_)))));
-    assert_eq!(adopt::originals(&mut service, node(5)), Err(adopt::Refusal::Service(Error::NoAnswer)));
+    assert!(matches!(adopt::originals(&mut service.objects(node(2))), Err(adopt::Refusal::State(Some(_)))));
+    assert_eq!(adopt::originals(&mut service.objects(node(5))), Err(adopt::Refusal::Service(Error::NoAnswer)));
 }
 
 #[test]
@@ -318,9 +318,9 @@ fn drives_of_five_odd_vendors_are_adopted_for_what_they_are() {
         let found = scan(&mut service).unwrap();
         assert_eq!(found[0].name.as_deref(), Some(name));
         assert!(service.now().as_secs_f64() < 3.0, "{name}: {:?}", service.now());
-        let values = adopt::originals(&mut service, node(1)).unwrap();
-        let survey =
-            adopt::survey(&mut service, node(1), &values, None).unwrap_or_else(|refusal| panic!("{name}: {refusal}"));
+        let values = adopt::originals(&mut service.objects(node(1))).unwrap();
+        let survey = adopt::survey(&mut service.objects(node(1)), &values, None)
+            .unwrap_or_else(|refusal| panic!("{name}: {refusal}"));
         assert!(shows(&survey), "{name}: {survey:?}");
         assert_eq!(survey.modes.len(), 3, "{name}: {:?}", survey.refused_modes);
         assert_eq!((survey.lost_master, survey.follows_sync, survey.limits), (Some(3), [true; 2], [true; 3]), "{name}");

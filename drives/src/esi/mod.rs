@@ -149,6 +149,17 @@ pub struct OpMode {
     pub sync0_factor: i32,
     /// Shift of SYNC0 in ns.
     pub sync0_shift_ns: i32,
+    /// Cycle of SYNC1 in ns; 0 for that of SYNC0.
+    pub sync1_cycle_ns: u32,
+    /// Shift of SYNC1 against SYNC0 in ns.
+    pub sync1_shift_ns: i32,
+}
+
+impl OpMode {
+    /// Whether it switches SYNC1 on: bit 2 of 0981h.
+    pub fn has_sync1(&self) -> bool {
+        self.assign_activate & 0x0400 != 0
+    }
 }
 
 /// Why a file cannot be read; lines are counted from 1.

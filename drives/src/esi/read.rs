@@ -303,6 +303,10 @@ impl Builder {
                         "ShiftTimeSync0" => {
                             mode.sync0_shift_ns = place.number("ShiftTimeSync0", content, i32::MAX as u64)?;
                         }
+                        "CycleTimeSync1" => mode.sync1_cycle_ns = place.u32("CycleTimeSync1", content)?,
+                        "ShiftTimeSync1" => {
+                            mode.sync1_shift_ns = place.number("ShiftTimeSync1", content, i32::MAX as u64)?;
+                        }
                         _ => {}
                     }
                 }

@@ -85,6 +85,7 @@ fn expected() -> Esi {
                 sync0_cycle_ns: 0,
                 sync0_factor: 1,
                 sync0_shift_ns: -250,
+                ..OpMode::default()
             }],
             mailbox_response_ms: Some(2000),
             pre_op_ms: Some(3000),

@@ -126,6 +126,10 @@ fn write(lines: &mut Lines, device: &Device) {
                         let (factor, cycle) = (mode.sync0_factor, mode.sync0_cycle_ns);
                         lines.line(&format!("<CycleTimeSync0 Factor=\"{factor}\">{cycle}</CycleTimeSync0>"));
                         lines.element("ShiftTimeSync0", mode.sync0_shift_ns);
+                        if mode.has_sync1() {
+                            lines.element("CycleTimeSync1", mode.sync1_cycle_ns);
+                            lines.element("ShiftTimeSync1", mode.sync1_shift_ns);
+                        }
                     });
                 }
             });

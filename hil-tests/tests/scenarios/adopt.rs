@@ -196,3 +196,83 @@ fn a_data_sheet_is_compared_with_the_drive_whose_word_counts() {
     );
     well(&folder.0, "config check found.yaml");
 }
+
+/// The device description of the drives of `ethercat-fixed-assignment`, for another time of SYNC1 than theirs or for theirs.
+fn description(product: &str, sync1_ns: u32) -> String {
+    format!(
+        "<?xml version=\"1.0\"?><EtherCATInfo><Vendor><Id>#xFFFF5A06</Id><Name>Nobody</Name></Vendor><Descriptions><Devices><Device>\
+         <Type ProductCode=\"{product}\" RevisionNo=\"1\">Drive</Type><Name LcId=\"1033\">Drive with a clock</Name><Dc><OpMode><Name>DC</Name>\
+         <AssignActivate>#x0700</AssignActivate><CycleTimeSync0 Factor=\"1\">0</CycleTimeSync0><ShiftTimeSync0>0</ShiftTimeSync0>\
+         <CycleTimeSync1 Factor=\"1\">0</CycleTimeSync1><ShiftTimeSync1>{sync1_ns}</ShiftTimeSync1></OpMode></Dc></Device></Devices>\
+         </Descriptions></EtherCATInfo>"
+    )
+}
+
+#[test]
+fn a_drive_on_ethercat_with_fixed_mappings_is_adopted_and_run_by_its_profile() {
+    let folder = Folder(std::env::temp_dir().join(format!("yieldwall-adopt-segment-{}", std::process::id())));
+    std::fs::create_dir_all(&folder.0).unwrap();
+    std::fs::write(folder.0.join("drive.xml"), description("#x1701", 250_000)).unwrap();
+    std::fs::write(folder.0.join("other.xml"), description("#x1702", 0)).unwrap();
+    let vendor = "ethercat-fixed-assignment";
+    let on = format!("--rig builtin:vendors/{vendor}.yaml");
+    let other = yieldwall(&folder.0, &format!("drive adopt --node left --eds other.xml --out found.yaml {on}"));
+    assert_eq!(other.status.code(), Some(5), "{}", String::from_utf8_lossy(&other.stderr));
+    assert!(!folder.0.join("found.yaml").exists());
+    well(&folder.0, &format!("drive adopt --node left --eds drive.xml --out found.yaml --name found {on}"));
+    let found = std::fs::read_to_string(folder.0.join("found.yaml")).unwrap();
+    for says in [
+        "buses: [ethercat]",
+        "number: 258, fixed: true, transmission_type: 1, maps: [controlword, {unused: {index: 0x60b8, sub: 0, bits: 16}}, target_position",
+        "number: 259, fixed: true, transmission_type: 1, maps: [controlword, {unused: {index: 0x6060, sub: 0, bits: 8}}, {gap: 8}, target_torque",
+        "{gap: 3}, {unused: {index: 0x2100, sub: 1, bits: 1}}, {gap: 4}, position_actual",
+        "sync1_us: 250",
+        "velocity: null",
+    ] {
+        assert!(found.contains(says), "{says} is not in {found}");
+    }
+    well(&folder.0, "config check found.yaml");
+    for mode in ["position", "torque"] {
+        let rig =
+            rig_on(&folder.0, vendor, "found.yaml").replace("command_mode: position", &format!("command_mode: {mode}"));
+        std::fs::write(folder.0.join("rig.yaml"), rig).unwrap();
+        well(&folder.0, "run rig.yaml --duration 0.3");
+    }
+}
+
+#[test]
+fn a_node_with_fixed_mappings_is_adopted_by_the_one_that_fits_or_refused_by_name() {
+    let folder = Folder(std::env::temp_dir().join(format!("yieldwall-adopt-fixed-{}", std::process::id())));
+    std::fs::create_dir_all(&folder.0).unwrap();
+    let vendor = "fixed-standard-mapping";
+    well(
+        &folder.0,
+        &format!("drive adopt --node left --out found.yaml --name found --rig builtin:vendors/{vendor}.yaml"),
+    );
+    let found = std::fs::read_to_string(folder.0.join("found.yaml")).unwrap();
+    for says in [
+        "rpdo: [{number: 3, fixed: true, transmission_type: 1, maps: [controlword, target_position]}]",
+        "tpdo: [{number: 3, fixed: true, transmission_type: 1, maps: [statusword, position_actual]}]",
+        "torque: null",
+    ] {
+        assert!(found.contains(says), "{says} is not in {found}");
+    }
+    well(&folder.0, "config check found.yaml");
+    // Without a TPDO of statusword and position no mode gets its words.
+    let rig = well(&folder.0, &format!("config show builtin:vendors/{vendor}.yaml"));
+    assert_eq!(rig.matches("  - index: 6658\n").count(), 1, "{rig}");
+    let without = rig.replacen(
+        "  - index: 6658\n",
+        "  - index: 6658\n    sub: 2\n    holds: 1617690656\n    read_only: true\n  - index: 6658\n",
+        1,
+    );
+    std::fs::write(folder.0.join("without.yaml"), without).unwrap();
+    let seen = yieldwall(&folder.0, "drive adopt --node left --out other.yaml --rig without.yaml");
+    let said = String::from_utf8_lossy(&seen.stderr).replace("\n  ", " ");
+    assert_eq!(seen.status.code(), Some(5), "{said}");
+    assert!(
+        said.contains("statusword and position do not go into one TPDO") && said.contains("1A02h maps 6041h:0/16 606C"),
+        "{said}"
+    );
+    assert!(!folder.0.join("other.yaml").exists());
+}

@@ -12,6 +12,7 @@ use crate::failure::Failure;
 use crate::output::Output;
 use yieldwall_fieldbus::objects::Address;
 use yieldwall_run::explanation::Explanation;
+use yieldwall_service::adopt::TrialAccess;
 use yieldwall_service::{Bytes, Error, ObjectAccess, number};
 
 /// The device, and the desk at which it is.
@@ -69,6 +70,14 @@ impl DeviceHandle {
 
     /// Its objects.
     pub(super) fn objects(&mut self) -> Result<Box<dyn ObjectAccess + '_>, Failure> {
+        match self {
+            Self::Node(desk, node) => Ok(Box::new(desk.service.objects(node.id))),
+            Self::Device(desk, device) => Ok(Box::new(desk.objects(device)?)),
+        }
+    }
+
+    /// As a device that is tried out.
+    pub(super) fn tried(&mut self) -> Result<Box<dyn TrialAccess + '_>, Failure> {
         match self {
             Self::Node(desk, node) => Ok(Box::new(desk.service.objects(node.id))),
             Self::Device(desk, device) => Ok(Box::new(desk.objects(device)?)),

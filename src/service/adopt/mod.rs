@@ -1,7 +1,7 @@
 //! What a drive can do, found by asking and trying, and the device profile that says it.
 //!
 //! Objects are tried out in Pre-operational and in Switch On Disabled, with the PDOs out of use; afterwards each has its value again. What
-//! shows in Operation Enabled alone stays unknown.
+//! shows in Operation Enabled alone stays unknown. The device is on CAN or on EtherCAT; the two differ in how a PDO is taken out of use.
 
 mod profile;
 mod sheet;
@@ -15,19 +15,31 @@ use yieldwall_drives::cia402::{OperationMode, State, Statusword};
 use yieldwall_drives::eds::Eds;
 use yieldwall_drives::objects::{self as cia, Object as Standard};
 
-use super::connection::{Error, Service};
+use super::connection::Error;
 use super::inventory::sheet_of;
+use super::object_access::{NodeObjects, ObjectAccess};
 use super::restore::{WriteOutcome, carry_out, plan};
-use super::scan::{identify, number};
-use yieldwall_fieldbus::canopen::{NmtCommand, NmtState, NodeId};
+use super::scan::{Identity, number};
+use super::segment::DeviceObjects;
+use yieldwall_drives::profiles::Fieldbus;
+use yieldwall_fieldbus::canopen::{NmtCommand, NmtState};
+use yieldwall_fieldbus::ethercat::AlState;
 use yieldwall_fieldbus::objects::{AbortCode, Address};
-use yieldwall_link::CanLink;
+use yieldwall_fieldbus::time::Time;
+use yieldwall_link::{CanLink, EthernetLink};
 
 /// Bit 31 of a COB-ID.
 const NOT_USED: u32 = 0x8000_0000;
-/// PDO 1 of each direction: communication and mapping parameter.
-const RPDO: (u16, u16) = (0x1400, 0x1600);
-const TPDO: (u16, u16) = (0x1800, 0x1a00);
+/// PDO 1 of each direction: communication and mapping parameter, and what is assigned on EtherCAT.
+const RPDO: Direction = Direction { communication: 0x1400, mapping: 0x1600, assignment: 0x1c12 };
+const TPDO: Direction = Direction { communication: 0x1800, mapping: 0x1a00, assignment: 0x1c13 };
+/// PDOs of a direction that have identifiers, and those that EtherCAT has indices for.
+const PDOS: u16 = 4;
+const ETHERCAT_PDOS: u16 = 512;
+/// The name that a device gives itself.
+const NAME: Address = Address::new(0x1008, 0);
+/// Bits that a PDO carries.
+const PDO_BITS: u32 = 64;
 /// Most entries of a mapping that are looked for.
 const MOST_MAPPED: u8 = 64;
 /// A byte that an RPDO skips: the type UNSIGNED8 mapped.
@@ -45,6 +57,117 @@ pub(super) const MODES: [(OperationMode, Standard); 3] = [
     (OperationMode::CyclicPosition, cia::TARGET_POSITION),
 ];
 
+/// The objects of PDOs of one direction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Direction {
+    communication: u16,
+    mapping: u16,
+    assignment: u16,
+}
+
+/// A device that is tried out.
+pub trait TrialAccess: ObjectAccess {
+    /// The bus that it is on.
+    fn bus(&self) -> Fieldbus;
+
+    /// Its node id; 0 on EtherCAT.
+    fn node_id(&self) -> u8;
+
+    /// Whether process data run; nothing is sent to change that.
+    ///
+    /// # Errors
+    /// If they do, or the device does not say so.
+    fn check_rest(&mut self) -> Result<(), Refusal>;
+
+    /// Brings a device that tells no state to where process data rest.
+    ///
+    /// # Errors
+    /// As the bus has them.
+    fn bring_to_rest(&mut self) -> Result<(), Error>;
+
+    /// The time of its bus.
+    fn now(&self) -> Time;
+
+    /// Has time pass.
+    ///
+    /// # Errors
+    /// As the bus has them.
+    fn wait(&mut self, time: Duration) -> Result<(), Error>;
+
+    /// From now on nobody can end what is done: values that were changed have to be put back.
+    fn finish(&mut self);
+}
+
+impl<L: CanLink> TrialAccess for NodeObjects<'_, L> {
+    fn bus(&self) -> Fieldbus {
+        Fieldbus::Canopen
+    }
+
+    fn node_id(&self) -> u8 {
+        self.node.raw()
+    }
+
+    fn check_rest(&mut self) -> Result<(), Refusal> {
+        match self.service.state(self.node)? {
+            Some(NmtState::PreOperational) | None => Ok(()),
+            Some(other) => Err(Refusal::Nmt(other)),
+        }
+    }
+
+    fn bring_to_rest(&mut self) -> Result<(), Error> {
+        match self.service.heard(self.node).state {
+            Some(_) => Ok(()),
+            None => self.service.command(NmtCommand::EnterPreOperational, Some(self.node)),
+        }
+    }
+
+    fn now(&self) -> Time {
+        self.service.now()
+    }
+
+    fn wait(&mut self, time: Duration) -> Result<(), Error> {
+        self.service.listen(time, |_| {})
+    }
+
+    fn finish(&mut self) {
+        self.service.finish();
+    }
+}
+
+impl<L: EthernetLink> TrialAccess for DeviceObjects<'_, L> {
+    fn bus(&self) -> Fieldbus {
+        Fieldbus::Ethercat
+    }
+
+    fn node_id(&self) -> u8 {
+        0
+    }
+
+    fn check_rest(&mut self) -> Result<(), Refusal> {
+        match self.state()? {
+            AlState::PreOperational => Ok(()),
+            other => Err(Refusal::Al(other)),
+        }
+    }
+
+    /// It has objects in PRE-OP at the earliest.
+    fn bring_to_rest(&mut self) -> Result<(), Error> {
+        Ok(())
+    }
+
+    fn now(&self) -> Time {
+        self.time()
+    }
+
+    fn wait(&mut self, time: Duration) -> Result<(), Error> {
+        self.pass(time)
+    }
+
+    fn finish(&mut self) {
+        self.end_later();
+    }
+}
+
 /// Why a device cannot be adopted. Nothing of it has changed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Refusal {
@@ -60,17 +183,86 @@ pub enum Refusal {
     /// Process data run.
     #[error("it is {0:?}, and not in Pre-operational")]
     Nmt(NmtState),
+    /// Process data run, or could.
+    #[error("it is in {0}, and not in PRE-OP")]
+    Al(AlState),
     /// It lacks what no drive does without.
     #[error("it has no {:04X}h:{} ({}), which a master needs", .0.index, .0.sub, .0.meaning)]
     Lacks(Standard),
+    /// None of its modes gets its words by process data; the reasons, and the mappings that it has.
+    #[error("it has no mode that can be used: {}; {}", reasons(.0), mapped(.1))]
+    NoMode(Vec<(OperationMode, &'static str)>, Vec<StandingPdo>),
     /// It does not have its values again.
     #[error("{} of its objects could not be put back: {}", .0.len(), .0.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "))]
     NotRestored(Vec<Address>),
 }
 
+fn reasons(modes: &[(OperationMode, &'static str)]) -> String {
+    if modes.is_empty() {
+        return "6502h names none of the cyclic synchronous ones".to_owned();
+    }
+    modes.iter().map(|(mode, reason)| format!("{mode:?}: {reason}")).collect::<Vec<_>>().join(", ")
+}
+
+fn mapped(pdos: &[StandingPdo]) -> String {
+    let entry = |raw: &u32| format!("{:04X}h:{}/{}", raw >> 16, raw >> 8 & 0xff, raw & 0xff);
+    let one = |pdo: &StandingPdo| {
+        let entries: Vec<String> = pdo.entries.iter().map(entry).collect();
+        format!(
+            "{:04X}h maps {}",
+            pdo.mapping(),
+            if entries.is_empty() { "nothing".to_owned() } else { entries.join(" ") }
+        )
+    };
+    pdos.iter().map(one).collect::<Vec<_>>().join(", ")
+}
+
+/// A PDO as the device has it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StandingPdo {
+    /// Whether the device sends it.
+    pub is_tpdo: bool,
+    /// Its number: 1 to 4 on CANopen, 1 to 512 on EtherCAT.
+    pub number: u16,
+    /// Its mapped objects as 16xxh and 1Axxh hold them.
+    pub entries: Vec<u32>,
+    /// Whether it is exchanged now, on EtherCAT.
+    pub is_assigned: bool,
+}
+
+impl StandingPdo {
+    fn direction(&self) -> Direction {
+        if self.is_tpdo { TPDO } else { RPDO }
+    }
+
+    fn mapping(&self) -> u16 {
+        self.direction().mapping + self.number - 1
+    }
+}
+
+/// A PDO that carries what a mode needs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Carrier {
+    /// The first one, whose mapping takes it.
+    Writable,
+    /// One that carries it and takes no other mapping.
+    Fixed(StandingPdo),
+}
+
+impl Carrier {
+    fn communication(&self, direction: Direction) -> u16 {
+        match self {
+            Carrier::Writable => direction.communication,
+            Carrier::Fixed(pdo) => direction.communication + pdo.number - 1,
+        }
+    }
+}
+
 /// What a drive can do, as far as it shows in Switch On Disabled.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Survey {
+    /// Whether it is on EtherCAT.
+    pub is_on_ethercat: bool,
     /// 1000h.
     pub device_type: u32,
     /// 1018h:1 to 4.
@@ -81,6 +273,10 @@ pub struct Survey {
     pub supported_modes: u32,
     /// The cyclic synchronous modes that it says it has, takes in Switch On Disabled, and whose set-point it maps.
     pub modes: Vec<OperationMode>,
+    /// The PDOs by which each of these gets its set-point; on CANopen one.
+    pub rpdos: Vec<Vec<Carrier>>,
+    /// The PDOs by which statusword and position come; on CANopen one, empty if there is none.
+    pub tpdos: Vec<Carrier>,
     /// Those that it says it has, and does not take or map, with the reason.
     pub refused_modes: Vec<(OperationMode, &'static str)>,
     /// Entries that one RPDO can carry.
@@ -103,6 +299,8 @@ pub struct Survey {
     pub watches_heartbeat: bool,
     /// Whether it has 6072h, 6065h, and 6080h with 608Fh.
     pub limits: [bool; 3],
+    /// Time from SYNC0 to SYNC1, us, where its device description switches both on.
+    pub sync1_us: Option<u32>,
     /// The longest time that it took to answer.
     pub slowest: Duration,
     /// Objects whose values have another length than the standard says: bytes sent, and meant.
@@ -119,12 +317,12 @@ const fn at(object: Standard) -> Address {
 ///
 /// # Errors
 /// If the device is no drive, or is not at rest.
-pub fn originals<L: CanLink>(service: &mut Service<L>, node: NodeId) -> Result<Vec<(Address, Vec<u8>)>, Refusal> {
-    let device_type = number(&service.read(node, at(cia::DEVICE_TYPE))?);
+pub fn originals(objects: &mut dyn TrialAccess) -> Result<Vec<(Address, Vec<u8>)>, Refusal> {
+    let device_type = number(&objects.read(at(cia::DEVICE_TYPE))?);
     if device_type & 0xffff != 402 {
         return Err(Refusal::NoDrive(device_type));
     }
-    let state = match service.read(node, at(cia::STATUSWORD)) {
+    let state = match objects.read(at(cia::STATUSWORD)) {
         Ok(word) => Statusword(number(&word) as u16).state(),
         Err(Error::Refused(_)) => return Err(Refusal::Lacks(cia::STATUSWORD)),
         Err(error) => return Err(error.into()),
@@ -132,10 +330,7 @@ pub fn originals<L: CanLink>(service: &mut Service<L>, node: NodeId) -> Result<V
     if state != Some(State::SwitchOnDisabled) {
         return Err(Refusal::State(state));
     }
-    match service.state(node)? {
-        Some(NmtState::PreOperational) | None => {}
-        Some(other) => return Err(Refusal::Nmt(other)),
-    }
+    objects.check_rest()?;
     let mut wanted: Vec<Address> = [
         cia::CONSUMER_HEARTBEAT,
         cia::ERROR_BEHAVIOUR,
@@ -147,13 +342,19 @@ pub fn originals<L: CanLink>(service: &mut Service<L>, node: NodeId) -> Result<V
     ]
     .map(at)
     .to_vec();
-    for (communication, mapping) in [RPDO, TPDO] {
-        wanted.extend([1, 2, 5].map(|sub| Address::new(communication, sub)));
+    for Direction { communication, mapping, assignment } in [RPDO, TPDO] {
         wanted.extend([0, 1, 2].map(|sub| Address::new(mapping, sub)));
+        match objects.bus() {
+            // Of the others the mapping is read alone.
+            Fieldbus::Canopen => {
+                wanted.extend((0..PDOS).flat_map(|more| [1, 2, 5].map(|sub| Address::new(communication + more, sub))))
+            }
+            Fieldbus::Ethercat => wanted.push(Address::new(assignment, 0)),
+        }
     }
     let mut values = Vec::new();
     for at in wanted {
-        match service.read(node, at) {
+        match objects.read(at) {
             Ok(bytes) => values.push((at, bytes)),
             Err(Error::Refused(_) | Error::Senseless(_)) => {}
             Err(error) => return Err(error.into()),
@@ -167,38 +368,38 @@ pub fn originals<L: CanLink>(service: &mut Service<L>, node: NodeId) -> Result<V
 ///
 /// # Errors
 /// If the device falls silent, lacks what a master needs, or does not take back a value.
-pub fn survey<L: CanLink>(
-    service: &mut Service<L>,
-    node: NodeId,
+pub fn survey(
+    objects: &mut dyn TrialAccess,
     originals: &[(Address, Vec<u8>)],
     sheet: Option<&Eds>,
 ) -> Result<Survey, Refusal> {
-    // One that tells no state is brought there.
-    if service.heard(node).state.is_none() {
-        service.command(NmtCommand::EnterPreOperational, Some(node))?;
-    }
-    let mut probe = Probe { service, node, survey: Survey::default(), sheet };
+    objects.bring_to_rest()?;
+    let is_on_ethercat = objects.bus() == Fieldbus::Ethercat;
+    let survey = Survey { is_on_ethercat, ..Survey::default() };
+    let mut probe = Probe { objects, survey, sheet, standing: Vec::new() };
     let tried = probe.all(originals);
     let survey = std::mem::take(&mut probe.survey);
+    let standing = std::mem::take(&mut probe.standing);
     // Whoever wants to end waits for this.
-    service.finish();
-    put_back(service, node, originals)?;
-    tried.map(|()| survey)
+    objects.finish();
+    put_back(objects, originals)?;
+    tried?;
+    if survey.modes.is_empty() {
+        return Err(Refusal::NoMode(survey.refused_modes, standing));
+    }
+    Ok(survey)
 }
 
-struct Probe<'a, L> {
-    service: &'a mut Service<L>,
-    node: NodeId,
+struct Probe<'a> {
+    objects: &'a mut dyn TrialAccess,
     survey: Survey,
     sheet: Option<&'a Eds>,
+    standing: Vec<StandingPdo>,
 }
 
-impl<L: CanLink> Probe<'_, L> {
+impl Probe<'_> {
     fn all(&mut self, originals: &[(Address, Vec<u8>)]) -> Result<(), Refusal> {
-        let identities = identify(self.service, &[self.node])?;
-        let (identity, name) = identities.into_iter().next().unwrap_or_default();
-        self.survey.identity = identity;
-        self.survey.name = name;
+        (self.survey.identity, self.survey.name) = self.identity()?;
         self.survey.device_type = self.has(cia::DEVICE_TYPE)?.unwrap_or_default();
         for needed in
             [cia::CONTROLWORD, cia::STATUSWORD, cia::MODE_OF_OPERATION, cia::MODE_DISPLAY, cia::POSITION_ACTUAL]
@@ -213,6 +414,7 @@ impl<L: CanLink> Probe<'_, L> {
                 && self.has(cia::ENCODER_INCREMENTS)?.is_some_and(|increments| increments > 0)
                 && self.has(cia::ENCODER_REVOLUTIONS)?.is_some_and(|revolutions| revolutions > 0),
         ];
+        self.read_mappings()?;
         self.survey.mapping_entries = self.mapping_entries()?;
         self.survey.watches_heartbeat = self.takes(at(cia::CONSUMER_HEARTBEAT), &WATCHED.to_le_bytes())?;
         self.survey.stops_on_error = self.takes(at(cia::ERROR_BEHAVIOUR), &[0])?;
@@ -227,43 +429,59 @@ impl<L: CanLink> Probe<'_, L> {
         self.survey.takes_cycle_time = self.takes(at(cia::INTERPOLATION_EXPONENT), &[(-3_i8) as u8])?
             && self.takes(at(cia::INTERPOLATION_TIME), &[1])?;
         let of = |at: Address| originals.iter().find(|(known, _)| *known == at).map(|(_, value)| number(value));
-        let is_tpdo_right =
-            self.process_data(TPDO, of(Address::new(TPDO.0, 1)), cia::STATUSWORD, cia::POSITION_ACTUAL)?;
-        self.survey.follows_sync[1] = self.takes(Address::new(TPDO.0, 2), &[1])?;
-        let in_use = of(Address::new(RPDO.0, 1));
+        self.survey.tpdos = self.carriers(TPDO, &of, [cia::STATUSWORD, cia::POSITION_ACTUAL])?;
+        self.survey.follows_sync = [true; 2];
+        for carrier in self.survey.tpdos.clone() {
+            self.survey.follows_sync[1] &= self.follows_sync(TPDO, &carrier)?;
+        }
         let supported = self.survey.supported_modes;
         for (mode, set_point) in MODES.into_iter().filter(|(mode, _)| mode.is_in(supported)) {
-            let reason = match self.has(set_point)? {
-                None => Some("its set-point is not there"),
-                _ if !is_tpdo_right => Some("statusword and position do not go into one TPDO"),
-                _ if !self.process_data(RPDO, in_use, cia::CONTROLWORD, set_point)? => {
-                    Some("controlword and set-point do not go into one RPDO")
+            match self.rpdo(mode, set_point, &of)? {
+                Err(reason) => self.survey.refused_modes.push((mode, reason)),
+                Ok(carriers) => {
+                    for carrier in &carriers {
+                        self.survey.follows_sync[0] &= self.follows_sync(RPDO, carrier)?;
+                        let timer = Address::new(carrier.communication(RPDO), 5);
+                        self.survey.has_rpdo_timer =
+                            !self.survey.is_on_ethercat && self.takes(timer, &TIMER_MS.to_le_bytes())?;
+                    }
+                    self.survey.modes.push(mode);
+                    self.survey.rpdos.push(carriers);
                 }
-                _ if !self.takes_mode(mode)? => Some("it does not take the mode in Switch On Disabled"),
-                _ => None,
-            };
-            match reason {
-                Some(reason) => self.survey.refused_modes.push((mode, reason)),
-                None => self.survey.modes.push(mode),
             }
         }
-        self.survey.follows_sync[0] = self.takes(Address::new(RPDO.0, 2), &[1])?;
-        self.survey.has_rpdo_timer = self.takes(Address::new(RPDO.0, 5), &TIMER_MS.to_le_bytes())?;
-        self.survey.has_dummies = self.maps(RPDO.1, &[DUMMY])?;
+        self.survey.has_dummies = !self.survey.is_on_ethercat && self.maps(RPDO.mapping, &[DUMMY])?;
         Ok(())
     }
 
-    fn timed<T>(&mut self, ask: impl FnOnce(&mut Service<L>) -> Result<T, Error>) -> Result<T, Error> {
-        let begun = self.service.now();
-        let answer = ask(self.service);
-        self.survey.slowest = self.survey.slowest.max(self.service.now().since(begun));
+    fn identity(&mut self) -> Result<Identity, Error> {
+        let mut identity = [None; 4];
+        for (sub, value) in (1..).zip(&mut identity) {
+            *value = self.value(Address::new(cia::VENDOR_ID.index, sub))?;
+        }
+        let name = match self.objects.read(NAME) {
+            Ok(bytes) => Some(String::from_utf8_lossy(&bytes).trim_end_matches('\0').trim().to_owned()),
+            Err(Error::Refused(_) | Error::Senseless(_)) => None,
+            Err(error) => return Err(error),
+        };
+        Ok((identity, name.filter(|name| !name.is_empty())))
+    }
+
+    /// Whether a PDO follows every SYNC; on EtherCAT they do so by the device's clock.
+    fn follows_sync(&mut self, direction: Direction, carrier: &Carrier) -> Result<bool, Error> {
+        Ok(self.survey.is_on_ethercat || self.takes(Address::new(carrier.communication(direction), 2), &[1])?)
+    }
+
+    fn timed<T>(&mut self, ask: impl FnOnce(&mut dyn TrialAccess) -> Result<T, Error>) -> Result<T, Error> {
+        let begun = self.objects.now();
+        let answer = ask(self.objects);
+        self.survey.slowest = self.survey.slowest.max(self.objects.now().since(begun));
         answer
     }
 
     /// The value of an object; `None` if the device has no such object, or sends nonsense.
     fn has(&mut self, object: Standard) -> Result<Option<u32>, Error> {
-        let node = self.node;
-        match self.timed(|service| service.read(node, at(object))) {
+        match self.timed(|objects| objects.read(at(object))) {
             Ok(bytes) => {
                 self.survey.told.push((at(object), ObjectReading::Sent(bytes.len())));
                 let meant = usize::from(object.bits()) / 8;
@@ -287,9 +505,8 @@ impl<L: CanLink> Probe<'_, L> {
 
     /// Whether an object takes a value and holds it.
     fn takes(&mut self, at: Address, value: &[u8]) -> Result<bool, Error> {
-        let node = self.node;
         let number = signed(value);
-        match self.timed(|service| service.write(node, at, value)) {
+        match self.timed(|objects| objects.write(at, value)) {
             Ok(()) => {}
             Err(Error::Refused(code)) => {
                 let is_absent = matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX);
@@ -302,7 +519,7 @@ impl<L: CanLink> Probe<'_, L> {
             Err(error) => return Err(error),
         }
         self.survey.told.push((at, ObjectReading::Took(number)));
-        match self.timed(|service| service.read(node, at)) {
+        match self.timed(|objects| objects.read(at)) {
             Ok(held) => Ok(is_extended(&held, value)),
             Err(Error::Refused(_) | Error::Senseless(_)) => Ok(false),
             Err(error) => Err(error),
@@ -313,15 +530,15 @@ impl<L: CanLink> Probe<'_, L> {
         if !self.takes(at(cia::MODE_OF_OPERATION), &[mode.code() as u8])? {
             return Ok(false);
         }
-        let until = self.service.now() + MODE_CHANGE;
+        let until = self.objects.now() + MODE_CHANGE;
         loop {
             if self.has(cia::MODE_DISPLAY)? == Some(u32::from(mode.code() as u8)) {
                 return Ok(true);
             }
-            if self.service.now() >= until {
+            if self.objects.now() >= until {
                 return Ok(false);
             }
-            self.service.listen(Duration::from_millis(10), |_| {})?;
+            self.objects.wait(Duration::from_millis(10))?;
         }
     }
 
@@ -342,28 +559,126 @@ impl<L: CanLink> Probe<'_, L> {
     }
 
     fn has_mapping_entry(&mut self, sub: u8) -> Result<bool, Error> {
-        match self.service.read(self.node, Address::new(RPDO.1, sub)) {
+        match self.objects.read(Address::new(RPDO.mapping, sub)) {
             Err(Error::Refused(AbortCode::NO_SUB_INDEX | AbortCode::NO_OBJECT)) => Ok(false),
             Ok(_) | Err(Error::Refused(_) | Error::Senseless(_)) => Ok(true),
             Err(error) => Err(error),
         }
     }
 
-    /// Whether two objects go into a PDO, which is out of use then.
-    fn process_data(
+    /// The PDOs by which a mode gets its set-point, or why there are none.
+    fn rpdo(
         &mut self,
-        (communication, mapping): (u16, u16),
-        cob_id: Option<u32>,
-        first: Standard,
-        second: Standard,
-    ) -> Result<bool, Error> {
-        let Some(cob_id) = cob_id else { return Ok(false) };
-        if !self.takes(Address::new(communication, 1), &(cob_id | NOT_USED).to_le_bytes())? {
-            return Ok(false);
+        mode: OperationMode,
+        set_point: Standard,
+        of: &dyn Fn(Address) -> Option<u32>,
+    ) -> Result<Result<Vec<Carrier>, &'static str>, Error> {
+        if self.has(set_point)?.is_none() {
+            return Ok(Err("its set-point is not there"));
         }
-        let entry =
-            |object: Standard| u32::from(object.index) << 16 | u32::from(object.sub) << 8 | u32::from(object.bits());
-        self.maps(mapping, &[entry(first), entry(second)])
+        if self.survey.tpdos.is_empty() {
+            return Ok(Err("statusword and position do not go into one TPDO"));
+        }
+        let carriers = self.carriers(RPDO, of, [cia::CONTROLWORD, set_point])?;
+        if carriers.is_empty() {
+            return Ok(Err("controlword and set-point do not go into one RPDO"));
+        }
+        let takes_mode = self.takes_mode(mode)?;
+        Ok(if takes_mode { Ok(carriers) } else { Err("it does not take the mode in Switch On Disabled") })
+    }
+
+    /// The mappings that the device has. Nothing is written.
+    fn read_mappings(&mut self) -> Result<(), Error> {
+        let is_on_ethercat = self.survey.is_on_ethercat;
+        for (is_tpdo, Direction { mapping, assignment, .. }) in [(false, RPDO), (true, TPDO)] {
+            let mut assigned = Vec::new();
+            let mut numbers: Vec<u16> = (1..=PDOS).collect();
+            if is_on_ethercat {
+                assigned = self.list(assignment)?.into_iter().map(|index| index as u16).collect();
+                // Those of the standard, and those that makers often use.
+                numbers = (1..=8).chain(0x101..=0x108).collect();
+                let more = assigned.iter().filter_map(|index| index.checked_sub(mapping - 1));
+                numbers.extend(more.filter(|number| (1..=ETHERCAT_PDOS).contains(number)));
+                numbers.sort_unstable();
+                numbers.dedup();
+            }
+            for number in numbers {
+                let index = mapping + number - 1;
+                let entries = self.list(index)?;
+                if !entries.is_empty() {
+                    let is_assigned = assigned.contains(&index);
+                    self.standing.push(StandingPdo { is_tpdo, number, entries, is_assigned });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The entries of a list whose length is at sub-index 0; none if the device does not have it.
+    fn list(&mut self, index: u16) -> Result<Vec<u32>, Error> {
+        let count = self.value(Address::new(index, 0))?.unwrap_or_default() & 0xff;
+        let mut entries = Vec::new();
+        for sub in 1..=count.min(MOST_MAPPED.into()) as u8 {
+            entries.extend(self.value(Address::new(index, sub))?);
+        }
+        Ok(entries)
+    }
+
+    fn value(&mut self, at: Address) -> Result<Option<u32>, Error> {
+        match self.objects.read(at) {
+            Ok(bytes) => Ok(Some(number(&bytes))),
+            Err(Error::Refused(_) | Error::Senseless(_)) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// The PDOs that carry two objects, out of use then: the first one where its mapping takes them, otherwise one that carries them already, or,
+    /// on EtherCAT, all that are exchanged.
+    fn carriers(
+        &mut self,
+        direction: Direction,
+        of: &dyn Fn(Address) -> Option<u32>,
+        objects: [Standard; 2],
+    ) -> Result<Vec<Carrier>, Error> {
+        let wanted = objects.map(mapping_entry);
+        let is_out = self.takes_out_of_use(direction, direction.communication, of)?;
+        if is_out && self.maps(direction.mapping, &wanted)? {
+            return Ok(vec![Carrier::Writable]);
+        }
+        let of_direction: Vec<StandingPdo> =
+            self.standing.iter().filter(|pdo| pdo.direction() == direction).cloned().collect();
+        let carries =
+            |pdos: &[StandingPdo]| wanted.iter().all(|entry| pdos.iter().any(|pdo| pdo.entries.contains(entry)));
+        if self.survey.is_on_ethercat {
+            let assigned: Vec<StandingPdo> = of_direction.iter().filter(|pdo| pdo.is_assigned).cloned().collect();
+            let one = || of_direction.iter().find(|pdo| is_out && carries(std::slice::from_ref(*pdo))).cloned();
+            let chosen = if carries(&assigned) { assigned } else { one().into_iter().collect() };
+            return Ok(chosen.into_iter().map(Carrier::Fixed).collect());
+        }
+        let fits = |pdo: &&StandingPdo| pdo.entries.iter().map(|raw| raw & 0xff).sum::<u32>() <= PDO_BITS;
+        let Some(pdo) = of_direction.iter().filter(fits).find(|pdo| carries(std::slice::from_ref(*pdo))) else {
+            return Ok(Vec::new());
+        };
+        let carrier = Carrier::Fixed(pdo.clone());
+        let is_out = self.takes_out_of_use(direction, carrier.communication(direction), of)?;
+        Ok(if is_out { vec![carrier] } else { Vec::new() })
+    }
+
+    /// Takes a PDO out of use: on CAN by its identifier, on EtherCAT with all others of its direction.
+    fn takes_out_of_use(
+        &mut self,
+        direction: Direction,
+        communication: u16,
+        of: &dyn Fn(Address) -> Option<u32>,
+    ) -> Result<bool, Error> {
+        if self.survey.is_on_ethercat {
+            return self.takes(Address::new(direction.assignment, 0), &[0]);
+        }
+        let identifier = Address::new(communication, 1);
+        match of(identifier) {
+            Some(cob_id) => self.takes(identifier, &(cob_id | NOT_USED).to_le_bytes()),
+            None => Ok(false),
+        }
     }
 
     fn maps(&mut self, mapping: u16, entries: &[u32]) -> Result<bool, Error> {
@@ -384,6 +699,10 @@ impl<L: CanLink> Probe<'_, L> {
     }
 }
 
+fn mapping_entry(object: Standard) -> u32 {
+    u32::from(object.index) << 16 | u32::from(object.sub) << 8 | u32::from(object.bits())
+}
+
 /// The number that bytes are in two's complement, the lowest first.
 fn signed(bytes: &[u8]) -> i64 {
     let number = bytes.iter().take(8).rev().fold(0_u64, |number, byte| number << 8 | u64::from(*byte));
@@ -400,28 +719,25 @@ fn is_extended(sent: &[u8], value: &[u8]) -> bool {
 }
 
 /// Gives all objects their values again, and reads them back.
-fn put_back<L: CanLink>(
-    service: &mut Service<L>,
-    node: NodeId,
-    originals: &[(Address, Vec<u8>)],
-) -> Result<(), Refusal> {
-    let plan = plan(&mut service.objects(node), node.raw(), &sheet_of(node.raw(), originals, None), None)?;
+fn put_back(objects: &mut dyn TrialAccess, originals: &[(Address, Vec<u8>)]) -> Result<(), Refusal> {
+    let node = objects.node_id();
+    let plan = plan(objects, node, &sheet_of(node, originals, None), None)?;
     for step in &plan.steps {
         // What is not taken is found below.
-        let _: WriteOutcome = carry_out(&mut service.objects(node), step)?;
+        let _: WriteOutcome = carry_out(objects, step)?;
     }
     let mut lost = Vec::new();
     for (at, value) in originals {
         if at.index == cia::MODE_OF_OPERATION.index {
             // It has one byte, however many are sent.
-            match service.write(node, *at, value.get(..1).unwrap_or_default()) {
+            match objects.write(*at, value.get(..1).unwrap_or_default()) {
                 // A drive that had no mode before may refuse to have none again; `run` sets one at each start.
                 Err(Error::Refused(_)) if number(value) == 0 => continue,
                 Ok(()) | Err(Error::Refused(_)) => {}
                 Err(error) => return Err(error.into()),
             }
         }
-        match service.read(node, *at) {
+        match objects.read(*at) {
             Ok(held) if held == *value => {}
             Ok(_) => lost.push(*at),
             Err(error) => return Err(error.into()),

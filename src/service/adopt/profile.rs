@@ -7,7 +7,7 @@ use yieldwall_drives::eds::Eds;
 use yieldwall_drives::objects::{self as cia, Object};
 
 use super::sheet::{contradictions, name as object_name, plain};
-use super::{MODES, Survey};
+use super::{Carrier, MODES, Survey};
 
 /// Longest time to an answer that is written at least, ms.
 const LEAST_SDO_MS: u128 = 1000;
@@ -43,6 +43,9 @@ pub fn profile(survey: &Survey, sheet: Option<(&Eds, &str)>, name: &str, version
     put("profile:");
     put(&format!("  name: {name}"));
     put("  tried: never");
+    if survey.is_on_ethercat {
+        put("  buses: [ethercat]");
+    }
     put("  sources:");
     put(&format!("    device: asked of the drive itself, serial number {serial:08X}h, by yieldwall {version}"));
     if let Some((eds, file)) = sheet {
@@ -105,12 +108,13 @@ pub fn profile(survey: &Survey, sheet: Option<(&Eds, &str)>, name: &str, version
         ("velocity", "target_velocity"),
         ("position", "target_position"),
     ]) {
-        if survey.modes.contains(&mode) {
-            put(&format!("      {word}:"));
-            put(&format!("        rpdo: [{{number: 1, transmission_type: 1, maps: [controlword, {target}]}}]"));
-            put("        tpdo: [{number: 1, transmission_type: 1, maps: [statusword, position_actual]}]");
-        } else {
-            put(&format!("      {word}: null"));
+        match survey.modes.iter().zip(&survey.rpdos).find(|(known, _)| **known == mode) {
+            Some((_, rpdos)) => {
+                put(&format!("      {word}:"));
+                put(&format!("        rpdo: [{}]", pdos(rpdos, ["controlword", target])));
+                put(&format!("        tpdo: [{}]", pdos(&survey.tpdos, ["statusword", "position_actual"])));
+            }
+            None => put(&format!("      {word}: null")),
         }
     }
     put("    mode_changes_in: [switch_on_disabled]");
@@ -155,11 +159,49 @@ pub fn profile(survey: &Survey, sheet: Option<(&Eds, &str)>, name: &str, version
         false => put("      set_points: none            # none that shows in Switch On Disabled"),
     }
     put("      sync: none                  # none that shows in Switch On Disabled");
+    if let Some(us) = survey.sync1_us {
+        put(&format!("    sync1_us: {us}              # by its device description"));
+    }
     put(
         "    encoder: {kind: unknown, side: unknown}   # kind: incremental, single_turn or multi_turn; side: motor or joint",
     );
     put("    brake: {held_by: unknown}   # none, drive or output");
     (text, missing)
+}
+
+/// PDOs that carry two words.
+fn pdos(carriers: &[Carrier], words: [&str; 2]) -> String {
+    carriers.iter().map(|carrier| pdo(carrier, words)).collect::<Vec<_>>().join(", ")
+}
+
+fn pdo(carrier: &Carrier, words: [&str; 2]) -> String {
+    let [first, second] = words;
+    match carrier {
+        Carrier::Writable => format!("{{number: 1, transmission_type: 1, maps: [{first}, {second}]}}"),
+        Carrier::Fixed(pdo) => {
+            let maps: Vec<String> = pdo.entries.iter().map(|raw| mapped(*raw, words)).collect();
+            format!("{{number: {}, fixed: true, transmission_type: 1, maps: [{}]}}", pdo.number, maps.join(", "))
+        }
+    }
+}
+
+/// An entry of a mapping: one of the words that the mode needs, or nothing to the rig.
+fn mapped(raw: u32, words: [&str; 2]) -> String {
+    let (index, sub, bits) = (raw >> 16, raw >> 8 & 0xff, raw & 0xff);
+    let word = match index as u16 {
+        0 => return format!("{{gap: {bits}}}"),
+        index if index == cia::CONTROLWORD.index => "controlword",
+        index if index == cia::STATUSWORD.index => "statusword",
+        index if index == cia::POSITION_ACTUAL.index => "position_actual",
+        index if index == cia::TARGET_POSITION.index => "target_position",
+        index if index == cia::TARGET_VELOCITY.index => "target_velocity",
+        index if index == cia::TARGET_TORQUE.index => "target_torque",
+        _ => "",
+    };
+    match words.contains(&word) {
+        true => word.to_owned(),
+        false => format!("{{unused: {{index: 0x{index:04x}, sub: {sub}, bits: {bits}}}}}"),
+    }
 }
 
 fn entry(object: Object) -> String {
@@ -178,22 +220,29 @@ fn missing(survey: &Survey, sheet: Option<&Eds>) -> Vec<String> {
             missing.push(text.to_owned());
         }
     };
-    put(!survey.watches_heartbeat, "it does not watch a heartbeat (1016h:1): `run` refuses it");
+    let is_on_can = !survey.is_on_ethercat;
+    put(is_on_can && !survey.watches_heartbeat, "it does not watch a heartbeat (1016h:1): `run` refuses it");
     put(
-        !survey.has_rpdo_timer,
+        is_on_can && !survey.has_rpdo_timer,
         "no event timer of RPDOs (1400h:5): that set-points stay away may go unnoticed until the heartbeat is missed",
     );
     put(
         survey.has_rpdo_timer,
         "what the drive does when the event timer of an RPDO runs out (`reaction`): taken for nothing; write abort_connection, fault or nothing by the manual, or as the drill shows it",
     );
-    put(true, "whether it watches SYNC: not to be seen without process data; taken for no, and shown by the drill");
+    put(
+        is_on_can,
+        "whether it watches SYNC: not to be seen without process data; taken for no, and shown by the drill",
+    );
     put(survey.lost_master.is_none(), "6007h takes none of 1, 2 and 3: a lost master does not stop it by that");
     put(
         survey.lost_master.is_some_and(|value| value != 3),
         "6007h does not take 3: no quick stop when the master is lost",
     );
-    put(!survey.stops_on_error, "1029h:1 does not take 0: it may stay Operational on a communication error");
+    put(
+        is_on_can && !survey.stops_on_error,
+        "1029h:1 does not take 0: it may stay Operational on a communication error",
+    );
     put(!survey.takes_quick_stop, "605Ah does not take 2: how its quick stop ends is its own");
     let [has_torque, has_following_error, has_speed] = survey.limits;
     put(
@@ -203,9 +252,9 @@ fn missing(survey: &Survey, sheet: Option<&Eds>) -> Vec<String> {
     put(!has_following_error, "no following error window (6065h)");
     put(!has_speed, "no limit of the motor's speed (6080h with 608Fh)");
     put(!survey.takes_cycle_time, "60C2h does not take 1 ms: see how the drive learns the cycle time");
-    put(!survey.follows_sync[0], "RPDO 1 does not take type 1: set-points do not follow SYNC, which `run` needs");
-    put(!survey.follows_sync[1], "TPDO 1 does not take type 1: positions do not follow SYNC, which `run` needs");
-    put(!survey.has_dummies, "no bytes can be skipped in an RPDO; this program skips none");
+    put(!survey.follows_sync[0], "its RPDO does not take type 1: set-points do not follow SYNC, which `run` needs");
+    put(!survey.follows_sync[1], "its TPDO does not take type 1: positions do not follow SYNC, which `run` needs");
+    put(is_on_can && !survey.has_dummies, "no bytes can be skipped in an RPDO; this program skips none");
     put(
         true,
         "what the encoder knows at power-on and whether a reset loses it: write `encoder: multi_turn` or `single_turn` at the drive in the rig",

@@ -31,7 +31,7 @@ pub enum ObjectReading {
 
 /// Entries of the first RPDO's mapping by a data sheet; `None` where it does not say.
 pub(super) fn mapping_entries(sheet: &Eds) -> Option<u8> {
-    sheet.objects.get(&RPDO.1)?.entries.keys().copied().max().filter(|last| (1..=64).contains(last))
+    sheet.objects.get(&RPDO.mapping)?.entries.keys().copied().max().filter(|last| (1..=64).contains(last))
 }
 
 /// Where a data sheet says otherwise than the drive does, a line each. The drive's word counts.

@@ -111,6 +111,27 @@ impl<L: EthernetLink> DeviceObjects<'_, L> {
         self.service.converse(self.position, Some(until))
     }
 
+    /// The time of the link.
+    pub(crate) fn time(&self) -> yieldwall_fieldbus::time::Time {
+        self.service.now()
+    }
+
+    /// Has time pass.
+    pub(crate) fn pass(&mut self, time: Duration) -> Result<(), Error> {
+        self.listen(time).map_err(of_segment)
+    }
+
+    /// Its state.
+    pub(crate) fn state(&mut self) -> Result<AlState, Error> {
+        let (status, _) = self.service.state(self.position).map_err(of_segment)?;
+        Ok(status.state().unwrap_or(AlState::Init))
+    }
+
+    /// From now on nobody can end what is done.
+    pub(crate) fn end_later(&mut self) {
+        self.service.is_over = std::sync::Arc::new(std::sync::atomic::AtomicBool::new(false));
+    }
+
     /// Whether the SII of the device says that it gives no information about its objects.
     fn lacks_information(&mut self) -> Result<bool, Error> {
         match self.service.sii_image(self.position) {
