@@ -13,7 +13,7 @@ use self::segment::SegmentPlan;
 use super::ending::rig_failure;
 use super::failure::{Exit, Failure};
 use super::output::Output;
-use yieldwall_bus::budget::{Advice, Budget, Conditions};
+use yieldwall_bus::budget::{Budget, Conditions};
 use yieldwall_config::{self as config, Bus, Diagnostic, Loaded, Report, Rig, Severity, Source};
 use yieldwall_rig::RigError;
 use yieldwall_run::assembly::{bus_id, bus_plan, segment};
@@ -147,11 +147,12 @@ impl Plan<'_> {
         }
     }
 
-    /// The least change of a CAN bus with which everything is in time.
-    pub(super) fn can_advice(&self) -> Option<Advice> {
+    /// The least change with which everything is in time: the bit rate of a CAN bus, the period, and the first and the last moment of the
+    /// computation in whole us.
+    pub(super) fn advice(&self) -> Option<(Option<u32>, Duration, [u64; 2])> {
         match self {
-            Plan::Can(plan) => plan.advice(),
-            Plan::Segment(_) => None,
+            Plan::Can(plan) => plan.advice().map(|found| (Some(found.bit_rate), found.period, found.compute_at_us)),
+            Plan::Segment(plan) => plan.advice().map(|found| (None, found.period, found.compute_at_us)),
         }
     }
 

@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use serde_json::json;
 
-use self::choice::{Choice, Law, Mode, Person, Protocol, ask};
+use self::choice::{BusKind, Choice, Law, Mode, Person, Protocol, ask};
 use self::geometry::Geometry;
 use super::bus::{Plan, plans};
 use super::config::Checked;
@@ -42,7 +42,10 @@ pub(super) struct Arguments {
     /// Control law of torque mode
     #[arg(long, value_enum)]
     law: Option<Law>,
-    /// What the force sensor speaks
+    /// The bus of the devices
+    #[arg(long, value_enum)]
+    bus: Option<BusKind>,
+    /// What the force sensor speaks on CAN
     #[arg(long, value_enum)]
     sensor: Option<Protocol>,
     /// Device profiles of the left and of the right drive, names or files; one for both if one is given
@@ -231,18 +234,18 @@ fn compose(choice: &Choice, names: &[PathBuf; 3]) -> Result<Files, Failure> {
 /// The middle of the moments at which the control step may run.
 fn control_step_us(rig: &Loaded<Rig>) -> Result<u32, Failure> {
     let plans = plans(&rig.value).map_err(|error| rig_failure(&error))?;
-    let advice = plans.first().and_then(Plan::can_advice);
+    let advice = plans.first().and_then(Plan::advice);
     let (bus, period_us) = (rig.value.buses.values().next(), rig.value.cycle.period_us);
     let bit_rate = bus.and_then(Bus::canopen).map(|bus| bus.bit_rate_bit_per_s);
     match advice {
-        Some(found) if Some(found.bit_rate) == bit_rate && found.period.as_micros() == u128::from(period_us) => {
-            let [earliest, latest] = found.compute_at_us;
+        Some((rate, period, [earliest, latest])) if rate == bit_rate && period.as_micros() == u128::from(period_us) => {
             Ok(((earliest + latest) / 2) as u32)
         }
         other => {
-            let longer_us = other.map_or(2 * u128::from(period_us), |found| found.period.as_micros());
+            let longer_us = other.map_or(2 * u128::from(period_us), |(_, period, _)| period.as_micros());
+            let bus = if bit_rate.is_some() { "a bus of 1 Mbit/s" } else { "an EtherCAT segment" };
             let message = format!(
-                "a bus of 1 Mbit/s cannot keep a cycle of {period_us} us with these devices in this mode: not every frame is in time"
+                "{bus} cannot keep a cycle of {period_us} us with these devices in this mode: not every frame is in time"
             );
             Err(Failure::new(Exit::Usage, message, format!("give --period-us {longer_us} or another --sensor")))
         }

@@ -223,8 +223,10 @@ fn a_drive_on_ethercat_with_fixed_mappings_is_adopted_and_run_by_its_profile() {
     let found = std::fs::read_to_string(folder.0.join("found.yaml")).unwrap();
     for says in [
         "buses: [ethercat]",
-        "number: 258, fixed: true, transmission_type: 1, maps: [controlword, {unused: {index: 0x60b8, sub: 0, bits: 16}}, target_position",
-        "number: 259, fixed: true, transmission_type: 1, maps: [controlword, {unused: {index: 0x6060, sub: 0, bits: 8}}, {gap: 8}, target_torque",
+        // The mapping that is exchanged carries the targets of both modes.
+        "number: 259, fixed: true, transmission_type: 1, maps: [controlword, {unused: {index: 0x6060, sub: 0, bits: 8}}, {gap: 8}, target_torque, \
+         {unused: {index: 0x607a, sub: 0, bits: 32}}]",
+        "{gap: 8}, {unused: {index: 0x6071, sub: 0, bits: 16}}, target_position]",
         "{gap: 3}, {unused: {index: 0x2100, sub: 1, bits: 1}}, {gap: 4}, position_actual",
         "sync1_us: 250",
         "velocity: null",
@@ -260,12 +262,9 @@ fn a_node_with_fixed_mappings_is_adopted_by_the_one_that_fits_or_refused_by_name
     well(&folder.0, "config check found.yaml");
     // Without a TPDO of statusword and position no mode gets its words.
     let rig = well(&folder.0, &format!("config show builtin:vendors/{vendor}.yaml"));
-    assert_eq!(rig.matches("  - index: 6658\n").count(), 1, "{rig}");
-    let without = rig.replacen(
-        "  - index: 6658\n",
-        "  - index: 6658\n    sub: 2\n    holds: 1617690656\n    read_only: true\n  - index: 6658\n",
-        1,
-    );
+    assert_eq!(rig.matches("- index: 6658\n").count(), 1, "{rig}");
+    let odd = "- {index: 6658, sub: 2, holds: 1617690656, read_only: true}\n    - index: 6658\n";
+    let without = rig.replacen("- index: 6658\n", odd, 1);
     std::fs::write(folder.0.join("without.yaml"), without).unwrap();
     let seen = yieldwall(&folder.0, "drive adopt --node left --out other.yaml --rig without.yaml");
     let said = String::from_utf8_lossy(&seen.stderr).replace("\n  ", " ");

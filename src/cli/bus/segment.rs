@@ -31,7 +31,7 @@ impl<'a> SegmentPlan<'a> {
         !self.rig.frames_take_time() || self.is_schedulable()
     }
 
-    fn advice(&self) -> Option<Advice> {
+    pub(super) fn advice(&self) -> Option<Advice> {
         advise(&self.setup)
     }
 

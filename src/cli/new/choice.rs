@@ -37,6 +37,15 @@ pub(super) enum Law {
     Pid,
 }
 
+/// The bus of the devices.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum BusKind {
+    /// CAN of 1 Mbit/s
+    Can,
+    /// An EtherCAT segment: left drive, right drive and force sensor in this order behind the computer
+    Ethercat,
+}
+
 /// What the force sensor speaks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum Protocol {
@@ -46,6 +55,9 @@ pub(super) enum Protocol {
     Streaming,
     /// Plain CAN: it is asked in every cycle, as the ATI Net F/T is
     Polled,
+    /// EtherCAT, which `--bus` chooses
+    #[value(skip)]
+    Ethercat,
 }
 
 /// Profiles that are files: as the rig writes them, and where they are.
@@ -113,7 +125,16 @@ pub(super) fn ask(arguments: &Arguments, person: Option<Person<'_>>) -> Result<C
         );
         return Err(Failure::new(Exit::Usage, message, format!("give {longest_us} or less, or another --mode")));
     }
-    let sensor = asking.word("what the force sensor speaks", arguments.sensor, Protocol::Canopen)?;
+    let bus = asking.word("bus of the devices", arguments.bus, BusKind::Can)?;
+    let sensor = match bus {
+        BusKind::Can => asking.word("what the force sensor speaks", arguments.sensor, Protocol::Canopen)?,
+        BusKind::Ethercat => Protocol::Ethercat,
+    };
+    if bus == BusKind::Ethercat && arguments.sensor.is_some() {
+        let message = "drives and force sensor of a new rig are on the same kind of bus";
+        let help = "leave --sensor away, or edit the file: docs/configuration.md has a rig on two buses";
+        return Err(Failure::new(Exit::Usage, message, help));
+    }
     let given = Some(arguments.drives.clone()).filter(|drives| !drives.is_empty());
     let names: Vec<&str> =
         ProfileName::shipped().filter(|(_, profile)| profile.servo().is_some()).map(|(name, _)| name).collect();
@@ -144,7 +165,13 @@ pub(super) fn ask(arguments: &Arguments, person: Option<Person<'_>>) -> Result<C
     }
     let (profiles, profile_files) = profiles(&drives, &arguments.rig)?;
     let count = if sensor == Protocol::Canopen { 3 } else { 2 };
+    if bus == BusKind::Ethercat && !arguments.nodes.is_empty() {
+        let message = "--nodes: devices on EtherCAT have no node ids but positions";
+        return Err(Failure::new(Exit::Usage, message, "leave --nodes away: positions follow the cable"));
+    }
     let given = Some(arguments.nodes.clone()).filter(|nodes| !nodes.is_empty());
+    // Nobody is asked for what a segment does not have.
+    let given = given.or_else(|| (bus == BusKind::Ethercat).then(|| vec![1, 2]));
     let usual = [1, 2, 10];
     let question =
         if count == 3 { "node ids of left drive, right drive, sensor" } else { "node ids of left and right drive" };

@@ -43,7 +43,35 @@ pub(super) fn rig(choice: &Choice, geometry: &Geometry, numbers: &Numbers, file:
     let heartbeat_ms = if *period_us <= FAST_US { 20 } else { 100 };
     let Geometry { links_m: [proximal, distal], half_base_m: half, below_m: below, working_m, circle_m } = geometry;
     let Numbers { compute_at_us, mass_kg, .. } = numbers;
+    let is_on_can = choice.sensor != Protocol::Ethercat;
+    let bus = if is_on_can {
+        format!(
+            "    canopen:
+      bit_rate_bit_per_s: 1000000
+      node_id: {OWN_NODE}              # of this program
+      heartbeat_ms: {heartbeat_ms}          # period; a drive that hears none for two periods stops by itself
+"
+        )
+    } else {
+        "    ethercat: {}                # outputs act at SYNC0, and the period is that of the cycle\n".to_owned()
+    };
+    let address = |node: &u8| match is_on_can {
+        true => format!(
+            "      canopen:
+        node_id: {node}
+        heartbeat_ms: {heartbeat_ms}       # period; after two without one the rig stops
+"
+        ),
+        false => format!(
+            "      ethercat:
+        position: {}             # devices between the computer and this one
+",
+            node - 1
+        ),
+    };
+    let (per_n, per_n_m, range) = if is_on_can { (0.00625, 0.0003, 32_000) } else { (1.0e-6, 1.0e-6, 500_000_000) };
     let drive = |side: &str, node: &u8, profile: &str| {
+        let address = address(node);
         let profile = quoted(profile);
         let encoder = match choice.encoder {
             Some(EncoderKind::MultiTurn) => "    encoder: multi_turn         # what it knows at power-on\n",
@@ -54,10 +82,7 @@ pub(super) fn rig(choice: &Choice, geometry: &Geometry, numbers: &Numbers, file:
             "  - name: {side}
     bus: main
     address:
-      canopen:
-        node_id: {node}
-        heartbeat_ms: {heartbeat_ms}       # period; after two without one the rig stops
-    profile: {profile}    # device model: identity, process data, watchdogs
+{address}    profile: {profile}    # device model: identity, process data, watchdogs
 {encoder}    encoder_counts_per_rev: 800000   # for one turn of the proximal link, gear included
     direction: 1                # 1 or -1: sign of counts for a positive angle
     zero_offset_rad: 0.0        # angle of the proximal link when the drive reads 0
@@ -82,22 +107,18 @@ cycle:
 
 buses:
   main:
-    canopen:
-      bit_rate_bit_per_s: 1000000
-      node_id: {OWN_NODE}              # of this program
-      heartbeat_ms: {heartbeat_ms}          # period; a drive that hears none for two periods stops by itself
-
+{bus}
 drives:
 {drives}
 {sensor}  # wrench = matrix * counts; rows Fx Fy Fz (N) then Tx Ty Tz (N m): from the sensor's calibration sheet
   calibration:
-    - [0.00625, 0.0, 0.0, 0.0, 0.0, 0.0]
-    - [0.0, 0.00625, 0.0, 0.0, 0.0, 0.0]
-    - [0.0, 0.0, 0.00625, 0.0, 0.0, 0.0]
-    - [0.0, 0.0, 0.0, 0.0003, 0.0, 0.0]
-    - [0.0, 0.0, 0.0, 0.0, 0.0003, 0.0]
-    - [0.0, 0.0, 0.0, 0.0, 0.0, 0.0003]
-  range_counts: 32000
+    - [{per_n:?}, 0.0, 0.0, 0.0, 0.0, 0.0]
+    - [0.0, {per_n:?}, 0.0, 0.0, 0.0, 0.0]
+    - [0.0, 0.0, {per_n:?}, 0.0, 0.0, 0.0]
+    - [0.0, 0.0, 0.0, {per_n_m:?}, 0.0, 0.0]
+    - [0.0, 0.0, 0.0, 0.0, {per_n_m:?}, 0.0]
+    - [0.0, 0.0, 0.0, 0.0, 0.0, {per_n_m:?}]
+  range_counts: {range}
   mounted_on: right_distal      # base, left_distal or right_distal: the link that the sensor turns with
   mounting_angle_rad: 0.0       # sensor x axis against that link
   handle_mass_kg: 0.0           # mass beyond the sensor whose inertia is taken out of the reading
@@ -182,6 +203,13 @@ fn sensor(choice: &Choice, heartbeat_ms: u32) -> String {
   sample_rate_hz: {}
 ",
             [500, 200, 100].into_iter().find(|rate| *rate <= cycle_hz).unwrap_or(100)
+        ),
+        Protocol::Ethercat => format!(
+            "{head}  protocol:
+    ethercat:                   # see docs/force-sensors.md
+      position: 2
+  sample_rate_hz: 8000          # by the sensor's own clock
+"
         ),
         Protocol::Polled => format!(
             "{head}  protocol:

@@ -92,6 +92,14 @@ fn every_combination_that_is_offered_passes_the_check_without_a_warning() {
 }
 
 #[test]
+fn a_rig_on_ethercat_is_offered_in_each_mode() {
+    for (mode, period) in [("torque", "1000"), ("torque", "500"), ("velocity", "1000"), ("position", "2000")] {
+        let flags = ["--bus", "ethercat", "--mode", mode, "--period-us", period];
+        assert_eq!(findings(&flags), Ok(Vec::new()), "{flags:?}");
+    }
+}
+
+#[test]
 fn links_and_node_ids_are_the_users_own() {
     let folder = Folder::new("links");
     for links in ["0.2,0.25", "0.25,0.35", "0.5,0.7"] {
@@ -120,6 +128,8 @@ fn what_does_not_go_together_is_refused_before_anything_is_written() {
         &["--links", "0.5"],
         &["--links", "NaN,0.4"],
         &["--encoder", "incremental"],
+        &["--bus", "ethercat", "--nodes", "1,2"],
+        &["--bus", "ethercat", "--sensor", "polled"],
     ] {
         let arguments: Vec<&str> = ["new", "--yes", &rig].into_iter().chain(more.iter().copied()).collect();
         assert_eq!(exit(&arguments), Exit::Usage, "{more:?}");
