@@ -13,7 +13,8 @@ use super::interfaces::Interfaces;
 use super::interrupt::on_interrupt;
 use super::keep::state_folder;
 use super::on_bus::{
-    different, live_failure, only_for_can, point_to_doctor, thread_failure, told_at_boot, warn, warn_of, with_told,
+    different, live_failure, only_for_can, point_to_doctor, point_to_resets, thread_failure, told_at_boot, warn, warn_of,
+    with_told,
 };
 use super::output::Output;
 use super::report_text::{settled_json, settled_text, watchdogs_json, watchdogs_text};
@@ -94,7 +95,8 @@ fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<
             RunError::Boot(error) => told_at_boot(error, &emergencies, &rig),
             _ => emergencies.clone(),
         };
-        with_told(failure, &told, &outcome.errors, &rig)
+        let failure = with_told(failure, &told, &outcome.errors, &rig);
+        point_to_resets(failure, &outcome.errors, &rig, &arguments.rig, &interfaces)
     })?;
     let path = Subject::new(&rig, identities).store(&drilled, &folder).map_err(unkept)?;
     let done = match drilled.findings.len() {

@@ -15,8 +15,8 @@ use super::interfaces::Interfaces;
 use super::interrupt::{interrupted, on_interrupt};
 use super::keep::{Keep, described};
 use super::on_bus::{
-    after_standstill, different, live_failure, not_in_time, only_for_can, point_to_doctor, stood, thread_failure,
-    told_at_boot, warn, warn_of, with_findings, with_told,
+    after_standstill, different, live_failure, not_in_time, only_for_can, point_to_doctor, point_to_resets, stood,
+    thread_failure, told_at_boot, warn, warn_of, with_findings, with_told,
 };
 use super::output::Output;
 use super::pace::PaceArgument;
@@ -144,7 +144,9 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     };
     let time_s = played.cycles as f64 * period_s;
     let held = played.cause.filter(|_| played.state == State::Holding).map(|cause| ended_held(cause.fault));
-    let failure = ended((played.ended, played.cause), time_s, &outcome, &rig).or(held);
+    let failure = ended((played.ended, played.cause), time_s, &outcome, &rig)
+        .map(|failure| point_to_resets(failure, &outcome.errors, &rig, &arguments.rig, &interfaces))
+        .or(held);
     let (trace, measures) = measured(&rig, &rig.fixture, scene_rows);
     let drawn = draw(&trace, &rig.rig.name, arguments.figure.as_deref());
     let facts = Facts {
@@ -211,7 +213,7 @@ pub(super) fn not_run<T>(
                 RunError::Boot(error) => told_at_boot(error, &outcome.emergencies, rig),
                 _ => outcome.emergencies.clone(),
             };
-            with_told(failure, &told, &outcome.errors, rig)
+            point_to_resets(with_told(failure, &told, &outcome.errors, rig), &outcome.errors, rig, file, interfaces)
         }
         NotRun::Unproven(error) => unproven(error, &interfaces.arguments(rig), file),
         NotRun::Untimely(error) => untimely(error, rig),

@@ -2,10 +2,11 @@
 
 use serde_json::{Value, json};
 
-use crate::desk::state_words;
+use crate::desk::{placed_text, state_words};
 use crate::failure::Failure;
 use yieldwall_bus::{BootError, BootFailure, EmergencyReport};
 use yieldwall_config::{self as config, SensorProtocol};
+use yieldwall_drives::cia402::{State, Statusword};
 use yieldwall_fieldbus::canopen::{EmcyCode, Emergency};
 use yieldwall_fieldbus::time::Time;
 use yieldwall_motion::guard::{Device, Fault};
@@ -154,11 +155,12 @@ pub(crate) fn with_told(
     rig: &config::Rig,
 ) -> Failure {
     let told: Vec<String> = emergencies.iter().map(|told| text(told, rig)).collect();
+    let code = |error: &DriveError| error.code.filter(|code| *code != 0);
     let is_told = |error: &DriveError| {
-        emergencies.iter().any(|told| told.device == error.drive && Some(told.code.0) == error.code)
+        emergencies.iter().any(|told| told.device == error.drive && code(error).is_none_or(|code| code == told.code.0))
     };
     let errors: Vec<&DriveError> =
-        errors.iter().filter(|error| error.code.is_some_and(|code| code != 0) && !is_told(error)).collect();
+        errors.iter().filter(|error| (code(error).is_some() || is_in_fault(error)) && !is_told(error)).collect();
     let of_drives: Vec<String> = errors.iter().map(|error| drive_error_text(error, rig)).collect();
     let Some(first) = failure.report.diagnostics.first_mut() else { return failure };
     for (what, told) in [("emergencies", told), ("drives", of_drives)] {
@@ -168,7 +170,7 @@ pub(crate) fn with_told(
     }
     let of_emergencies = emergencies.iter().filter(|told| !told.code.is_reset());
     let of_emergencies = of_emergencies.map(|told| of_told(told, rig));
-    let of_drives = errors.iter().filter_map(|error| Some(explained(EmcyCode(error.code?), Some(error.drive), rig)));
+    let of_drives = errors.iter().filter_map(|error| Some(explained(EmcyCode(code(error)?), Some(error.drive), rig)));
     let mut advice: Vec<String> = Vec::new();
     for Explanation { code, next, .. } in of_emergencies.chain(of_drives) {
         let one = format!("{}: {next}", code.unwrap_or_default());
@@ -179,6 +181,35 @@ pub(crate) fn with_told(
     if !advice.is_empty() {
         let help = first.help.take().into_iter().chain(advice);
         first.help = Some(help.collect::<Vec<_>>().join("\n")).filter(|help| !help.is_empty());
+    }
+    failure
+}
+
+/// Whether a drive is in Fault, by its last word.
+fn is_in_fault(error: &DriveError) -> bool {
+    error.statusword.is_some_and(|word| Statusword(word).state() == Some(State::Fault))
+}
+
+/// The failure with the command that takes each drive out of Fault that is in it; `arguments` is what a command needs to come to a device.
+pub(crate) fn with_resets(
+    mut failure: Failure,
+    errors: &[DriveError],
+    rig: &config::Rig,
+    arguments: impl Fn(Device) -> String,
+) -> Failure {
+    let Some(first) = failure.report.diagnostics.first_mut() else { return failure };
+    for error in errors.iter().filter(|error| is_in_fault(error)) {
+        let (node_id, position) = address(error.drive, rig);
+        let Some(number) = node_id.map(u16::from).or(position) else { continue };
+        let stored = match error.code {
+            None | Some(0) => "`yieldwall emcy NODE` shows the errors that it has stored; ",
+            Some(_) => "",
+        };
+        let advice =
+            format!("{stored}once the cause has gone, `yieldwall state NODE --reset-fault` takes it out of Fault");
+        let advice = placed_text(&advice, number, &arguments(error.drive), None);
+        let help = first.help.take().map_or(String::new(), |help| format!("{help}\n"));
+        first.help = Some(format!("{help}{}: {advice}", name(error.drive, rig)));
     }
     failure
 }
@@ -261,8 +292,38 @@ mod tests {
         let document = document(&told[0], &rig);
         assert_eq!((&document["code"], &document["name"]), (&"5043h".into(), &"left".into()));
         assert_eq!((&document["error_register"], &document["meaning"]), (&0x21.into(), &"device hardware".into()));
-        let quiet =
-            with_told(Failure::new(Exit::SafetyStop, "stopped", ""), &[], &[error(Device::LeftDrive, Some(0))], &rig);
+        let quiet = DriveError { statusword: Some(0x1240), ..error(Device::LeftDrive, Some(0)) };
+        let quiet = with_told(Failure::new(Exit::SafetyStop, "stopped", ""), &[], &[quiet], &rig);
         assert_eq!(quiet.report.diagnostics[0].message, "stopped");
+    }
+
+    #[test]
+    fn drives_in_fault_are_named_with_code_and_the_command_that_resets_them() {
+        let on_can = config::load_rig(Source::named("builtin:paper-admittance.yaml")).unwrap().value;
+        let on_segment = config::load_rig(Source::named("builtin:paper-ethercat.yaml")).unwrap().value;
+        let error = |drive, code, word| DriveError { drive, code, register: None, statusword: Some(word) };
+        let errors = [error(Device::LeftDrive, Some(0x7121), 0x1208), error(Device::RightDrive, Some(0), 0x1218)];
+        for (rig, numbers) in [(&on_can, ["1", "2"]), (&on_segment, ["0", "1"])] {
+            let failure = Failure::new(Exit::DeviceFault, "not enabled", "see the code");
+            let failure = with_told(failure, &[], &errors, rig);
+            let failure = with_resets(failure, &errors, rig, |_| " --bus x0 --rig my.yaml".to_owned());
+            let finding = &failure.report.diagnostics[0];
+            for named in ["left: error code 7121h ", "right: no error code, Fault (1218h)"] {
+                assert!(finding.message.contains(named), "{}", finding.message);
+            }
+            let help = finding.help.as_deref().unwrap();
+            let [left, right] = numbers;
+            let lines: Vec<&str> = help.lines().collect();
+            let reset = |number| {
+                format!("`yieldwall state {number} --reset-fault --bus x0 --rig my.yaml` takes it out of Fault")
+            };
+            assert!(lines[1].starts_with("7121h: "), "{help}");
+            assert_eq!(lines[2], format!("left: once the cause has gone, {}", reset(left)));
+            let stored = format!("`yieldwall emcy {right} --bus x0 --rig my.yaml` shows the errors that it has stored");
+            assert_eq!(lines[3..], [format!("right: {stored}; once the cause has gone, {}", reset(right))]);
+        }
+        let well = [error(Device::LeftDrive, Some(0x7121), 0x1240)];
+        let failure = with_resets(Failure::new(Exit::SafetyStop, "stopped", ""), &well, &on_can, |_| String::new());
+        assert_eq!(failure.report.diagnostics[0].help, None);
     }
 }
