@@ -13,7 +13,7 @@ use super::interfaces::Interfaces;
 use super::interrupt::on_interrupt;
 use super::keep::state_folder;
 use super::on_bus::{
-    different, live_failure, only_for_can, point_to_doctor, point_to_resets, thread_failure, told_at_boot, warn, warn_of,
+    different, live_failure, only_for_can, point_to_doctor, point_to_resets, thread_failure, told_before, warn, warn_of,
     with_told,
 };
 use super::output::Output;
@@ -23,7 +23,7 @@ use yieldwall_config::{self as config, Source};
 use yieldwall_record::trusted;
 use yieldwall_run::host::{News, RigOnBus};
 use yieldwall_run::recorder::Watched;
-use yieldwall_run::{Drilled, Pace, RunError, Subject, watchdogs};
+use yieldwall_run::{Drilled, Pace, Subject, watchdogs};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -91,11 +91,7 @@ fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<
     let emergencies = different(outcome.emergencies.into_iter());
     let (identities, drilled) = outcome.drilled.map_err(|error| {
         let failure = point_to_doctor(live_failure(&error), &error, &rig, &arguments.rig, &interfaces);
-        let told = match &error {
-            RunError::Boot(error) => told_at_boot(error, &emergencies, &rig),
-            _ => emergencies.clone(),
-        };
-        let failure = with_told(failure, &told, &outcome.errors, &rig);
+        let failure = with_told(failure, &told_before(&error, &emergencies, &rig), &outcome.errors, &rig);
         point_to_resets(failure, &outcome.errors, &rig, &arguments.rig, &interfaces)
     })?;
     let path = Subject::new(&rig, identities).store(&drilled, &folder).map_err(unkept)?;

@@ -9,8 +9,8 @@ use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
 use super::output::Output;
 pub(super) use emergencies::{
-    different, document, drive_error_json, drive_error_text, text, told_at_boot, with_findings, with_told,
-    words_of_code, words_of_fault,
+    different, document, drive_error_json, drive_error_text, standing, text, told_at_boot, told_before, with_findings,
+    with_told, words_of_code, words_of_fault,
 };
 pub(super) use standstill::{after_standstill, not_in_time, said_first, stood};
 use yieldwall_bus::{HeardFrame, Sign};

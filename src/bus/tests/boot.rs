@@ -380,6 +380,7 @@ fn a_node_that_does_not_start_is_named_with_its_state_and_its_emergency() {
             &["081#2042214321AABBCC", "081#4350210000000000", "701#04"][..],
             "Stopped; its last emergency is 5043h device hardware",
         ),
+        (&["081#2032050000000000", "081#0000000000000000", "701#04"][..], "; its last heartbeat says Stopped"),
     ] {
         let mut net = Net::new(CommandMode::Torque);
         net.reset();

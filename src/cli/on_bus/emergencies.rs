@@ -9,17 +9,18 @@ use yieldwall_config::{self as config, SensorProtocol};
 use yieldwall_drives::cia402::{State, Statusword};
 use yieldwall_fieldbus::canopen::{EmcyCode, Emergency};
 use yieldwall_fieldbus::time::Time;
-use yieldwall_motion::guard::{Device, Fault};
-use yieldwall_run::DriveError;
+use yieldwall_motion::guard::{Cause, Device, DeviceSet, Fault};
 use yieldwall_run::explanation::{self, Explanation};
+use yieldwall_run::{DriveError, RunError};
 
-/// The emergencies without those that say the same again, in their order.
+/// The emergencies without those that say the same again, in their order. One that has come again is withdrawn if the last one is.
 pub(crate) fn different(emergencies: impl Iterator<Item = EmergencyReport>) -> Vec<EmergencyReport> {
     let mut different: Vec<EmergencyReport> = Vec::new();
     for told in emergencies {
         let says_the_same = |known: &EmergencyReport| (known.device, known.code) == (told.device, told.code);
-        if !different.iter().any(says_the_same) {
-            different.push(told);
+        match different.iter().position(says_the_same).and_then(|at| different.get_mut(at)) {
+            Some(known) => known.is_withdrawn = told.is_withdrawn,
+            None => different.push(told),
         }
     }
     different
@@ -33,7 +34,7 @@ pub(crate) fn text(told: &EmergencyReport, rig: &config::Rig) -> String {
         (None, Some(position)) => format!("{name} (position {position})"),
         (None, None) => name.to_owned(),
     };
-    format!("{device}: {}", of_told(told, rig))
+    format!("{device}: {}{}", of_told(told, rig), if told.is_withdrawn { "; withdrawn since" } else { "" })
 }
 
 /// What the code of an emergency means, by the table of the device's vendor.
@@ -69,6 +70,7 @@ pub(crate) fn document(told: &EmergencyReport, rig: &config::Rig) -> Value {
         "next": explained.next,
         "error_register": told.register.0,
         "vendor_bytes": told.vendor,
+        "withdrawn": told.is_withdrawn,
     })
 }
 
@@ -125,18 +127,36 @@ pub(crate) fn drive_error_json(error: &DriveError, rig: &config::Rig) -> Value {
     document
 }
 
-/// What a node told last while the network did not come up, beside what is known already.
+/// The emergencies that may explain why a rig with this cause stopped: those that were not withdrawn, and those that have stopped it.
+pub(crate) fn standing(emergencies: &[EmergencyReport], cause: Option<Cause>) -> Vec<EmergencyReport> {
+    let stopped_by =
+        cause.filter(|cause| cause.fault == Fault::Emergency).map_or(DeviceSet::NONE, |cause| cause.devices);
+    let counts = |told: &EmergencyReport| !told.is_withdrawn || stopped_by.contains(told.device.set());
+    emergencies.iter().copied().filter(counts).collect()
+}
+
+/// The emergencies that may explain why a rig did not run.
+pub(crate) fn told_before(error: &RunError, known: &[EmergencyReport], rig: &config::Rig) -> Vec<EmergencyReport> {
+    match error {
+        RunError::Boot(error) => told_at_boot(error, known, rig),
+        RunError::NotEnabled { cause, .. } | RunError::NotTried { cause, .. } => standing(known, *cause),
+        _ => standing(known, None),
+    }
+}
+
+/// What a node told last while the network did not come up, beside what is known already and not withdrawn.
 pub(crate) fn told_at_boot(error: &BootError, known: &[EmergencyReport], rig: &config::Rig) -> Vec<EmergencyReport> {
+    let known = standing(known, None);
     let (BootFailure::NotStarted { said, .. } | BootFailure::Missing { said, .. }) = &error.failure else {
-        return known.to_vec();
+        return known;
     };
     let device = [Device::LeftDrive, Device::RightDrive, Device::Sensor];
     let device = device.into_iter().find(|device| name(*device, rig) == error.name);
     let told = said.emergency.zip(device).map(|(emergency, device)| {
         let Emergency { code, register, vendor, .. } = emergency;
-        EmergencyReport { time: Time::default(), device, code, register, vendor }
+        EmergencyReport { time: Time::default(), device, code, register, vendor, is_withdrawn: false }
     });
-    different(known.iter().copied().chain(told))
+    different(known.into_iter().chain(told))
 }
 
 /// The failure with what was wrong with the devices of a segment.
@@ -269,7 +289,8 @@ mod tests {
         let frames = [(left, 0x5043_u16), (left, 0x5043), (sensor, 0x4210), (sensor, 0x5043)];
         let heard = frames.into_iter().map(|(device, code)| {
             let (code, register) = (EmcyCode(code), ErrorRegister(0x21));
-            EmergencyReport { time: Time::default(), device, code, register, vendor: [1, 2, 3, 4, 5] }
+            let vendor = [1, 2, 3, 4, 5];
+            EmergencyReport { time: Time::default(), device, code, register, vendor, is_withdrawn: false }
         });
         let told = different(heard);
         let failure = Failure::new(Exit::SafetyStop, "stopped by emergency", "see the code");
@@ -295,6 +316,33 @@ mod tests {
         let quiet = DriveError { statusword: Some(0x1240), ..error(Device::LeftDrive, Some(0)) };
         let quiet = with_told(Failure::new(Exit::SafetyStop, "stopped", ""), &[], &[quiet], &rig);
         assert_eq!(quiet.report.diagnostics[0].message, "stopped");
+    }
+
+    #[test]
+    fn emergencies_that_were_withdrawn_are_left_out_but_for_those_that_stopped_the_rig() {
+        let rig = config::load_rig(Source::named("builtin:paper-admittance.yaml")).unwrap().value;
+        let told = |device, code, is_withdrawn| {
+            let (code, register) = (EmcyCode(code), ErrorRegister(5));
+            EmergencyReport { time: Time::default(), device, code, register, vendor: [0; 5], is_withdrawn }
+        };
+        let (left, right) = (Device::LeftDrive, Device::RightDrive);
+        let all = [told(left, 0x3220, true), told(right, 0x3220, true), told(right, 0x4210, false)];
+        let codes = |told: &[EmergencyReport]| told.iter().map(|told| (told.device, told.code.0)).collect::<Vec<_>>();
+        let cause = |fault| Some(Cause { fault, devices: DeviceSet::LEFT_DRIVE });
+        for cause in [None, cause(Fault::DriveFault)] {
+            assert_eq!(codes(&standing(&all, cause)), [(right, 0x4210)]);
+        }
+        let stopped = standing(&all, cause(Fault::Emergency));
+        assert_eq!(codes(&stopped), [(left, 0x3220), (right, 0x4210)]);
+        assert!(text(&stopped[0], &rig).ends_with("; withdrawn since"), "{}", text(&stopped[0], &rig));
+        assert_eq!(document(&stopped[0], &rig)["withdrawn"], true);
+        // The boot fails by something else.
+        let failure = BootFailure::NoAnswer { index: 0x6060, sub: 0 };
+        let error = BootError { node_id: Some(1), name: "left".to_owned(), step: "set the mode", failure };
+        assert_eq!(codes(&told_before(&error.into(), &all, &rig)), [(right, 0x4210)]);
+        // What has come again is there.
+        let again = different([told(left, 0x3220, true), told(left, 0x3220, false)].into_iter());
+        assert_eq!(codes(&standing(&again, None)), [(left, 0x3220)]);
     }
 
     #[test]

@@ -100,6 +100,17 @@ fn drives_in_fault_from_power_on_keep_a_rig_from_its_drill_and_say_why() {
 }
 
 #[test]
+fn power_stages_that_come_later_are_told_and_withdrawn() {
+    for file in ["paper-admittance-csp.yaml", "paper-ethercat.yaml"] {
+        let mut machine = with_late_drives(file, 0, 5);
+        bringup::drill(&mut machine.runner, 50, &AtomicBool::new(false), |_| ()).unwrap();
+        let told = machine.master().networks().told();
+        let of_supply: Vec<_> = told.iter().filter(|told| told.code.0 == 0x3220).collect();
+        assert!(!of_supply.is_empty() && of_supply.iter().all(|told| told.is_withdrawn), "{file}: {told:?}");
+    }
+}
+
+#[test]
 fn bring_up_is_kept_within_its_bounds() {
     let loaded = config::load_rig(config::Source::named("builtin:paper-admittance.yaml")).unwrap();
     let positive = |value| config::Positive::new(value).unwrap();
