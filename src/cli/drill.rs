@@ -13,7 +13,7 @@ use super::interfaces::Interfaces;
 use super::interrupt::on_interrupt;
 use super::keep::state_folder;
 use super::on_bus::{
-    different, live_failure, only_for_can, point_to_doctor, point_to_resets, thread_failure, told_before, warn, warn_of,
+    different, live_failure, only_for_can, point_to_node, point_to_resets, thread_failure, told_before, warn, warn_of,
     with_told,
 };
 use super::output::Output;
@@ -90,7 +90,7 @@ fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<
     let outcome = outcome.map_err(|error| thread_failure(&error))?;
     let emergencies = different(outcome.emergencies.into_iter());
     let (identities, drilled) = outcome.drilled.map_err(|error| {
-        let failure = point_to_doctor(live_failure(&error), &error, &rig, &arguments.rig, &interfaces);
+        let failure = point_to_node(live_failure(&error), &error, &rig, &arguments.rig, &interfaces);
         let failure = with_told(failure, &told_before(&error, &emergencies, &rig), &outcome.errors, &rig);
         point_to_resets(failure, &outcome.errors, &rig, &arguments.rig, &interfaces)
     })?;

@@ -15,7 +15,7 @@ use super::interfaces::Interfaces;
 use super::interrupt::{interrupted, on_interrupt};
 use super::keep::{Keep, described};
 use super::on_bus::{
-    after_standstill, different, live_failure, not_in_time, only_for_can, point_to_doctor, point_to_resets, standing,
+    after_standstill, different, live_failure, not_in_time, only_for_can, point_to_node, point_to_resets, standing,
     stood, thread_failure, told_before, warn, warn_of, with_findings, with_told,
 };
 use super::output::Output;
@@ -207,7 +207,7 @@ pub(super) fn not_run<T>(
 ) -> Failure {
     match error {
         NotRun::Run(error) => {
-            let failure = point_to_doctor(live_failure(error), error, rig, file, interfaces);
+            let failure = point_to_node(live_failure(error), error, rig, file, interfaces);
             let failure = after_standstill(failure, outcome.standstill.map(stood));
             let told = told_before(error, &outcome.emergencies, rig);
             point_to_resets(with_told(failure, &told, &outcome.errors, rig), &outcome.errors, rig, file, interfaces)

@@ -55,8 +55,8 @@ fn arguments_of(name: &str, rig: &config::Rig, file: &str, interfaces: &Interfac
     format!(" --bus {bus} --rig {file}")
 }
 
-/// The same failure with the command that finds out why a node of the rig does not answer, where one does not.
-pub(super) fn point_to_doctor(
+/// The same failure with advice for the very node that did not boot, and the command that finds out why it does not answer, where it does not.
+pub(super) fn point_to_node(
     failure: Failure,
     error: &RunError,
     rig: &config::Rig,
@@ -64,7 +64,7 @@ pub(super) fn point_to_doctor(
     interfaces: &Interfaces,
 ) -> Failure {
     let RunError::Boot(error) = error else { return failure };
-    ending::point_to_doctor(failure, error, &arguments_of(&error.name, rig, file, interfaces))
+    ending::point_to_node(failure, error, &arguments_of(&error.name, rig, file, interfaces))
 }
 
 /// The same failure with the command that takes each drive out of Fault that is in it.
