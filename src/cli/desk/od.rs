@@ -7,7 +7,7 @@ mod restore;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value as Json, json};
-use yieldwall_drives::eds::{Eds, Value};
+use yieldwall_drives::eds::{Eds, Value, is_concise, read_concise};
 
 use super::keeping::{back_up, store};
 use super::place::Place;
@@ -151,9 +151,37 @@ pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
 
 /// Reads a data sheet; what is odd in it is a warning.
 pub(super) fn sheet(path: &Path, output: &mut Output) -> Result<Eds, Failure> {
-    let about = |exit: Exit, message: String, help: &str| {
-        Failure::about_file(exit, path, format!("{}: {message}", path.display()), help)
-    };
+    let bytes = bytes_of(path)?;
+    if is_concise(&bytes) {
+        let message = "is a concise DCF, which has no names and no types".to_owned();
+        return Err(about_file(path, Exit::ConfigInvalid, message, "name an EDS or a DCF"));
+    }
+    text_sheet(path, &bytes, output)
+}
+
+/// Reads the values of a file: a data sheet, or a concise DCF, whose types are those of the data sheet `eds` and of the standards.
+pub(super) fn values(path: &Path, eds: Option<&Eds>, output: &mut Output) -> Result<Eds, Failure> {
+    let bytes = bytes_of(path)?;
+    if !is_concise(&bytes) {
+        return text_sheet(path, &bytes, output);
+    }
+    let values = read_concise(&bytes).map_err(|error| {
+        let help = "it is taken for a concise DCF, by its third and fourth byte: dump the device anew";
+        about_file(path, Exit::ConfigInvalid, error.to_string(), help)
+    })?;
+    let values: Vec<_> =
+        values.into_iter().map(|(index, sub, value)| (Address::new(index, sub), value.to_vec())).collect();
+    // It does not say of which node it is.
+    Ok(Eds { node: None, ..yieldwall_service::sheet_of(0, &values, eds) })
+}
+
+fn about_file(path: &Path, exit: Exit, message: String, help: &str) -> Failure {
+    Failure::about_file(exit, path, format!("{}: {message}", path.display()), help)
+}
+
+/// The bytes of a file that is no larger than a data sheet may be.
+fn bytes_of(path: &Path) -> Result<Vec<u8>, Failure> {
+    let about = |exit: Exit, message: String, help: &str| about_file(path, exit, message, help);
     let unread = |error: std::io::Error| about(Exit::Usage, format!("cannot be read: {error}"), "name an EDS or a DCF");
     let facts = std::fs::metadata(path).map_err(unread)?;
     if !facts.is_file() {
@@ -163,9 +191,12 @@ pub(super) fn sheet(path: &Path, output: &mut Output) -> Result<Eds, Failure> {
         let large = yieldwall_drives::eds::EdsError::Large.to_string();
         return Err(about(Exit::ConfigInvalid, large, "a data sheet is shorter"));
     }
-    let bytes = std::fs::read(path).map_err(unread)?;
-    let reading =
-        Eds::read(&bytes).map_err(|error| about(Exit::ConfigInvalid, error.to_string(), "name an EDS or a DCF"))?;
+    std::fs::read(path).map_err(unread)
+}
+
+fn text_sheet(path: &Path, bytes: &[u8], output: &mut Output) -> Result<Eds, Failure> {
+    let reading = Eds::read(bytes)
+        .map_err(|error| about_file(path, Exit::ConfigInvalid, error.to_string(), "name an EDS or a DCF"))?;
     let findings: Vec<Diagnostic> = reading
         .findings
         .iter()
