@@ -82,8 +82,8 @@ pub(super) struct Saving {
 
 impl Saving {
     /// Has the device store what was written, if that is wanted and agreed to; whether it has.
-    fn after(self, reached: &mut DeviceHandle) -> Result<bool, Failure> {
-        if self.save { store(reached, self.yes).map(|()| true) } else { Ok(false) }
+    fn after(self, reached: &mut DeviceHandle, output: &mut Output) -> Result<bool, Failure> {
+        if self.save { store(reached, self.yes, output).map(|()| true) } else { Ok(false) }
     }
 }
 
@@ -123,9 +123,9 @@ impl Done {
     }
 
     /// Has the device store what was written, if all of it was.
-    pub(super) fn saved(mut self, saving: Saving, reached: &mut DeviceHandle) -> Self {
+    pub(super) fn saved(mut self, saving: Saving, reached: &mut DeviceHandle, output: &mut Output) -> Self {
         match &mut self.end {
-            Ok(()) => match saving.after(reached) {
+            Ok(()) => match saving.after(reached, output) {
                 Ok(is_stored) => self.is_stored = is_stored,
                 Err(failure) => self.end = Err(failure),
             },
@@ -304,7 +304,7 @@ fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
             .and_then(|()| takes.map_or(Ok(()), |takes| output.news(&takes)));
     }
     let done = write_all(&mut reached, &steps, eds.as_ref(), output)?;
-    let done = done.saved(arguments.saving, &mut reached);
+    let done = done.saved(arguments.saving, &mut reached, output);
     told(&reached, &steps, done, output)
 }
 
@@ -486,7 +486,7 @@ mod tests {
         ];
         let done = write_all(&mut reached, &steps, None, &mut output).unwrap();
         assert_eq!(done.fates, [Fate::Written, Fate::Refused(AbortCode::VALUE_HIGH), Fate::NotTried]);
-        let saved = done.saved(Saving { save: true, yes: true }, &mut reached);
+        let saved = done.saved(Saving { save: true, yes: true }, &mut reached, &mut output);
         assert!(!saved.is_stored, "half of it is not kept");
         let failure = saved.end.unwrap_err();
         assert_eq!(failure.exit, Exit::DeviceMismatch);
@@ -515,7 +515,7 @@ mod tests {
         let mut reached = DeviceHandle::open(&Place::default(), "left", &mut output).unwrap();
         let steps = [step(0x6072, 6, &[0xe8, 3], &[0x84, 3])];
         let done = write_all(&mut reached, &steps, None, &mut output).unwrap();
-        let saved = done.saved(Saving { save: true, yes: true }, &mut reached);
+        let saved = done.saved(Saving { save: true, yes: true }, &mut reached, &mut output);
         assert_eq!((saved.end.is_ok(), saved.is_stored, saved.is_dry), (true, true, false));
     }
 }

@@ -73,7 +73,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         Done::planned(&plan.steps)
     } else {
         let done = write_all(&mut reached, &plan.steps, eds.as_ref(), output)?;
-        done.saved(arguments.saving, &mut reached)
+        done.saved(arguments.saving, &mut reached, output)
     };
     told(&reached, &plan.steps, done, output)
 }
