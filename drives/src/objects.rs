@@ -192,6 +192,8 @@ pub mod error_code {
     pub const SYNC_LENGTH: u16 = 0x8240;
     /// An RPDO did not come in its deadline.
     pub const RPDO_TIMEOUT: u16 = 0x8250;
+    /// The power stage has too little voltage.
+    pub const UNDER_VOLTAGE: u16 = 0x3220;
     /// The position sensor gives no usable value.
     pub const ENCODER: u16 = 0x7305;
     /// SYNC stayed away in a cyclic synchronous mode.

@@ -20,6 +20,11 @@ pub struct EmergencyReport {
     pub register: ErrorRegister,
     /// Vendor specific bytes.
     pub vendor: [u8; 5],
+    /// Whether the device has said since that no error is left: code 0000h with an error register of 0.
+    ///
+    /// # Source
+    /// CiA 301, emergency error codes: 0000h is "error reset or no error". The register has the errors that are left.
+    pub is_withdrawn: bool,
 }
 
 /// What the devices told last: a ring, and where the next one goes.
@@ -33,11 +38,27 @@ impl LastTold {
     /// Remembers a message in place of the oldest one.
     ///
     /// Real-time: yes.
-    pub(super) fn note(&mut self, told: EmergencyReport) {
+    fn note(&mut self, told: EmergencyReport) {
         if let Some(place) = self.ring.get_mut(self.next) {
             *place = Some(told);
         }
         self.next = (self.next + 1) % EMERGENCIES;
+    }
+
+    /// Takes a message of a device: one that says that no error is left withdraws all that it told before. One of fewer errors does not say
+    /// which one has gone. Whether it tells of an error.
+    ///
+    /// Real-time: yes.
+    pub(super) fn hear(&mut self, told: EmergencyReport) -> bool {
+        if !told.code.is_reset() {
+            self.note(told);
+            return true;
+        }
+        if told.register.0 == 0 {
+            let of_device = self.ring.iter_mut().flatten().filter(|known| known.device == told.device);
+            of_device.for_each(|known| known.is_withdrawn = true);
+        }
+        false
     }
 
     /// Forgets them all.

@@ -18,6 +18,13 @@ pub struct Said {
     pub emergency: Option<Emergency>,
 }
 
+impl Said {
+    /// Whether nothing came after its boot-up message, of a node whose heartbeat period (1017h) the boot has set.
+    pub fn sends_no_heartbeat(&self) -> bool {
+        self.state == Some(NmtState::Initialising)
+    }
+}
+
 impl fmt::Display for Said {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.state {
@@ -97,7 +104,10 @@ pub enum BootFailure {
         others: Box<Others>,
     },
     /// The node did not become Operational after the start command.
-    #[error("not Operational within {waited_ms} ms after the start command{said}")]
+    #[error(
+        "not Operational within {waited_ms} ms after the start command{said}{}",
+        if said.sends_no_heartbeat() { "; object 1017h was set, and no heartbeat came" } else { "" }
+    )]
     NotStarted {
         /// How long the master waited, in ms.
         waited_ms: u64,

@@ -13,7 +13,8 @@ use super::interfaces::Interfaces;
 use super::interrupt::on_interrupt;
 use super::keep::state_folder;
 use super::on_bus::{
-    different, live_failure, only_for_can, point_to_doctor, thread_failure, told_at_boot, warn, warn_of, with_told,
+    different, live_failure, only_for_can, point_to_node, point_to_resets, thread_failure, told_before, warn, warn_of,
+    with_told,
 };
 use super::output::Output;
 use super::report_text::{settled_json, settled_text, watchdogs_json, watchdogs_text};
@@ -22,7 +23,7 @@ use yieldwall_config::{self as config, Source};
 use yieldwall_record::trusted;
 use yieldwall_run::host::{News, RigOnBus};
 use yieldwall_run::recorder::Watched;
-use yieldwall_run::{Drilled, Pace, RunError, Subject, watchdogs};
+use yieldwall_run::{Drilled, Pace, Subject, watchdogs};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -89,12 +90,9 @@ fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<
     let outcome = outcome.map_err(|error| thread_failure(&error))?;
     let emergencies = different(outcome.emergencies.into_iter());
     let (identities, drilled) = outcome.drilled.map_err(|error| {
-        let failure = point_to_doctor(live_failure(&error), &error, &rig, &arguments.rig, &interfaces);
-        let told = match &error {
-            RunError::Boot(error) => told_at_boot(error, &emergencies, &rig),
-            _ => emergencies.clone(),
-        };
-        with_told(failure, &told, &outcome.errors, &rig)
+        let failure = point_to_node(live_failure(&error), &error, &rig, &arguments.rig, &interfaces);
+        let failure = with_told(failure, &told_before(&error, &emergencies, &rig), &outcome.errors, &rig);
+        point_to_resets(failure, &outcome.errors, &rig, &arguments.rig, &interfaces)
     })?;
     let path = Subject::new(&rig, identities).store(&drilled, &folder).map_err(unkept)?;
     let done = match drilled.findings.len() {

@@ -1,5 +1,6 @@
 //! Why a run ended badly, and with which exit code.
 
+use super::desk::placed_text;
 use super::failure::{Exit, Failure};
 use yieldwall_bus::ethercat::SegmentFailure;
 use yieldwall_bus::{BootError, BootFailure};
@@ -145,19 +146,20 @@ pub(super) fn rig_failure(error: &RigError) -> Failure {
     Failure::new(exit, error.to_string(), help)
 }
 
-/// The same failure with the command that finds out why a node does not answer, where one does not; `arguments` is what the command
-/// needs to come to the node.
-pub(super) fn point_to_doctor(mut failure: Failure, error: &BootError, arguments: &str) -> Failure {
-    let BootError {
-        node_id: Some(node_id), failure: BootFailure::Missing { .. } | BootFailure::NoAnswer { .. }, ..
-    } = error
-    else {
+/// The same failure with advice for the very node, and the command that finds out why it does not answer, where it does not; `arguments` is what
+/// a command needs to come to the node.
+pub(super) fn point_to_node(mut failure: Failure, error: &BootError, arguments: &str) -> Failure {
+    let (Some(node_id), Some(finding)) = (error.node_id, failure.report.diagnostics.first_mut()) else {
         return failure;
     };
-    if let Some(finding) = failure.report.diagnostics.first_mut() {
-        let help = finding.help.take().map_or(String::new(), |help| format!("; {help}"));
-        finding.help = Some(format!("`yieldwall doctor node {node_id}{arguments}` finds out why{help}"));
-    }
+    let help = finding.help.take().map(|help| placed_text(&help, node_id.into(), arguments, None));
+    finding.help = match error.failure {
+        BootFailure::Missing { .. } | BootFailure::NoAnswer { .. } => {
+            let help = help.map_or(String::new(), |help| format!("; {help}"));
+            Some(format!("`yieldwall doctor node {node_id}{arguments}` finds out why{help}"))
+        }
+        _ => help,
+    };
     failure
 }
 
@@ -181,6 +183,11 @@ fn boot_help(failure: &BootFailure) -> &'static str {
         }
         BootFailure::NotStarted { said, .. } if said.emergency.is_some() => {
             "mend what its emergency names, and try again"
+        }
+        BootFailure::NotStarted { said, .. } if said.sends_no_heartbeat() => {
+            "the master knows the state by heartbeats alone: `yieldwall od read NODE 1017h` shows their period in ms, 0 for none, and `yieldwall \
+             monitor` whether they come; a device that takes a new period only when it starts needs `yieldwall od write NODE 1017h 100 --save`, and to \
+             be switched off and on"
         }
         BootFailure::NotStarted { .. } => {
             "`yieldwall info NODE` shows the device's error register, `yieldwall emcy NODE` its last errors"

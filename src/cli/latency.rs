@@ -235,6 +235,7 @@ fn open(bus: &str, is_over: &AtomicBool) -> Result<SocketCan, Failure> {
         bit_rate: None,
         receive_buffer: 1 << 20,
         roles: vec![Role::Master],
+        hears_others: false,
     })
     .map_err(failed)?;
     let mut ear = SocketCan::open(&SocketCanSettings::everything(bus)).map_err(failed)?;

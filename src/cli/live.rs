@@ -15,8 +15,8 @@ use super::interfaces::Interfaces;
 use super::interrupt::{interrupted, on_interrupt};
 use super::keep::{Keep, described};
 use super::on_bus::{
-    after_standstill, different, live_failure, not_in_time, only_for_can, point_to_doctor, stood, thread_failure,
-    told_at_boot, warn, warn_of, with_findings, with_told,
+    after_standstill, different, live_failure, not_in_time, only_for_can, point_to_node, point_to_resets, standing,
+    stood, thread_failure, told_before, warn, warn_of, with_findings, with_told,
 };
 use super::output::Output;
 use super::pace::PaceArgument;
@@ -33,7 +33,7 @@ use yieldwall_rig::report::{self, Overrides, measured, replay};
 use yieldwall_run::host::system::Refusal;
 use yieldwall_run::host::{News, NotRun, Outcome, RigOnBus, StageTimes, Terms};
 use yieldwall_run::recorder::Watched;
-use yieldwall_run::{Ended, Orders, Play, RunError};
+use yieldwall_run::{Ended, Orders, Play};
 
 /// Cycles of which figure and measures are made, from the first one on: ten minutes at 1 kHz. A recording holds all.
 const LONGEST_TRACE: u64 = 600_000;
@@ -144,7 +144,9 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     };
     let time_s = played.cycles as f64 * period_s;
     let held = played.cause.filter(|_| played.state == State::Holding).map(|cause| ended_held(cause.fault));
-    let failure = ended((played.ended, played.cause), time_s, &outcome, &rig).or(held);
+    let failure = ended((played.ended, played.cause), time_s, &outcome, &rig)
+        .map(|failure| point_to_resets(failure, &outcome.errors, &rig, &arguments.rig, &interfaces))
+        .or(held);
     let (trace, measures) = measured(&rig, &rig.fixture, scene_rows);
     let drawn = draw(&trace, &rig.rig.name, arguments.figure.as_deref());
     let facts = Facts {
@@ -205,13 +207,10 @@ pub(super) fn not_run<T>(
 ) -> Failure {
     match error {
         NotRun::Run(error) => {
-            let failure = point_to_doctor(live_failure(error), error, rig, file, interfaces);
+            let failure = point_to_node(live_failure(error), error, rig, file, interfaces);
             let failure = after_standstill(failure, outcome.standstill.map(stood));
-            let told = match error {
-                RunError::Boot(error) => told_at_boot(error, &outcome.emergencies, rig),
-                _ => outcome.emergencies.clone(),
-            };
-            with_told(failure, &told, &outcome.errors, rig)
+            let told = told_before(error, &outcome.emergencies, rig);
+            point_to_resets(with_told(failure, &told, &outcome.errors, rig), &outcome.errors, rig, file, interfaces)
         }
         NotRun::Unproven(error) => unproven(error, &interfaces.arguments(rig), file),
         NotRun::Untimely(error) => untimely(error, rig),
@@ -235,7 +234,7 @@ pub(super) fn ended<T>(
             let stopped = with_findings(stopped_by(cause, time_s, rig), &outcome.segment);
             let late = cause.and_then(|cause| not_in_time(cause.fault, outcome.standstill, rig));
             let stopped = after_standstill(stopped, late);
-            with_told(stopped, &outcome.emergencies, &outcome.errors, rig)
+            with_told(stopped, &standing(&outcome.emergencies, cause), &outcome.errors, rig)
         }
         Ended::StillMoving => Failure::new(
             Exit::SafetyStop,

@@ -9,16 +9,17 @@ use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
 use super::output::Output;
 pub(super) use emergencies::{
-    different, document, drive_error_json, drive_error_text, text, told_at_boot, with_findings, with_told,
-    words_of_code, words_of_fault,
+    different, document, drive_error_json, drive_error_text, standing, text, told_at_boot, told_before, with_findings,
+    with_told, words_of_code, words_of_fault,
 };
 pub(super) use standstill::{after_standstill, not_in_time, said_first, stood};
 use yieldwall_bus::{HeardFrame, Sign};
 use yieldwall_config as config;
 use yieldwall_link::LinkError;
+use yieldwall_motion::guard::Device;
 use yieldwall_run::host::system::Refusal;
 use yieldwall_run::host::{OpenError, ThreadError};
-use yieldwall_run::{Pace, RunError};
+use yieldwall_run::{DriveError, Pace, RunError};
 
 /// The failure that an interface is which cannot be used.
 pub(super) fn link_failure(error: &LinkError) -> Failure {
@@ -43,8 +44,19 @@ pub(super) fn open_failure(error: &OpenError) -> Failure {
     }
 }
 
-/// The same failure with the command that finds out why a node of the rig does not answer, where one does not.
-pub(super) fn point_to_doctor(
+/// What a command needs to come to the device of this name: the interface to its bus, and the rig.
+fn arguments_of(name: &str, rig: &config::Rig, file: &str, interfaces: &Interfaces) -> String {
+    let drive = rig.drives.iter().find(|drive| drive.name == name).map(|drive| &drive.bus);
+    let bus = drive.unwrap_or(&rig.sensor.bus);
+    let at = rig.buses.keys().position(|name| name == bus).unwrap_or_default();
+    // There is one for each bus.
+    let interface = interfaces.names().get(at).map_or("", String::as_str);
+    let bus = if rig.buses.len() == 1 { interface.to_owned() } else { format!("{bus}={interface}") };
+    format!(" --bus {bus} --rig {file}")
+}
+
+/// The same failure with advice for the very node that did not boot, and the command that finds out why it does not answer, where it does not.
+pub(super) fn point_to_node(
     failure: Failure,
     error: &RunError,
     rig: &config::Rig,
@@ -52,12 +64,22 @@ pub(super) fn point_to_doctor(
     interfaces: &Interfaces,
 ) -> Failure {
     let RunError::Boot(error) = error else { return failure };
-    let drive = rig.drives.iter().find(|drive| drive.name == error.name).map(|drive| &drive.bus);
-    let bus = drive.unwrap_or(&rig.sensor.bus);
-    let at = rig.buses.keys().position(|name| name == bus).unwrap_or_default();
-    let Some(interface) = interfaces.names().get(at) else { return failure };
-    let bus = if rig.buses.len() == 1 { interface.clone() } else { format!("{bus}={interface}") };
-    ending::point_to_doctor(failure, error, &format!(" --bus {bus} --rig {file}"))
+    ending::point_to_node(failure, error, &arguments_of(&error.name, rig, file, interfaces))
+}
+
+/// The same failure with the command that takes each drive out of Fault that is in it.
+pub(super) fn point_to_resets(
+    failure: Failure,
+    errors: &[DriveError],
+    rig: &config::Rig,
+    file: &str,
+    interfaces: &Interfaces,
+) -> Failure {
+    let arguments = |device: Device| {
+        let drive = usize::from(device == Device::RightDrive);
+        arguments_of(&rig.drives[drive].name, rig, file, interfaces)
+    };
+    emergencies::with_resets(failure, errors, rig, arguments)
 }
 
 /// The failure that a thread is which is not there, or has panicked.

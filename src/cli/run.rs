@@ -19,7 +19,7 @@ use super::interrupt::{interrupted, on_interrupt, unless};
 use super::keep::{Keep, described};
 use super::margins::{Margins, has_other_inertia};
 use super::masses::{Masses, advice};
-use super::on_bus::{only_for_can, told_at_boot, with_findings, with_told};
+use super::on_bus::{only_for_can, standing, told_at_boot, with_findings, with_told};
 use super::output::Output;
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
@@ -228,7 +228,7 @@ fn not_run(
     // `doctor` knows these by the same names.
     let same = injected.find(|injection| matches!(injection.kind, Kind::WrongBitRate | Kind::WrongNodeId));
     let fault = same.map_or(String::new(), |injection| format!(" --fault {}", injection.kind.row().name));
-    ending::point_to_doctor(failure, boot, &format!(" --rig {}{fault}", arguments.rig))
+    ending::point_to_node(failure, boot, &format!(" --rig {}{fault}", arguments.rig))
 }
 
 /// Whether a run ended as it should, but for what was injected into it.
@@ -243,7 +243,7 @@ pub(super) fn judge_run(
     Err(match shortcoming {
         Shortcoming::Stopped => {
             let stopped = with_findings(ending::stopped(report, rig), &report.segment);
-            with_told(stopped, &report.emergencies, &report.errors, rig)
+            with_told(stopped, &standing(&report.emergencies, report.cause), &report.errors, rig)
         }
         Shortcoming::EndedHeld(fault) => ending::ended_held(fault),
         Shortcoming::HeldLong { fault, held_s } => ending::held_too_long(fault, held_s, simulated_s),

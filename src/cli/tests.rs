@@ -123,6 +123,34 @@ fn devices_that_are_not_there_are_no_success() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
+/// A concise DCF is read back by `od diff` and `od restore`, and is no data sheet.
+#[test]
+fn a_concise_dump_is_compared_and_restored() {
+    let folder = std::env::temp_dir().join(format!("yieldwall-concise-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let [whole, cut, empty] = ["left.cdcf", "cut.cdcf", "empty.cdcf"].map(|name| folder.join(name));
+    let exit = |line: &str| run(line.split(' ').map(OsString::from));
+    let file = whole.display();
+    assert_eq!(exit(&format!("yieldwall -q od dump left --concise --out {file}")), Exit::Ok);
+    let bytes = std::fs::read(&whole).unwrap();
+    std::fs::write(&cut, &bytes[..bytes.len() - 1]).unwrap();
+    std::fs::write(&empty, [0; 4]).unwrap();
+    let (cut, empty) = (cut.display(), empty.display());
+    for (line, wanted) in [
+        (format!("diff {file} left"), Exit::Ok),
+        (format!("diff {file} right"), Exit::OutOfTolerance),
+        (format!("diff {file} {file}"), Exit::Ok),
+        (format!("restore {file} left"), Exit::Ok),
+        (format!("read left statusword --eds {file}"), Exit::ConfigInvalid),
+        (format!("diff {cut} left"), Exit::ConfigInvalid),
+        (format!("restore {cut} left"), Exit::ConfigInvalid),
+        (format!("restore {empty} left"), Exit::ConfigInvalid),
+    ] {
+        assert_eq!(exit(&format!("yieldwall -q od {line}")), wanted, "{line}");
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
 /// A run that was broken only by what was injected is fine; one that faults of its own held, or whose injection never came, is not.
 #[test]
 fn a_run_is_judged_by_what_was_not_injected() {

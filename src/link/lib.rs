@@ -23,6 +23,7 @@ mod hold;
 mod interfaces;
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
 mod linux;
+mod other;
 #[cfg(all(feature = "ethernet", target_os = "linux"))]
 mod role;
 
@@ -39,6 +40,7 @@ pub use linux::{
     Attachment, CobFilter, ControllerState, InterfaceFacts, LinkError, SocketCan, SocketCanSettings, SocketCans,
     Stamps, interfaces,
 };
+pub use other::{OtherFrame, OtherTraffic};
 #[cfg(all(feature = "ethernet", target_os = "linux"))]
 pub use role::{Holder, Role};
 
@@ -65,6 +67,8 @@ pub enum Received {
     Frame(Frame),
     /// A frame that this link has sent, now that it has been on the wire.
     Echo(Frame),
+    /// A frame of another participant that is none of CANopen. Only a link that was asked for them has them.
+    Other(OtherFrame),
     /// What the controller tells.
     Error(ErrorFrame),
     /// So many frames were lost here since the last arrival, because nobody took them in time.
@@ -84,7 +88,7 @@ impl Received {
         match self {
             Received::Error(error) => error.link_event(),
             Received::Down | Received::Gone => Some(LinkEvent::SendFailed),
-            Received::Frame(_) | Received::Echo(_) | Received::Overflow { .. } => None,
+            Received::Frame(_) | Received::Echo(_) | Received::Other(_) | Received::Overflow { .. } => None,
         }
     }
 }

@@ -54,6 +54,8 @@ fn manner(model: &config::DriveModel) -> DriveQuirks {
         segments_only: *segments_only,
         lengths: lengths.iter().map(|sent| (Address::new(sent.index, sent.sub), sent.bytes.into())).collect(),
         objects: odd_objects(model),
+        fault_code: model.fault_code,
+        supply_time: Duration::from_millis(model.supply_ms.into()),
     }
 }
 
@@ -214,8 +216,8 @@ fn ethercat_drive(
 ) -> Result<EthercatDrive, RigError> {
     let odd = simulated(rig)?.drive_model.as_ref();
     let profile = assembly::profile(odd.map_or(&drive.profile, |odd| &odd.profile))?;
-    let objects = odd.map(odd_objects).unwrap_or_default();
-    let made = EthercatDrive::odd(&profile, serial, &axis(rig, scene, drive)?, &objects);
+    let manner = odd.map(manner).unwrap_or_default();
+    let made = EthercatDrive::odd(&profile, serial, &axis(rig, scene, drive)?, &manner);
     let mut made = made.map_err(|error| RigError::Device(error.to_string()))?;
     let joint = usize::from(drive.name == rig.drives[1].name);
     made.set_forgets_torque_limit(defects::has(scene, DefectKind::LimitNotKept, joint)?);

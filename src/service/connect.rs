@@ -122,7 +122,8 @@ mod linux {
         if is_ethernet(interface) {
             return Err(ConnectError::NotCan { interface: interface.to_owned() });
         }
-        let settings = SocketCanSettings { bit_rate, roles, ..SocketCanSettings::everything(interface) };
+        let everything = SocketCanSettings::everything(interface);
+        let settings = SocketCanSettings { bit_rate, roles, hears_others: true, ..everything };
         SocketCan::open(&settings).map_err(|error| ConnectError::Unusable(Box::new(error)))
     }
 }

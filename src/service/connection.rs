@@ -13,7 +13,7 @@ use yieldwall_fieldbus::canopen::{
 };
 use yieldwall_fieldbus::objects::{AbortCode, Address, ObjectRequest};
 use yieldwall_fieldbus::time::Time;
-use yieldwall_link::{Arrival, CanLink, LinkOutbox, Received, SendError};
+use yieldwall_link::{Arrival, CanLink, LinkOutbox, OtherTraffic, Received, SendError};
 
 /// Longest wait before the wish to end is looked at.
 const LOOK_UP: Duration = Duration::from_millis(50);
@@ -78,6 +78,7 @@ pub struct Service<L> {
     patience: (Duration, u8),
     asked: [bool; 128],
     heard: Vec<NodeTraffic>,
+    others: OtherTraffic,
     emergencies: Vec<(Time, Emergency)>,
     is_over: Arc<AtomicBool>,
 }
@@ -100,6 +101,7 @@ impl<L: CanLink> Service<L> {
             patience: (Self::PATIENCE, 1),
             asked: [false; 128],
             heard: vec![NodeTraffic::default(); 128],
+            others: OtherTraffic::default(),
             emergencies: Vec::new(),
             is_over,
         }
@@ -115,8 +117,14 @@ impl<L: CanLink> Service<L> {
         if bus != self.bus {
             self.bus = bus;
             self.heard.fill(NodeTraffic::default());
+            self.others = OtherTraffic::default();
             self.emergencies.clear();
         }
+    }
+
+    /// Frames of the bus that were heard and are none of CANopen.
+    pub fn others(&self) -> OtherTraffic {
+        self.others
     }
 
     /// How long a node may take to answer a request from now on, and how often it is asked again.
@@ -369,7 +377,11 @@ impl<L: CanLink> Service<L> {
     }
 
     fn note(&mut self, arrival: &Arrival) {
-        let Received::Frame(frame) = &arrival.what else { return };
+        let frame = match &arrival.what {
+            Received::Frame(frame) => frame,
+            Received::Other(frame) if arrival.bus == self.bus => return self.others.count(frame),
+            _ => return,
+        };
         let sender = frame.id() & 0x7f;
         let is_of_device = !frame.is_remote()
             && matches!(frame.id() & 0x780, 0x080 | 0x180 | 0x280 | 0x380 | 0x480 | 0x580 | 0x700)

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! bytes -> text (UTF-8, UTF-16, or Latin-1 as old files are) -> sections with lines -> Eds, and findings
-//! Eds with values -> DCF (text), concise DCF (object 1F22h)
+//! Eds with values -> DCF (text), concise DCF (object 1F22h) -> values
 //! ```
 //!
 //! Files of vendors break the standard in many ways. What can be read is read; each oddity is a [`Finding`] with its line. What is
@@ -12,6 +12,7 @@
 //! CiA 306-1, *Electronic data sheet specification*, 1.3.
 
 mod bytes;
+mod concise;
 mod ini;
 mod modules;
 mod number;
@@ -23,7 +24,7 @@ mod write;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
-pub use write::concise;
+pub use concise::{ConciseError, concise, is_concise, read_concise};
 
 /// Largest file that is read, in bytes.
 pub const MAX_BYTES: usize = 4 << 20;

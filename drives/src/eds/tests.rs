@@ -337,10 +337,63 @@ fn a_concise_file_has_these_bytes() {
     let values: [(u16, u8, &[u8]); 2] = [(0x6040, 0, &[6, 0]), (0x1400, 1, &[1, 2, 0, 0x80])];
     let wanted = [2, 0, 0, 0, 0x40, 0x60, 0, 2, 0, 0, 0, 6, 0, 0x00, 0x14, 1, 4, 0, 0, 0, 1, 2, 0, 0x80];
     assert_eq!(concise(values), wanted);
+    assert_eq!(read_concise(&wanted), Ok(values.to_vec()));
+    assert!(is_concise(&wanted) && is_concise(&[0; 4]));
+    // UTF-8, UTF-16 in both orders with and without a mark, and too few bytes.
+    for text in [&b"[D]\n"[..], b"[\0D\0]\0", b"\0[\0D\0]", b"\xff\xfe[\0D\0", b"\xfe\xff\0[\0D", b"[D\0", b""] {
+        assert!(!is_concise(text), "{text:?}");
+    }
+}
+
+#[test]
+fn a_concise_file_that_is_not_whole_is_refused_where_it_breaks_off() {
+    let whole = [2, 0, 0, 0, 0x40, 0x60, 0, 2, 0, 0, 0, 6, 0, 0x00, 0x14, 1, 4, 0, 0, 0, 1, 2, 0, 0x80];
+    let says = |bytes: &[u8]| read_concise(bytes).unwrap_err().to_string();
+    assert_eq!(says(&whole[..3]), "byte 0: the file ends before the head of value 1 of 0");
+    assert_eq!(says(&whole[..10]), "byte 4: the file ends before the head of value 1 of 2");
+    assert_eq!(says(&whole[..13]), "byte 13: the file ends before the head of value 2 of 2");
+    assert_eq!(says(&whole[..12]), "byte 11: 6040h:0 has 2 bytes by its head, and 1 are left");
+    assert_eq!(says(&whole[..20]), "byte 20: 1400h:1 has 4 bytes by its head, and 0 are left");
+    assert_eq!(
+        says(&[&whole[..], &[0, 0, 0]].concat()),
+        "byte 24: value 2, the last one, ends here, and 3 bytes follow"
+    );
+    assert_eq!(says(&[0xa1, 0x86, 1, 0]), "byte 0: the number of values is 100001, and at most 100000 are read");
+    assert_eq!(says(&vec![0; MAX_BYTES + 1]), "is larger than 4194304 bytes");
+    // A length of 4 GB takes no memory.
+    let long = [1, 0, 0, 0, 0x40, 0x60, 0, 0xff, 0xff, 0xff, 0xff, 6];
+    assert_eq!(says(&long), "byte 11: 6040h:0 has 4294967295 bytes by its head, and 1 are left");
 }
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(512))]
+
+    #[test]
+    fn concise_values_are_read_as_they_were_written(
+        values in prop::collection::vec((any::<u16>(), any::<u8>(), prop::collection::vec(any::<u8>(), 0..9)), 0..20),
+    ) {
+        let values: Vec<(u16, u8, &[u8])> = values.iter().map(|(index, sub, value)| (*index, *sub, &value[..])).collect();
+        let bytes = concise(values.iter().copied());
+        prop_assert!(is_concise(&bytes));
+        prop_assert_eq!(read_concise(&bytes), Ok(values));
+    }
+
+    #[test]
+    fn any_bytes_are_a_concise_file_that_is_written_alike_or_none(
+        count in 0_u8..4, sizes in prop::collection::vec(0_u8..4, 0..4), noise in prop::collection::vec(any::<u8>(), 0..40),
+    ) {
+        // As if a count and lengths were there, since noise alone seldom has small ones.
+        let mut bytes = vec![count, 0, 0, 0];
+        for size in sizes {
+            bytes.extend([noise.first().copied().unwrap_or(7), 0x60, 0, size, 0, 0, 0]);
+            bytes.extend(&noise[..usize::from(size).min(noise.len())]);
+        }
+        for bytes in [&bytes[..], &noise] {
+            if let Ok(values) = read_concise(bytes) {
+                prop_assert_eq!(concise(values), bytes);
+            }
+        }
+    }
 
     #[test]
     fn any_bytes_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..600)) {

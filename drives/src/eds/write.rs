@@ -1,4 +1,4 @@
-//! Device configuration files and concise ones.
+//! Device configuration files.
 
 use std::fmt::Write as _;
 
@@ -156,22 +156,4 @@ fn plain(text: &str) -> String {
 fn line(text: &mut String, content: std::fmt::Arguments<'_>) {
     // A String takes whatever is written into it.
     let _ = writeln!(text, "{content}");
-}
-
-/// A concise device configuration file, as object 1F22h holds one: the number of values, then each with its address and length.
-///
-/// # Source
-/// CiA 302-3, *Configuration and program download*.
-pub fn concise<'a>(values: impl IntoIterator<Item = (u16, u8, &'a [u8])>) -> Vec<u8> {
-    let mut bytes = vec![0; 4];
-    let mut count: u32 = 0;
-    for (index, sub, value) in values {
-        bytes.extend(index.to_le_bytes());
-        bytes.push(sub);
-        bytes.extend((value.len() as u32).to_le_bytes());
-        bytes.extend(value);
-        count += 1;
-    }
-    bytes[..4].copy_from_slice(&count.to_le_bytes());
-    bytes
 }

@@ -11,7 +11,8 @@ use yieldwall::bus::LinkEvent;
 use yieldwall::canopen::{Frame, SdoOutcome};
 use yieldwall::link::CandumpWriter;
 use yieldwall::link::{
-    Attachment, CanLink, CobFilter, ErrorFrame, LinkError, Received, SendError, SocketCan, SocketCanSettings,
+    Attachment, CanLink, CobFilter, ErrorFrame, LinkError, OtherFrame, Received, SendError, SocketCan,
+    SocketCanSettings,
 };
 use yieldwall::objects::Address;
 use yieldwall::time::Time;
@@ -177,6 +178,32 @@ fn only_what_a_filter_lets_through_comes_and_process_data_come_first() {
     let both = [Frame::new(0x701, &[5]), Frame::new(0x201, &[6])];
     for frame in both {
         assert_eq!(hear(&mut other, |received| matches!(received, Received::Frame(_))).what, Received::Frame(frame));
+    }
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn frames_that_are_none_of_canopen_come_where_they_are_asked_for() {
+    let own = Own::new("ywother");
+    let everything = SocketCanSettings::everything(own.0);
+    let mut asked = Real::open(&SocketCanSettings { hears_others: true, ..everything.clone() });
+    let mut plain = Real::open(&everything);
+    let send = |text: &str| {
+        let done = Command::new("cansend").args([own.0, text]).status().expect("can-utils is installed");
+        assert!(done.success(), "cansend {text}");
+    };
+    send("18FF1234#0102030405060708");
+    let other = |id, is_extended, is_fd, length| Received::Other(OtherFrame { id, is_extended, is_fd, length });
+    assert_eq!(hear(&mut asked, |_| true).what, other(0x18ff_1234, true, false, 8));
+    // An interface with frames of CAN FD.
+    let wide = Command::new("ip").args(["link", "set", own.0, "mtu", "72"]).status();
+    if wide.is_ok_and(|status| status.success()) {
+        send("181##1000102030405060708090A0B");
+        assert_eq!(hear(&mut asked, |_| true).what, other(0x181, false, true, 12));
+    }
+    send("182#05");
+    for link in [&mut asked, &mut plain] {
+        assert_eq!(hear(link, |_| true).what, Received::Frame(Frame::new(0x182, &[5])));
     }
 }
 

@@ -148,3 +148,23 @@ fn a_slow_memory_is_waited_for_ten_seconds() {
     assert_eq!(code, Some(0), "{text}");
     assert!(text.contains("stored"), "{text}");
 }
+
+#[test]
+fn a_device_that_does_not_store_on_command_is_named_before_it_is_told_to() {
+    let file = std::env::temp_dir().join(format!("yieldwall-stores-{}.yaml", std::process::id()));
+    let text = |answer: u8| {
+        format!(
+            "like: builtin:vendors/slow-memory.yaml\nsimulation:\n  drive_model:\n    objects: [{{index: 0x1010, sub: 1, holds: {answer}}}]\n"
+        )
+    };
+    for (answer, says) in
+        [(0, Some("does not store on command, by its 1010h:1")), (2, Some("stores by itself")), (3, None)]
+    {
+        std::fs::write(&file, text(answer)).unwrap();
+        let (code, text) = yieldwall(&format!("od write left max-torque 900 --save --yes --rig {}", file.display()));
+        assert_eq!(code, Some(0), "{text}");
+        assert_eq!(text.contains("warning: "), says.is_some(), "{text}");
+        assert!(says.is_none_or(|says| text.contains(says)) && text.contains("stored"), "{text}");
+    }
+    std::fs::remove_file(&file).unwrap();
+}

@@ -205,18 +205,7 @@ impl CanNetwork {
             return self.on_node(now, frame.bus(), event, out);
         }
         if let Some(emergency) = Emergency::decode(frame) {
-            if !emergency.code.is_reset()
-                && let Some(node) = self.nodes.iter_mut().find(|node| node.is(frame.bus(), emergency.node))
-            {
-                node.said.emergency = Some(emergency);
-                if emergency.code.is_warning() {
-                    self.events.emergency_warning |= node.device.set();
-                } else {
-                    self.events.emergency |= node.device.set();
-                }
-                let Emergency { code, register, vendor, .. } = emergency;
-                self.told.note(EmergencyReport { time: now, device: node.device, code, register, vendor });
-            }
+            self.on_emergency(now, frame.bus(), emergency);
             return;
         }
         if self.phase == Phase::Configuring {
@@ -227,6 +216,21 @@ impl CanNetwork {
         } else {
             let here = self.nodes.iter_mut().filter(|node| node.bus == frame.bus());
             here.for_each(|node| node.transfer.on_frame(now, frame, &mut out.on(node.bus)));
+        }
+    }
+
+    /// Notes an emergency of a node, or that its errors have gone.
+    fn on_emergency(&mut self, now: Time, bus: BusId, emergency: Emergency) {
+        let Some(node) = self.nodes.iter_mut().find(|node| node.is(bus, emergency.node)) else { return };
+        let (device, Emergency { code, register, vendor, .. }) = (node.device, emergency);
+        let told = EmergencyReport { time: now, device, code, register, vendor, is_withdrawn: false };
+        if self.told.hear(told) {
+            node.said.emergency = Some(emergency);
+            let events =
+                if code.is_warning() { &mut self.events.emergency_warning } else { &mut self.events.emergency };
+            *events |= device.set();
+        } else if register.0 == 0 {
+            node.said.emergency = None;
         }
     }
 }

@@ -557,15 +557,12 @@ impl EthercatNetwork {
         let device = station.setup.device;
         let CoeEmergency { code, register, vendor } = emergency;
         let (code, register) = (EmcyCode(code), ErrorRegister(register));
-        if code.is_reset() {
-            return;
+        let told = EmergencyReport { time: now, device, code, register, vendor, is_withdrawn: false };
+        if self.told.hear(told) {
+            let events =
+                if code.is_warning() { &mut self.events.emergency_warning } else { &mut self.events.emergency };
+            *events |= device.set();
         }
-        if code.is_warning() {
-            self.events.emergency_warning |= device.set();
-        } else {
-            self.events.emergency |= device.set();
-        }
-        self.told.note(EmergencyReport { time: now, device, code, register, vendor });
     }
 
     /// All devices of the rig on the segment.

@@ -374,12 +374,13 @@ fn a_node_that_is_lost_before_all_are_started_is_named() {
 #[test]
 fn a_node_that_does_not_start_is_named_with_its_state_and_its_emergency() {
     for (heard, told) in [
-        (&[][..], "; its last word was its boot-up message"),
+        (&[][..], "; its last word was its boot-up message; object 1017h was set, and no heartbeat came"),
         (&["701#7F"][..], "; its last heartbeat says Pre-operational"),
         (
             &["081#2042214321AABBCC", "081#4350210000000000", "701#04"][..],
             "Stopped; its last emergency is 5043h device hardware",
         ),
+        (&["081#2032050000000000", "081#0000000000000000", "701#04"][..], "; its last heartbeat says Stopped"),
     ] {
         let mut net = Net::new(CommandMode::Torque);
         net.reset();

@@ -241,3 +241,20 @@ fn a_warning_is_counted_and_the_last_eight_emergencies_are_kept() {
     let codes: Vec<u16> = net.master.networks().told().iter().map(|told| told.code.0).collect();
     assert_eq!(codes, [0xff03, 0xff04, 0xff05, 0xff06, 0xff07, 0xff08, 0xff09, 0xff0a]);
 }
+
+#[test]
+fn a_node_withdraws_its_own_emergencies_when_no_error_is_left() {
+    let mut net = Net::running(CommandMode::Torque);
+    // One error fewer, with bits left in the register.
+    for line in ["081#2032050000000000", "082#2032050000000000", "081#0000010000000000"] {
+        net.hear(line);
+    }
+    let withdrawn = |net: &Net| net.master.networks().told().iter().map(|told| told.is_withdrawn).collect::<Vec<_>>();
+    assert_eq!(withdrawn(&net), [false, false]);
+    net.hear("081#0000000000000000");
+    assert_eq!(withdrawn(&net), [true, false]);
+    net.hear("081#1042090000000000");
+    assert_eq!(withdrawn(&net), [true, false, false]);
+    net.cycle(["3712"; 2], Request::None, |_| {});
+    assert_eq!(net.state(), (State::Stopped, Some(Fault::Emergency)), "withdrawn or not");
+}

@@ -50,6 +50,8 @@ enum Fault {
     WrongIdentifiers,
     /// The controller of the interface leaves the bus
     BusOff,
+    /// Frames come with 29-bit identifiers alone, of devices that do not speak CANopen
+    OtherTraffic,
 }
 
 /// The node id that a device has by [`Fault::WrongNodeId`].
@@ -65,6 +67,7 @@ impl Fault {
             Self::WrongBitRate => Trouble::OtherBitRate,
             Self::WrongIdentifiers => Trouble::OtherIdentifiers,
             Self::BusOff => Trouble::BusOff,
+            Self::OtherTraffic => Trouble::OtherTraffic,
         }
     }
 }
@@ -134,6 +137,8 @@ fn document(desk: &DeviceSession, node: &Node, facts: &NodeFacts) -> serde_json:
         "others": raw(facts.others),
         "others_that_answered": raw(facts.answered),
         "bus_errors": facts.link.bus_errors,
+        "extended_frames": facts.link.others.extended,
+        "fd_frames": facts.link.others.fd,
     })
 }
 
@@ -222,7 +227,12 @@ fn of_found(desk: &DeviceSession, found: &[FoundDevice], commands: &str) -> Chec
     if nodes.is_empty() {
         let entry = desk.entries.iter().find(|entry| entry.bus == desk.service.bus());
         let first = entry.map_or(1, |entry| entry.node.raw());
-        return Check::wrong("devices", "no device answers or is heard")
+        let others = desk.service.others();
+        let found = match others.is_none() {
+            true => "no device answers or is heard".to_owned(),
+            false => format!("no CANopen device answers or is heard; {others} came, so that the bit rate is right"),
+        };
+        return Check::wrong("devices", found)
             .follows("this looks for the reason")
             .mend(format!("yieldwall doctor node {first}{commands}"));
     }

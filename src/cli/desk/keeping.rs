@@ -10,10 +10,12 @@ use super::reached::DeviceHandle;
 use crate::confirm::agreed;
 use crate::failure::{Exit, Failure};
 use crate::keep::state_folder;
+use crate::on_bus::warn;
+use crate::output::Output;
 use yieldwall_fieldbus::canopen::NodeId;
 use yieldwall_fieldbus::objects::Address;
 use yieldwall_record::trusted;
-use yieldwall_service::sheet_of;
+use yieldwall_service::{number, sheet_of};
 
 /// By what commands name a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -91,8 +93,26 @@ fn keep_file(device: Named, extension: &str, bytes: &[u8]) -> Result<PathBuf, Fa
     Ok(path)
 }
 
+/// What a device answers for 1010h:1, if it does not say that it stores on command. It may do so all the same.
+///
+/// # Source
+/// CiA 301, 1010h: bit 0, the device stores on command; bit 1, it stores by itself.
+fn doubt(answer: u32) -> Option<&'static str> {
+    match answer & 3 {
+        0 => Some("does not store on command"),
+        2 => Some("stores by itself and not on command"),
+        _ => None,
+    }
+}
+
 /// Has a device store its parameters, once a person has said yes.
-pub(super) fn store(reached: &mut DeviceHandle, is_agreed: bool) -> Result<(), Failure> {
+pub(super) fn store(reached: &mut DeviceHandle, is_agreed: bool, output: &mut Output) -> Result<(), Failure> {
+    let at = Address::new(objects::STORE_PARAMETERS.index, objects::STORE_PARAMETERS.sub);
+    if let Ok(answer) = reached.read(at)
+        && let Some(doubt) = doubt(number(&answer))
+    {
+        warn(output, format!("{} {doubt}, by its {at}: read the objects again after a power cycle", reached.words()));
+    }
     let what =
         format!("{} stores all its parameters in its memory (1010h:1), over those that it has there", reached.words());
     if !is_agreed && !agreed(&what) {
@@ -102,7 +122,18 @@ pub(super) fn store(reached: &mut DeviceHandle, is_agreed: bool) -> Result<(), F
             "answer yes, or give --yes",
         ));
     }
-    let at = Address::new(objects::STORE_PARAMETERS.index, objects::STORE_PARAMETERS.sub);
     let stored = reached.objects()?.write(at, &objects::STORE_SIGNATURE.to_le_bytes());
     stored.map_err(|error| reached.failure("storing its parameters", error))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_device_that_does_not_store_on_command_says_so() {
+        let doubted = [0, 1, 2, 3, 0x8000_0000, 0x7fff_fffd].map(|answer| doubt(answer).is_some());
+        assert_eq!(doubted, [true, false, true, false, true, false]);
+        assert!(doubt(2).is_some_and(|doubt| doubt.starts_with("stores by itself")));
+    }
 }

@@ -28,4 +28,5 @@ pub(super) mod state;
 mod tests;
 mod words;
 
+pub(super) use place::placed_text;
 pub(super) use words::{address, mapped, state_words};

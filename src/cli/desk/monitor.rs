@@ -11,7 +11,7 @@ use crate::output::Output;
 use yieldwall_drives::profiles::Quantity;
 use yieldwall_fieldbus::canopen::{Emergency, Frame, NmtState, cob, nmt};
 use yieldwall_fieldbus::objects::{AbortCode, Address};
-use yieldwall_link::{Arrival, Received};
+use yieldwall_link::{Arrival, OtherTraffic, Received};
 use yieldwall_run::explanation;
 
 #[derive(Debug, clap::Args)]
@@ -39,6 +39,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let entries = desk.entries.clone();
     let several = desk.buses.len() > 1;
     let (mut count, mut documents, mut failed) = (0_u64, Vec::new(), Ok(()));
+    let mut others = OtherTraffic::default();
     let each = |arrival: &Arrival| {
         let what = words(arrival, &entries);
         let is_left_out =
@@ -47,6 +48,9 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             return;
         }
         count += 1;
+        if let Received::Other(frame) = &arrival.what {
+            others.count(frame);
+        }
         let time_s = arrival.time.since(begun).as_secs_f64();
         if output.is_json() {
             if documents.len() < MOST {
@@ -57,6 +61,9 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         let bus = if several { format!("{} ", arrival.bus) } else { String::new() };
         let id = match &arrival.what {
             Received::Frame(frame) | Received::Echo(frame) => format!("{:03X}h", frame.id()),
+            Received::Other(frame) => {
+                format!("{:0digits$X}h", frame.id, digits = if frame.is_extended { 8 } else { 3 })
+            }
             _ => "-".to_owned(),
         };
         failed = output.result(&format!("{time_s:11.6}  {bus}{id:4}  {what}\n"));
@@ -70,9 +77,18 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         return Err(desk.bus_failure(error));
     }
     if output.is_json() {
-        return output.report(json!({ "place": desk.place, "count": count, "frames": documents }));
+        return output.report(json!({
+            "place": desk.place,
+            "count": count,
+            "extended_frames": others.extended,
+            "fd_frames": others.fd,
+            "frames": documents,
+        }));
     }
-    output.news(&format!("{count} frames"))
+    output.news(&match others.is_none() {
+        true => format!("{count} frames"),
+        false => format!("{count} frames, {others} among them: something else than CANopen uses this bus"),
+    })
 }
 
 /// SYNC, TIME and PDOs.
@@ -84,6 +100,7 @@ fn is_process_data(frame: &Frame) -> bool {
 fn words(arrival: &Arrival, entries: &[Entry]) -> String {
     match &arrival.what {
         Received::Frame(frame) | Received::Echo(frame) => of_frame(frame, entries),
+        Received::Other(frame) => frame.to_string(),
         Received::Error(error) => format!("the controller tells: {error:?}"),
         Received::Overflow { frames } => format!("{frames} frames were lost here"),
         Received::Down => "the interface went down".to_owned(),
@@ -204,14 +221,15 @@ fn sdo(frame: &Frame, who: &str, is_request: bool) -> String {
 }
 
 fn document(time_s: f64, arrival: &Arrival, what: &str) -> Value {
-    let frame = match &arrival.what {
-        Received::Frame(frame) | Received::Echo(frame) => Some(frame),
-        _ => None,
+    let (frame, other) = match &arrival.what {
+        Received::Frame(frame) | Received::Echo(frame) => (Some(frame), None),
+        Received::Other(other) => (None, Some(other.id)),
+        _ => (None, None),
     };
     json!({
         "time_s": time_s,
         "bus": arrival.bus.index(),
-        "identifier": frame.map(Frame::id),
+        "identifier": frame.map(|frame| frame.id().into()).or(other),
         "data": frame.map(|frame| frame.data().iter().map(|byte| format!("{byte:02x}")).collect::<String>()),
         "what": what,
     })

@@ -7,7 +7,7 @@ mod restore;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value as Json, json};
-use yieldwall_drives::eds::{Eds, Value};
+use yieldwall_drives::eds::{Eds, Value, is_concise, read_concise};
 
 use super::keeping::{back_up, store};
 use super::place::Place;
@@ -82,8 +82,8 @@ pub(super) struct Saving {
 
 impl Saving {
     /// Has the device store what was written, if that is wanted and agreed to; whether it has.
-    fn after(self, reached: &mut DeviceHandle) -> Result<bool, Failure> {
-        if self.save { store(reached, self.yes).map(|()| true) } else { Ok(false) }
+    fn after(self, reached: &mut DeviceHandle, output: &mut Output) -> Result<bool, Failure> {
+        if self.save { store(reached, self.yes, output).map(|()| true) } else { Ok(false) }
     }
 }
 
@@ -123,9 +123,9 @@ impl Done {
     }
 
     /// Has the device store what was written, if all of it was.
-    pub(super) fn saved(mut self, saving: Saving, reached: &mut DeviceHandle) -> Self {
+    pub(super) fn saved(mut self, saving: Saving, reached: &mut DeviceHandle, output: &mut Output) -> Self {
         match &mut self.end {
-            Ok(()) => match saving.after(reached) {
+            Ok(()) => match saving.after(reached, output) {
                 Ok(is_stored) => self.is_stored = is_stored,
                 Err(failure) => self.end = Err(failure),
             },
@@ -151,9 +151,37 @@ pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
 
 /// Reads a data sheet; what is odd in it is a warning.
 pub(super) fn sheet(path: &Path, output: &mut Output) -> Result<Eds, Failure> {
-    let about = |exit: Exit, message: String, help: &str| {
-        Failure::about_file(exit, path, format!("{}: {message}", path.display()), help)
-    };
+    let bytes = bytes_of(path)?;
+    if is_concise(&bytes) {
+        let message = "is a concise DCF, which has no names and no types".to_owned();
+        return Err(about_file(path, Exit::ConfigInvalid, message, "name an EDS or a DCF"));
+    }
+    text_sheet(path, &bytes, output)
+}
+
+/// Reads the values of a file: a data sheet, or a concise DCF, whose types are those of the data sheet `eds` and of the standards.
+pub(super) fn values(path: &Path, eds: Option<&Eds>, output: &mut Output) -> Result<Eds, Failure> {
+    let bytes = bytes_of(path)?;
+    if !is_concise(&bytes) {
+        return text_sheet(path, &bytes, output);
+    }
+    let values = read_concise(&bytes).map_err(|error| {
+        let help = "it is taken for a concise DCF, by its third and fourth byte: dump the device anew";
+        about_file(path, Exit::ConfigInvalid, error.to_string(), help)
+    })?;
+    let values: Vec<_> =
+        values.into_iter().map(|(index, sub, value)| (Address::new(index, sub), value.to_vec())).collect();
+    // It does not say of which node it is.
+    Ok(Eds { node: None, ..yieldwall_service::sheet_of(0, &values, eds) })
+}
+
+fn about_file(path: &Path, exit: Exit, message: String, help: &str) -> Failure {
+    Failure::about_file(exit, path, format!("{}: {message}", path.display()), help)
+}
+
+/// The bytes of a file that is no larger than a data sheet may be.
+fn bytes_of(path: &Path) -> Result<Vec<u8>, Failure> {
+    let about = |exit: Exit, message: String, help: &str| about_file(path, exit, message, help);
     let unread = |error: std::io::Error| about(Exit::Usage, format!("cannot be read: {error}"), "name an EDS or a DCF");
     let facts = std::fs::metadata(path).map_err(unread)?;
     if !facts.is_file() {
@@ -163,9 +191,12 @@ pub(super) fn sheet(path: &Path, output: &mut Output) -> Result<Eds, Failure> {
         let large = yieldwall_drives::eds::EdsError::Large.to_string();
         return Err(about(Exit::ConfigInvalid, large, "a data sheet is shorter"));
     }
-    let bytes = std::fs::read(path).map_err(unread)?;
-    let reading =
-        Eds::read(&bytes).map_err(|error| about(Exit::ConfigInvalid, error.to_string(), "name an EDS or a DCF"))?;
+    std::fs::read(path).map_err(unread)
+}
+
+fn text_sheet(path: &Path, bytes: &[u8], output: &mut Output) -> Result<Eds, Failure> {
+    let reading = Eds::read(bytes)
+        .map_err(|error| about_file(path, Exit::ConfigInvalid, error.to_string(), "name an EDS or a DCF"))?;
     let findings: Vec<Diagnostic> = reading
         .findings
         .iter()
@@ -273,7 +304,7 @@ fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
             .and_then(|()| takes.map_or(Ok(()), |takes| output.news(&takes)));
     }
     let done = write_all(&mut reached, &steps, eds.as_ref(), output)?;
-    let done = done.saved(arguments.saving, &mut reached);
+    let done = done.saved(arguments.saving, &mut reached, output);
     told(&reached, &steps, done, output)
 }
 
@@ -455,7 +486,7 @@ mod tests {
         ];
         let done = write_all(&mut reached, &steps, None, &mut output).unwrap();
         assert_eq!(done.fates, [Fate::Written, Fate::Refused(AbortCode::VALUE_HIGH), Fate::NotTried]);
-        let saved = done.saved(Saving { save: true, yes: true }, &mut reached);
+        let saved = done.saved(Saving { save: true, yes: true }, &mut reached, &mut output);
         assert!(!saved.is_stored, "half of it is not kept");
         let failure = saved.end.unwrap_err();
         assert_eq!(failure.exit, Exit::DeviceMismatch);
@@ -484,7 +515,7 @@ mod tests {
         let mut reached = DeviceHandle::open(&Place::default(), "left", &mut output).unwrap();
         let steps = [step(0x6072, 6, &[0xe8, 3], &[0x84, 3])];
         let done = write_all(&mut reached, &steps, None, &mut output).unwrap();
-        let saved = done.saved(Saving { save: true, yes: true }, &mut reached);
+        let saved = done.saved(Saving { save: true, yes: true }, &mut reached, &mut output);
         assert_eq!((saved.end.is_ok(), saved.is_stored, saved.is_dry), (true, true, false));
     }
 }

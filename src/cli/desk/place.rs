@@ -320,12 +320,17 @@ pub(super) fn object_failure(message: String, error: Error, silent: String) -> F
 
 /// An explanation with advice whose commands come to this very device: `yieldwall emcy NODE` becomes `yieldwall emcy 1 --bus can0`.
 pub(super) fn placed(explanation: Explanation, device: u16, arguments: &str, rig: Option<&str>) -> Explanation {
-    let parts = explanation.next.split('`').enumerate().map(|(at, part)| match part.strip_prefix("yieldwall ") {
+    let next = placed_text(&explanation.next, device, arguments, rig).into();
+    Explanation { next, ..explanation }
+}
+
+/// The same of advice alone.
+pub(crate) fn placed_text(advice: &str, device: u16, arguments: &str, rig: Option<&str>) -> String {
+    let parts = advice.split('`').enumerate().map(|(at, part)| match part.strip_prefix("yieldwall ") {
         Some(command) if at % 2 == 1 => format!("yieldwall {}", filled(command, device, arguments, rig)),
         _ => part.to_owned(),
     });
-    let next = parts.collect::<Vec<_>>().join("`").into();
-    Explanation { next, ..explanation }
+    parts.collect::<Vec<_>>().join("`")
 }
 
 fn filled(command: &str, device: u16, arguments: &str, rig: Option<&str>) -> String {

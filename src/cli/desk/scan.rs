@@ -11,6 +11,7 @@ use super::words::{nmt_words, table};
 use crate::failure::Failure;
 use crate::output::Output;
 use yieldwall_config::ProfileName;
+use yieldwall_link::OtherTraffic;
 use yieldwall_service::{FoundDevice, scan};
 
 #[derive(Debug, clap::Args)]
@@ -38,7 +39,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         false => DeviceSession::open(&arguments.place, output)?,
     };
     let mut rows = Vec::new();
-    let mut documents = Vec::new();
+    let (mut documents, mut others) = (Vec::new(), Vec::new());
     for (bus, name) in desk.buses.clone() {
         desk.service.turn_to(bus);
         let found = match arguments.listen {
@@ -48,11 +49,19 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         if desk.buses.len() > 1 {
             rows.push(format!("bus {name}\n"));
         }
-        rows.push(text(&desk, &found));
+        let other = desk.service.others();
+        rows.push(text(&desk, &found, other));
+        others.push(json!({ "bus": name, "extended_frames": other.extended, "fd_frames": other.fd }));
         documents.extend(found.iter().map(|found| document(&desk, &name, found)));
     }
     if output.is_json() {
-        return output.report(json!({ "place": desk.place, "simulated": desk.is_simulated, "nodes": documents }));
+        let nodes = json!({
+            "place": desk.place,
+            "simulated": desk.is_simulated,
+            "nodes": documents,
+            "other_traffic": others,
+        });
+        return output.report(nodes);
     }
     output.result(&rows.concat())
 }
@@ -67,9 +76,9 @@ fn heard(desk: &mut DeviceSession) -> Result<Vec<FoundDevice>, Failure> {
         .collect())
 }
 
-fn text(desk: &DeviceSession, found: &[FoundDevice]) -> String {
+fn text(desk: &DeviceSession, found: &[FoundDevice], others: OtherTraffic) -> String {
     if found.is_empty() {
-        return "no node answers or is heard: is anything switched on, is the bit rate right?\n".to_owned();
+        return none(others);
     }
     let mut rows = vec![["node", "state", "device", "name", "rig"].map(str::to_owned)];
     for found in found {
@@ -89,7 +98,20 @@ fn text(desk: &DeviceSession, found: &[FoundDevice]) -> String {
             text.push_str(&format!("      {identity}\n"));
         }
     }
+    if !others.is_none() {
+        text.push_str(&format!("beside them {others}, which are none of CANopen\n"));
+    }
     text
+}
+
+/// Says that no node was found, and what else is on the bus.
+fn none(others: OtherTraffic) -> String {
+    match others.is_none() {
+        true => "no node answers or is heard: is anything switched on, is the bit rate right?\n".to_owned(),
+        false => format!(
+            "no CANopen node answers or is heard, and {others} came:\nthe bit rate is right, and something else than CANopen uses this bus\n"
+        ),
+    }
 }
 
 /// Its NMT state, where it tells one.

@@ -70,8 +70,8 @@ fn codes_of_vendors_are_explained_in_the_words_of_run() {
             count += 1;
             let explained = told(&format!("{:04X}h", code.code), Some(&table));
             let (device, register, vendor) = (Device::LeftDrive, ErrorRegister(1), [0; 5]);
-            let heard =
-                [EmergencyReport { time: Time::default(), device, code: EmcyCode(code.code), register, vendor }];
+            let (time, is_withdrawn, code_told) = (Time::default(), false, EmcyCode(code.code));
+            let heard = [EmergencyReport { time, device, code: code_told, register, vendor, is_withdrawn }];
             let said = emergency_text(&heard[0], &rig);
             for words in [&code.meaning, &code.cause] {
                 assert!(explained.contains(words.as_str()) && said.contains(words.as_str()), "{explained}\n{said}");

@@ -2,23 +2,25 @@
 
 use serde_json::{Value, json};
 
-use crate::desk::state_words;
+use crate::desk::{placed_text, state_words};
 use crate::failure::Failure;
 use yieldwall_bus::{BootError, BootFailure, EmergencyReport};
 use yieldwall_config::{self as config, SensorProtocol};
+use yieldwall_drives::cia402::{State, Statusword};
 use yieldwall_fieldbus::canopen::{EmcyCode, Emergency};
 use yieldwall_fieldbus::time::Time;
-use yieldwall_motion::guard::{Device, Fault};
-use yieldwall_run::DriveError;
+use yieldwall_motion::guard::{Cause, Device, DeviceSet, Fault};
 use yieldwall_run::explanation::{self, Explanation};
+use yieldwall_run::{DriveError, RunError};
 
-/// The emergencies without those that say the same again, in their order.
+/// The emergencies without those that say the same again, in their order. One that has come again is withdrawn if the last one is.
 pub(crate) fn different(emergencies: impl Iterator<Item = EmergencyReport>) -> Vec<EmergencyReport> {
     let mut different: Vec<EmergencyReport> = Vec::new();
     for told in emergencies {
         let says_the_same = |known: &EmergencyReport| (known.device, known.code) == (told.device, told.code);
-        if !different.iter().any(says_the_same) {
-            different.push(told);
+        match different.iter().position(says_the_same).and_then(|at| different.get_mut(at)) {
+            Some(known) => known.is_withdrawn = told.is_withdrawn,
+            None => different.push(told),
         }
     }
     different
@@ -32,7 +34,7 @@ pub(crate) fn text(told: &EmergencyReport, rig: &config::Rig) -> String {
         (None, Some(position)) => format!("{name} (position {position})"),
         (None, None) => name.to_owned(),
     };
-    format!("{device}: {}", of_told(told, rig))
+    format!("{device}: {}{}", of_told(told, rig), if told.is_withdrawn { "; withdrawn since" } else { "" })
 }
 
 /// What the code of an emergency means, by the table of the device's vendor.
@@ -68,6 +70,7 @@ pub(crate) fn document(told: &EmergencyReport, rig: &config::Rig) -> Value {
         "next": explained.next,
         "error_register": told.register.0,
         "vendor_bytes": told.vendor,
+        "withdrawn": told.is_withdrawn,
     })
 }
 
@@ -124,18 +127,36 @@ pub(crate) fn drive_error_json(error: &DriveError, rig: &config::Rig) -> Value {
     document
 }
 
-/// What a node told last while the network did not come up, beside what is known already.
+/// The emergencies that may explain why a rig with this cause stopped: those that were not withdrawn, and those that have stopped it.
+pub(crate) fn standing(emergencies: &[EmergencyReport], cause: Option<Cause>) -> Vec<EmergencyReport> {
+    let stopped_by =
+        cause.filter(|cause| cause.fault == Fault::Emergency).map_or(DeviceSet::NONE, |cause| cause.devices);
+    let counts = |told: &EmergencyReport| !told.is_withdrawn || stopped_by.contains(told.device.set());
+    emergencies.iter().copied().filter(counts).collect()
+}
+
+/// The emergencies that may explain why a rig did not run.
+pub(crate) fn told_before(error: &RunError, known: &[EmergencyReport], rig: &config::Rig) -> Vec<EmergencyReport> {
+    match error {
+        RunError::Boot(error) => told_at_boot(error, known, rig),
+        RunError::NotEnabled { cause, .. } | RunError::NotTried { cause, .. } => standing(known, *cause),
+        _ => standing(known, None),
+    }
+}
+
+/// What a node told last while the network did not come up, beside what is known already and not withdrawn.
 pub(crate) fn told_at_boot(error: &BootError, known: &[EmergencyReport], rig: &config::Rig) -> Vec<EmergencyReport> {
+    let known = standing(known, None);
     let (BootFailure::NotStarted { said, .. } | BootFailure::Missing { said, .. }) = &error.failure else {
-        return known.to_vec();
+        return known;
     };
     let device = [Device::LeftDrive, Device::RightDrive, Device::Sensor];
     let device = device.into_iter().find(|device| name(*device, rig) == error.name);
     let told = said.emergency.zip(device).map(|(emergency, device)| {
         let Emergency { code, register, vendor, .. } = emergency;
-        EmergencyReport { time: Time::default(), device, code, register, vendor }
+        EmergencyReport { time: Time::default(), device, code, register, vendor, is_withdrawn: false }
     });
-    different(known.iter().copied().chain(told))
+    different(known.into_iter().chain(told))
 }
 
 /// The failure with what was wrong with the devices of a segment.
@@ -154,11 +175,12 @@ pub(crate) fn with_told(
     rig: &config::Rig,
 ) -> Failure {
     let told: Vec<String> = emergencies.iter().map(|told| text(told, rig)).collect();
+    let code = |error: &DriveError| error.code.filter(|code| *code != 0);
     let is_told = |error: &DriveError| {
-        emergencies.iter().any(|told| told.device == error.drive && Some(told.code.0) == error.code)
+        emergencies.iter().any(|told| told.device == error.drive && code(error).is_none_or(|code| code == told.code.0))
     };
     let errors: Vec<&DriveError> =
-        errors.iter().filter(|error| error.code.is_some_and(|code| code != 0) && !is_told(error)).collect();
+        errors.iter().filter(|error| (code(error).is_some() || is_in_fault(error)) && !is_told(error)).collect();
     let of_drives: Vec<String> = errors.iter().map(|error| drive_error_text(error, rig)).collect();
     let Some(first) = failure.report.diagnostics.first_mut() else { return failure };
     for (what, told) in [("emergencies", told), ("drives", of_drives)] {
@@ -168,7 +190,7 @@ pub(crate) fn with_told(
     }
     let of_emergencies = emergencies.iter().filter(|told| !told.code.is_reset());
     let of_emergencies = of_emergencies.map(|told| of_told(told, rig));
-    let of_drives = errors.iter().filter_map(|error| Some(explained(EmcyCode(error.code?), Some(error.drive), rig)));
+    let of_drives = errors.iter().filter_map(|error| Some(explained(EmcyCode(code(error)?), Some(error.drive), rig)));
     let mut advice: Vec<String> = Vec::new();
     for Explanation { code, next, .. } in of_emergencies.chain(of_drives) {
         let one = format!("{}: {next}", code.unwrap_or_default());
@@ -179,6 +201,35 @@ pub(crate) fn with_told(
     if !advice.is_empty() {
         let help = first.help.take().into_iter().chain(advice);
         first.help = Some(help.collect::<Vec<_>>().join("\n")).filter(|help| !help.is_empty());
+    }
+    failure
+}
+
+/// Whether a drive is in Fault, by its last word.
+fn is_in_fault(error: &DriveError) -> bool {
+    error.statusword.is_some_and(|word| Statusword(word).state() == Some(State::Fault))
+}
+
+/// The failure with the command that takes each drive out of Fault that is in it; `arguments` is what a command needs to come to a device.
+pub(crate) fn with_resets(
+    mut failure: Failure,
+    errors: &[DriveError],
+    rig: &config::Rig,
+    arguments: impl Fn(Device) -> String,
+) -> Failure {
+    let Some(first) = failure.report.diagnostics.first_mut() else { return failure };
+    for error in errors.iter().filter(|error| is_in_fault(error)) {
+        let (node_id, position) = address(error.drive, rig);
+        let Some(number) = node_id.map(u16::from).or(position) else { continue };
+        let stored = match error.code {
+            None | Some(0) => "`yieldwall emcy NODE` shows the errors that it has stored; ",
+            Some(_) => "",
+        };
+        let advice =
+            format!("{stored}once the cause has gone, `yieldwall state NODE --reset-fault` takes it out of Fault");
+        let advice = placed_text(&advice, number, &arguments(error.drive), None);
+        let help = first.help.take().map_or(String::new(), |help| format!("{help}\n"));
+        first.help = Some(format!("{help}{}: {advice}", name(error.drive, rig)));
     }
     failure
 }
@@ -238,7 +289,8 @@ mod tests {
         let frames = [(left, 0x5043_u16), (left, 0x5043), (sensor, 0x4210), (sensor, 0x5043)];
         let heard = frames.into_iter().map(|(device, code)| {
             let (code, register) = (EmcyCode(code), ErrorRegister(0x21));
-            EmergencyReport { time: Time::default(), device, code, register, vendor: [1, 2, 3, 4, 5] }
+            let vendor = [1, 2, 3, 4, 5];
+            EmergencyReport { time: Time::default(), device, code, register, vendor, is_withdrawn: false }
         });
         let told = different(heard);
         let failure = Failure::new(Exit::SafetyStop, "stopped by emergency", "see the code");
@@ -261,8 +313,65 @@ mod tests {
         let document = document(&told[0], &rig);
         assert_eq!((&document["code"], &document["name"]), (&"5043h".into(), &"left".into()));
         assert_eq!((&document["error_register"], &document["meaning"]), (&0x21.into(), &"device hardware".into()));
-        let quiet =
-            with_told(Failure::new(Exit::SafetyStop, "stopped", ""), &[], &[error(Device::LeftDrive, Some(0))], &rig);
+        let quiet = DriveError { statusword: Some(0x1240), ..error(Device::LeftDrive, Some(0)) };
+        let quiet = with_told(Failure::new(Exit::SafetyStop, "stopped", ""), &[], &[quiet], &rig);
         assert_eq!(quiet.report.diagnostics[0].message, "stopped");
+    }
+
+    #[test]
+    fn emergencies_that_were_withdrawn_are_left_out_but_for_those_that_stopped_the_rig() {
+        let rig = config::load_rig(Source::named("builtin:paper-admittance.yaml")).unwrap().value;
+        let told = |device, code, is_withdrawn| {
+            let (code, register) = (EmcyCode(code), ErrorRegister(5));
+            EmergencyReport { time: Time::default(), device, code, register, vendor: [0; 5], is_withdrawn }
+        };
+        let (left, right) = (Device::LeftDrive, Device::RightDrive);
+        let all = [told(left, 0x3220, true), told(right, 0x3220, true), told(right, 0x4210, false)];
+        let codes = |told: &[EmergencyReport]| told.iter().map(|told| (told.device, told.code.0)).collect::<Vec<_>>();
+        let cause = |fault| Some(Cause { fault, devices: DeviceSet::LEFT_DRIVE });
+        for cause in [None, cause(Fault::DriveFault)] {
+            assert_eq!(codes(&standing(&all, cause)), [(right, 0x4210)]);
+        }
+        let stopped = standing(&all, cause(Fault::Emergency));
+        assert_eq!(codes(&stopped), [(left, 0x3220), (right, 0x4210)]);
+        assert!(text(&stopped[0], &rig).ends_with("; withdrawn since"), "{}", text(&stopped[0], &rig));
+        assert_eq!(document(&stopped[0], &rig)["withdrawn"], true);
+        // The boot fails by something else.
+        let failure = BootFailure::NoAnswer { index: 0x6060, sub: 0 };
+        let error = BootError { node_id: Some(1), name: "left".to_owned(), step: "set the mode", failure };
+        assert_eq!(codes(&told_before(&error.into(), &all, &rig)), [(right, 0x4210)]);
+        // What has come again is there.
+        let again = different([told(left, 0x3220, true), told(left, 0x3220, false)].into_iter());
+        assert_eq!(codes(&standing(&again, None)), [(left, 0x3220)]);
+    }
+
+    #[test]
+    fn drives_in_fault_are_named_with_code_and_the_command_that_resets_them() {
+        let on_can = config::load_rig(Source::named("builtin:paper-admittance.yaml")).unwrap().value;
+        let on_segment = config::load_rig(Source::named("builtin:paper-ethercat.yaml")).unwrap().value;
+        let error = |drive, code, word| DriveError { drive, code, register: None, statusword: Some(word) };
+        let errors = [error(Device::LeftDrive, Some(0x7121), 0x1208), error(Device::RightDrive, Some(0), 0x1218)];
+        for (rig, numbers) in [(&on_can, ["1", "2"]), (&on_segment, ["0", "1"])] {
+            let failure = Failure::new(Exit::DeviceFault, "not enabled", "see the code");
+            let failure = with_told(failure, &[], &errors, rig);
+            let failure = with_resets(failure, &errors, rig, |_| " --bus x0 --rig my.yaml".to_owned());
+            let finding = &failure.report.diagnostics[0];
+            for named in ["left: error code 7121h ", "right: no error code, Fault (1218h)"] {
+                assert!(finding.message.contains(named), "{}", finding.message);
+            }
+            let help = finding.help.as_deref().unwrap();
+            let [left, right] = numbers;
+            let lines: Vec<&str> = help.lines().collect();
+            let reset = |number| {
+                format!("`yieldwall state {number} --reset-fault --bus x0 --rig my.yaml` takes it out of Fault")
+            };
+            assert!(lines[1].starts_with("7121h: "), "{help}");
+            assert_eq!(lines[2], format!("left: once the cause has gone, {}", reset(left)));
+            let stored = format!("`yieldwall emcy {right} --bus x0 --rig my.yaml` shows the errors that it has stored");
+            assert_eq!(lines[3..], [format!("right: {stored}; once the cause has gone, {}", reset(right))]);
+        }
+        let well = [error(Device::LeftDrive, Some(0x7121), 0x1240)];
+        let failure = with_resets(Failure::new(Exit::SafetyStop, "stopped", ""), &well, &on_can, |_| String::new());
+        assert_eq!(failure.report.diagnostics[0].help, None);
     }
 }

@@ -56,6 +56,14 @@ pub struct DriveModel {
     #[garde(length(max = 64), dive)]
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub objects: Vec<OddObject>,
+    /// Error code of the Fault in which both drives are from power-on until a fault reset, whatever resets the node. Left out: they are in none.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub fault_code: u16,
+    /// Time from a start until the power stages have voltage, ms: each drive sends the emergency 3220h at its start, and withdraws it then (0000h). 0 to
+    /// 60 000. Left out: they have it at once.
+    #[garde(range(max = 60_000))]
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub supply_ms: u32,
 }
 
 /// An object of a simulated drive that is otherwise than that of CiA 402.

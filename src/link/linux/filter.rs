@@ -40,6 +40,11 @@ impl CobFilter {
     }
 }
 
+/// Every frame, also with 29-bit identifiers.
+pub(super) fn no_filter() -> CanFilter {
+    CanFilter::new(0, 0)
+}
+
 /// A set of identifiers.
 #[derive(Clone, Debug)]
 pub(super) struct Identifiers([u64; 32]);

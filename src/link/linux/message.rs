@@ -17,6 +17,8 @@ pub(super) struct Message {
     pub(super) frame: libc::can_frame,
     /// Whether the socket that received it has sent it.
     pub(super) is_own: bool,
+    /// Whether it is a frame of CAN FD, of which the first 8 bytes are here. Only a socket that was asked for them has them.
+    pub(super) is_fd: bool,
     /// What the kernel says of it.
     pub(super) told: ControlMessages,
 }
@@ -104,10 +106,12 @@ pub(super) fn receive(socket: BorrowedFd<'_>, flags: libc::c_int) -> io::Result<
         return Err(io::ErrorKind::InvalidData.into());
     }
     let is_own = header.msg_flags & libc::MSG_CONFIRM != 0;
+    // A `canfd_frame` begins as a `can_frame` and is longer.
+    let is_fd = header.msg_flags & libc::MSG_TRUNC != 0;
     // The kernel has put the true length into the header, whose type is another one with another C library.
     let length: usize = header.msg_controllen as _;
     let told = ControlMessages::read(control.0.get(..length).unwrap_or_default());
-    Ok(Message { frame, is_own, told })
+    Ok(Message { frame, is_own, is_fd, told })
 }
 
 #[cfg(all(test, target_pointer_width = "64", target_endian = "little"))]

@@ -38,7 +38,7 @@ use socketcan::{CanSocket, Socket, SocketOptions};
 
 use super::clock::{monotonic, wait_for_any};
 use super::hold::Hold;
-use super::{Arrival, CanLink, ErrorFrame, Received, Role, SendError};
+use super::{Arrival, CanLink, ErrorFrame, OtherFrame, Received, Role, SendError};
 use controller_clock::ControllerClock;
 use filter::Identifiers;
 use message::{ControlMessages, Message};
@@ -75,6 +75,8 @@ pub struct SocketCanSettings {
     /// What the link does on the interface that only one process of this computer may do, for as long as the link lives. Who only
     /// listens needs none.
     pub roles: Vec<Role>,
+    /// Whether frames that are none of CANopen come as well, as [`Received::Other`]: with 29-bit identifiers, and of CAN FD.
+    pub hears_others: bool,
 }
 
 impl SocketCanSettings {
@@ -86,7 +88,15 @@ impl SocketCanSettings {
     /// What these filters let through, without own frames, as a device or a client wants it.
     pub fn services(interface: &str, services: Vec<CobFilter>) -> Self {
         let interface = interface.to_owned();
-        Self { interface, process: Vec::new(), services, bit_rate: None, receive_buffer: 4 << 20, roles: Vec::new() }
+        Self {
+            interface,
+            process: Vec::new(),
+            services,
+            bit_rate: None,
+            receive_buffer: 4 << 20,
+            roles: Vec::new(),
+            hears_others: false,
+        }
     }
 }
 
@@ -142,6 +152,7 @@ impl SocketCan {
     pub fn open(settings: &SocketCanSettings) -> Result<Self, LinkError> {
         let name = settings.interface.as_str();
         let index = facts::find(name, settings.bit_rate)?;
+        let failed = |step| move |source| LinkError::System { interface: name.to_owned(), step, source };
         let take = |&role| Hold::take(name, role).map_err(|error| LinkError::not_held(name, role, error));
         let holds = settings.roles.iter().map(take).collect::<Result<_, _>>()?;
         let has_process = !settings.process.is_empty();
@@ -151,9 +162,11 @@ impl SocketCan {
             (settings.services.as_slice(), [].as_slice())
         };
         let first = Port::open(name, index, filters)?;
+        if settings.hears_others {
+            first.hear_others().map_err(failed("have frames of others than CANopen come"))?;
+        }
         let facts = facts::query(name, index, &first.socket)?;
         facts.check(settings.bit_rate)?;
-        let failed = |step| move |source| LinkError::System { interface: name.to_owned(), step, source };
         first.socket.set_error_filter_accept_all().map_err(failed("have error frames come"))?;
         let second = if others.is_empty() { None } else { Some(Port::open(name, index, others)?) };
         if has_process {
@@ -216,7 +229,7 @@ impl SocketCan {
         if let Some(arrival) = port.pending.take() {
             return Some(arrival);
         }
-        // An interrupted call is tried again, and what is no classic frame passed over; both are rare.
+        // An interrupted call is tried again, and what is no frame passed over; both are rare.
         for _ in 0..4 {
             let heard = port.heard.take().unwrap_or_else(|| message::receive(port.socket.as_fd(), libc::MSG_DONTWAIT));
             let message = match heard {
@@ -229,8 +242,7 @@ impl SocketCan {
                 },
             };
             let lost = message.told.lost.map_or(0, |lost| lost.wrapping_sub(std::mem::replace(&mut port.lost, lost)));
-            let Some(what) = decode(&message) else { continue };
-            let arrival = self.arrive(message.told, what);
+            let arrival = self.arrive(message.told, decode(&message));
             if lost == 0 {
                 return Some(arrival);
             }
@@ -329,6 +341,12 @@ impl Port {
         Ok(Self { socket, lost: 0, heard: None, pending: None })
     }
 
+    /// Has every frame come, those with 29-bit identifiers and those of CAN FD too.
+    fn hear_others(&self) -> io::Result<()> {
+        self.socket.set_filters(&[filter::no_filter()])?;
+        self.socket.set_socket_option_int(libc::SOL_CAN_RAW, libc::CAN_RAW_FD_FRAMES, 1)
+    }
+
     /// Asks for memory for frames; what there is then.
     fn reserve(&self, bytes: usize) -> io::Result<usize> {
         // The kernel doubles what it is asked for.
@@ -345,14 +363,17 @@ impl AsFd for Port {
     }
 }
 
-/// What a message tells; `None` for a frame with 29-bit identifier, which no filter lets through.
-fn decode(message: &Message) -> Option<Received> {
-    let Message { frame, is_own, .. } = message;
+/// What a message tells.
+fn decode(message: &Message) -> Received {
+    let Message { frame, is_own, is_fd, .. } = message;
     if frame.can_id & libc::CAN_ERR_FLAG != 0 {
-        return Some(Received::Error(ErrorFrame::decode(frame.can_id & libc::CAN_ERR_MASK, &frame.data)));
+        return Received::Error(ErrorFrame::decode(frame.can_id & libc::CAN_ERR_MASK, &frame.data));
     }
-    if frame.can_id & libc::CAN_EFF_FLAG != 0 {
-        return None;
+    let is_extended = frame.can_id & libc::CAN_EFF_FLAG != 0;
+    if is_extended || *is_fd {
+        let mask = if is_extended { libc::CAN_EFF_MASK } else { libc::CAN_SFF_MASK };
+        let (id, length) = (frame.can_id & mask, frame.can_dlc);
+        return Received::Other(OtherFrame { id, is_extended, is_fd: *is_fd, length });
     }
     let id = (frame.can_id & libc::CAN_SFF_MASK) as u16;
     let frame = if frame.can_id & libc::CAN_RTR_FLAG != 0 {
@@ -360,7 +381,7 @@ fn decode(message: &Message) -> Option<Received> {
     } else {
         Frame::from_bits(id, u64::from_le_bytes(frame.data), frame.can_dlc)
     };
-    Some(if *is_own { Received::Echo(frame) } else { Received::Frame(frame) })
+    if *is_own { Received::Echo(frame) } else { Received::Frame(frame) }
 }
 
 /// A `can_frame` of `include/uapi/linux/can.h`: identifier with flags, length, three bytes of nothing and the data.
@@ -383,5 +404,20 @@ mod tests {
             [0xa5, 0x06, 0, 0, 3, 0, 0, 0, 0x11, 0x22, 0x33, 0, 0, 0, 0, 0]
         );
         assert_eq!(encode(&Frame::remote(0x701, 1)), [0x01, 0x07, 0, 0x40, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+    }
+
+    #[test]
+    fn frames_that_are_none_of_canopen_are_told_apart() {
+        let decoded = |can_id, can_dlc, is_fd| {
+            let mut frame = socketcan::frame::can_frame_default();
+            (frame.can_id, frame.can_dlc) = (can_id, can_dlc);
+            decode(&Message { frame, is_own: false, is_fd, told: ControlMessages::default() })
+        };
+        let other = |id, is_extended, is_fd, length| Received::Other(OtherFrame { id, is_extended, is_fd, length });
+        assert_eq!(decoded(0x98ff_1234, 8, false), other(0x18ff_1234, true, false, 8));
+        assert_eq!(decoded(0x8000_0181, 2, false), other(0x181, true, false, 2), "as short as one of 11 bits");
+        assert_eq!(decoded(0x181, 64, true), other(0x181, false, true, 64));
+        assert_eq!(decoded(0x98ff_1234, 12, true), other(0x18ff_1234, true, true, 12));
+        assert_eq!(decoded(0x181, 0, false), Received::Frame(Frame::new(0x181, &[])));
     }
 }

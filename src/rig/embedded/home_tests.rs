@@ -169,6 +169,8 @@ fn a_drive_that_takes_the_offset_with_the_other_sign_is_found() {
         refuses_mode: false,
         sdo_server: config::SdoServer { answer_ms: 0, segments_only: false, lengths: Vec::new() },
         objects: Vec::new(),
+        fault_code: 0,
+        supply_ms: 0,
     });
     let (homed, ..) = homed(&(rig, machine.1), [true; 2], &[]);
     assert!(matches!(homed.unwrap().failed, Some((0, NotHome::Elsewhere(_)))));

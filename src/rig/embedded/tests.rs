@@ -10,6 +10,7 @@ use malformed::{base_text, with};
 use proptest::prelude::*;
 use yieldwall_config::{Source, load_rig};
 use yieldwall_motion::elementary;
+use yieldwall_motion::guard::{DeviceSet, Fault};
 use yieldwall_motion::quantity::Force;
 use yieldwall_run::{Bounds, bringup};
 
@@ -61,6 +62,51 @@ fn drives_on_ethercat_stop_without_outputs_and_without_op() {
             let is_within = |after: Option<Duration>| (least_ms..=most_ms).contains(&after.unwrap().as_millis());
             assert!(finding.stopped_after.into_iter().all(is_within), "{drilled:?}");
         }
+    }
+}
+
+/// A shipped rig whose simulated drives have this Fault from power-on, or power stages that come so late.
+fn with_late_drives(file: &str, fault_code: u16, supply_ms: u32) -> EmbeddedRig {
+    let loaded = config::load_rig(config::builtin(file)).unwrap();
+    let (mut rig, scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
+    rig.simulation.as_mut().unwrap().drive_model = Some(config::DriveModel {
+        profile: rig.drives[0].profile.clone(),
+        has_dummies: true,
+        refuses_mode: false,
+        sdo_server: config::SdoServer { answer_ms: 0, segments_only: false, lengths: Vec::new() },
+        objects: Vec::new(),
+        fault_code,
+        supply_ms,
+    });
+    let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
+    machine.boot().unwrap();
+    machine
+}
+
+/// The boot resets nodes on CAN, and a Fault lasts.
+#[test]
+fn drives_in_fault_from_power_on_keep_a_rig_from_its_drill_and_say_why() {
+    use yieldwall_drives::cia402::Statusword;
+    for file in ["paper-admittance-csp.yaml", "paper-ethercat.yaml"] {
+        let mut machine = with_late_drives(file, 0x7121, 0);
+        let drilled = bringup::drill(&mut machine.runner, 50, &AtomicBool::new(false), |_| ());
+        let Err(RunError::NotEnabled { cause: Some(cause), .. }) = drilled else { panic!("{file}: {drilled:?}") };
+        assert_eq!(cause, Cause { fault: Fault::DriveFault, devices: DeviceSet::DRIVES }, "{file}");
+        let errors: Vec<_> = machine.runner.errors().collect();
+        let states = errors.iter().map(|error| Statusword(error.statusword.unwrap()).state());
+        assert_eq!(states.collect::<Vec<_>>(), [Some(cia402::State::Fault); 2], "{file}");
+        assert_eq!(errors.iter().map(|error| error.code).collect::<Vec<_>>(), [Some(0x7121); 2], "{file}");
+    }
+}
+
+#[test]
+fn power_stages_that_come_later_are_told_and_withdrawn() {
+    for file in ["paper-admittance-csp.yaml", "paper-ethercat.yaml"] {
+        let mut machine = with_late_drives(file, 0, 5);
+        bringup::drill(&mut machine.runner, 50, &AtomicBool::new(false), |_| ()).unwrap();
+        let told = machine.master().networks().told();
+        let of_supply: Vec<_> = told.iter().filter(|told| told.code.0 == 0x3220).collect();
+        assert!(!of_supply.is_empty() && of_supply.iter().all(|told| told.is_withdrawn), "{file}: {told:?}");
     }
 }
 

@@ -2,7 +2,7 @@
 
 use yieldwall_fieldbus::canopen::{Frame, NmtCommand, NodeId, cob, nmt};
 use yieldwall_fieldbus::time::Time;
-use yieldwall_link::{Arrival, CanLink, ErrorFrame, Received, SendError};
+use yieldwall_link::{Arrival, CanLink, ErrorFrame, OtherFrame, Received, SendError};
 
 /// A trouble with one node, or with the interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,8 +21,12 @@ pub enum Trouble {
     OtherIdentifiers,
     /// The controller leaves the bus at the first frame that it sends.
     BusOff,
+    /// Devices of another kind are on the bus: frames come with 29-bit identifiers alone.
+    OtherTraffic,
 }
 
+/// Upper bits of an identifier of other traffic.
+const PARAMETER_GROUP: u32 = 0x18ff_0000;
 /// The bit of an identifier that a bad adapter turns over.
 const TURNED: u16 = 0x004;
 
@@ -57,6 +61,10 @@ impl<L: CanLink> PlantedLink<L> {
                 with(Received::Error(ErrorFrame { is_bus_error: true, ..ErrorFrame::default() }))
             }
             Trouble::OtherNodeId(other) if is_own => with(Received::Frame(renumbered(&frame, other))),
+            Trouble::OtherTraffic => {
+                let (id, length) = (PARAMETER_GROUP | u32::from(frame.id()), frame.len());
+                with(Received::Other(OtherFrame { id, is_extended: true, is_fd: false, length }))
+            }
             Trouble::OtherIdentifiers if frame.id() > 0x580 => {
                 with(Received::Frame(with_id(&frame, frame.id() ^ TURNED)))
             }

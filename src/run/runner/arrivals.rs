@@ -123,7 +123,7 @@ impl<P: Place + ?Sized> Runner<P> {
                 self.master.networks_mut().on_echo(&frame);
             }
             Received::Overflow { frames } => self.counts.overflowed += u64::from(frames),
-            Received::Error(_) | Received::Down | Received::Gone => {}
+            Received::Other(_) | Received::Error(_) | Received::Down | Received::Gone => {}
         }
     }
 

@@ -84,7 +84,17 @@ fn link(facts: &NodeFacts, around: &Around) -> Check {
 
 /// Whether anybody is heard.
 fn heard(facts: &NodeFacts, around: &Around) -> Check {
-    if facts.own_frames == 0 && facts.others.is_empty() && facts.frames == 0 {
+    let other = facts.link.others;
+    let is_silent = facts.own_frames == 0 && facts.others.is_empty() && facts.frames == 0;
+    if is_silent && !other.is_none() {
+        return Check::wrong("silence", format!("no frame of CANopen was heard, and nobody answers; {other} came"))
+            .follows(
+                "the bit rate is right, and something else than CANopen uses this bus: no CANopen device is switched on, or this is \
+                 the cable of another bus. This shows the frames",
+            )
+            .mend(format!("yieldwall monitor{}", around.arguments));
+    }
+    if is_silent {
         let check = Check::wrong("silence", "no frame of anybody was heard, and nobody answers");
         return match (&around.interface, around.bit_rate) {
             (Some(_), Some(_)) => with_bit_rates(
@@ -106,7 +116,8 @@ fn heard(facts: &NodeFacts, around: &Around) -> Check {
             format!("; {} {} there beside it", nodes(facts.others), if facts.others.len() == 1 { "is" } else { "are" })
         }
     };
-    Check::ok("heard", format!("{} frames before anything was asked{from}", facts.frames))
+    let other = if other.is_none() { String::new() } else { format!("; {other}, which are none of CANopen, came too") };
+    Check::ok("heard", format!("{} frames before anything was asked{from}{other}", facts.frames))
 }
 
 /// Whether the node itself is there, and in a state in which it answers.

@@ -17,7 +17,7 @@ use std::time::Duration;
 use super::connection::{Error, Service};
 use yieldwall_fieldbus::canopen::{BusId, Frame, NmtState, NodeId, NodeSet, cob, nmt};
 use yieldwall_fieldbus::objects::Address;
-use yieldwall_link::{Arrival, CanLink, Received, SendError};
+use yieldwall_link::{Arrival, CanLink, OtherTraffic, Received, SendError};
 
 pub use judge::{Around, judge};
 
@@ -99,6 +99,8 @@ pub struct LinkFacts {
     pub refused: Option<SendError>,
     /// The identifier of an own frame that came back, under which none was sent.
     pub altered: Option<u16>,
+    /// Frames that are none of CANopen.
+    pub others: OtherTraffic,
 }
 
 /// One read, and what came in answer.
@@ -230,6 +232,7 @@ impl NodeFacts {
         }
         match &arrival.what {
             Received::Frame(frame) => self.note_frame(frame),
+            Received::Other(frame) => self.link.others.count(frame),
             Received::Error(error) => {
                 self.link.is_bus_off |= error.is_bus_off;
                 self.link.is_unheard |= error.is_unacknowledged || error.is_error_passive;

@@ -26,8 +26,8 @@ fn last(facts: &NodeFacts) -> Check {
     judge(facts, &around(facts.node.raw())).pop().unwrap()
 }
 
-/// What is found of a node of the simulation with a trouble.
-fn examined(raw: u8, trouble: Option<(u8, Trouble)>, is_silent: bool) -> NodeFacts {
+/// A connection to the simulation, with a trouble.
+fn service(trouble: Option<(u8, Trouble)>) -> Service<Box<dyn CanLink>> {
     let rig = yieldwall_config::load_rig(yieldwall_config::builtin("paper-admittance.yaml")).unwrap();
     let scene = rig.scene().unwrap().value;
     let link = VirtualLink::new(&rig.value, &scene, 1).unwrap();
@@ -35,8 +35,22 @@ fn examined(raw: u8, trouble: Option<(u8, Trouble)>, is_silent: bool) -> NodeFac
         Some((raw, trouble)) => Box::new(PlantedLink::new(link, node(raw), trouble)),
         None => Box::new(link),
     };
-    let mut service = Service::new(link, BusId::FIRST, Arc::new(AtomicBool::new(false)));
-    examine(&mut service, node(raw), is_silent).unwrap()
+    Service::new(link, BusId::FIRST, Arc::new(AtomicBool::new(false)))
+}
+
+/// What is found of a node of the simulation with a trouble.
+fn examined(raw: u8, trouble: Option<(u8, Trouble)>, is_silent: bool) -> NodeFacts {
+    examine(&mut service(trouble), node(raw), is_silent).unwrap()
+}
+
+#[test]
+fn a_scan_counts_frames_that_are_none_of_canopen() {
+    let mut alone = service(None);
+    assert_eq!(crate::scan(&mut alone).unwrap().len(), 3);
+    assert!(alone.others().is_none());
+    let mut shared = service(Some((1, Trouble::OtherTraffic)));
+    assert_eq!(crate::scan(&mut shared).unwrap(), []);
+    assert!(shared.others().extended > 2, "{}", shared.others());
 }
 
 #[test]
@@ -77,6 +91,13 @@ fn each_trouble_in_the_frames_is_found_by_name_with_the_command_that_mends_it() 
         assert_eq!((check.subject, check.found.as_str(), check.mend.as_deref()), (subject, found, Some(mend)));
         assert_eq!(check.verdict, Verdict::Wrong, "{trouble:?}");
     }
+    let facts = examined(1, Some((1, Trouble::OtherTraffic)), false);
+    let check = last(&facts);
+    assert!(facts.link.others.extended > 2 && facts.link.others.fd == 0, "{facts:#?}");
+    assert_eq!((check.subject, check.verdict), ("silence", Verdict::Wrong));
+    assert!(check.found.contains("frames with 29-bit identifiers came"), "{}", check.found);
+    assert!(check.follows.starts_with("the bit rate is right"), "{}", check.follows);
+    assert_eq!(check.mend.as_deref(), Some("yieldwall monitor --bus can0"));
     let facts = examined(1, Some((1, Trouble::OtherBitRate)), false);
     let check = last(&facts);
     assert_eq!((check.subject, check.verdict), ("bit rate", Verdict::Wrong), "{facts:#?}");
@@ -101,6 +122,17 @@ fn who_only_listens_sends_nothing_and_says_what_it_does_not_know() {
     let checks = judge(&facts, &around(1));
     let unknown = checks.iter().filter(|check| check.verdict == Verdict::Unknown).count();
     assert!(checks.iter().all(|check| check.verdict < Verdict::Warning) && unknown == 3, "{checks:#?}");
+}
+
+#[test]
+fn other_traffic_beside_a_good_node_is_named() {
+    let others = OtherTraffic { extended: 200, fd: 1 };
+    let facts = NodeFacts { link: LinkFacts { others, ..LinkFacts::default() }, ..good(1) };
+    let checks = judge(&facts, &around(1));
+    assert!(checks.iter().all(|check| check.verdict == Verdict::Ok), "{checks:#?}");
+    assert!(
+        checks.iter().any(|check| check.found.contains("200 frames with 29-bit identifiers and 1 frame of CAN FD"))
+    );
 }
 
 /// Facts of a node that answers all of the pattern.

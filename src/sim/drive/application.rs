@@ -113,7 +113,7 @@ impl ServedDevice for Device {
                 self.machine = StateMachine::new(OptionCodes::default());
                 self.reload();
                 self.machine.initialise();
-                self.emergency = None;
+                self.find_errors(now);
                 self.follow();
             }
         }

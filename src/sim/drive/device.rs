@@ -12,10 +12,10 @@ use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
 
 use super::super::device::Unsigned;
 use super::homing::{Home, Speed};
-use super::objects::Objects;
+use super::objects::{Objects, needed_bits};
 use super::servo::{Motion, Plan, Servo, TorqueRange};
 use super::watches::Watches;
-use super::{AxisSettings, Encoder};
+use super::{AxisSettings, DriveQuirks, Encoder};
 use yieldwall_drives::watchdog::Clock;
 use yieldwall_fieldbus::objects::{Address, DictionaryError, ObjectDictionary};
 use yieldwall_fieldbus::time::Time;
@@ -84,6 +84,12 @@ pub(super) struct Device {
     pub(super) emergency: Option<u16>,
     pub(super) encoder_failed: bool,
     was_reset: bool,
+    /// Error code of the Fault of a power-on, and that of the Fault that nobody has reset since; 0 for none.
+    fault_code: u16,
+    lasting_fault: u16,
+    /// Time from a start until the power stage has voltage, and when that is.
+    supply_time: Duration,
+    supplied_at: Time,
     /// Whether something has run since the shown objects were brought up to date.
     pub(super) is_stale: bool,
 }
@@ -146,9 +152,20 @@ impl Device {
             emergency: None,
             encoder_failed: false,
             was_reset: false,
+            fault_code: error_code::NONE,
+            lasting_fault: error_code::NONE,
+            supply_time: Duration::ZERO,
+            supplied_at: Time::NEVER,
             is_stale: true,
             od,
         })
+    }
+
+    /// What it does in a manner of its own.
+    pub(super) fn set_manner(&mut self, manner: &DriveQuirks) {
+        (self.lacks_dummies, self.refuses_mode) = (manner.lacks_dummies, manner.refuses_mode);
+        self.needed_bits = needed_bits(&manner.objects);
+        (self.fault_code, self.supply_time) = (manner.fault_code, manner.supply_time);
     }
 
     pub(super) fn measure(&mut self, angle_rad: f64, rate_rad_per_s: f64) {
@@ -193,6 +210,18 @@ impl Device {
     /// An incremental encoder forgets all.
     pub(super) fn power_on(&mut self) {
         self.home.iter_mut().for_each(Home::power_on);
+        self.lasting_fault = self.fault_code;
+    }
+
+    /// What the drive finds wrong at a start: a power stage without voltage, and a Fault that no reset of the node ends.
+    pub(super) fn find_errors(&mut self, now: Time) {
+        (self.emergency, self.supplied_at) = (None, Time::NEVER);
+        if !self.supply_time.is_zero() {
+            (self.emergency, self.supplied_at) = (Some(error_code::UNDER_VOLTAGE), now + self.supply_time);
+        }
+        if self.lasting_fault != error_code::NONE {
+            self.raise_fault(now, self.lasting_fault);
+        }
     }
 
     /// Whether a brake that the master holds is closed.
@@ -269,7 +298,7 @@ impl Device {
     }
 
     pub(super) fn next_deadline(&self) -> Time {
-        self.servo.next_tick().min(self.sync_deadline).min(self.set_point_deadline)
+        self.servo.next_tick().min(self.sync_deadline).min(self.set_point_deadline).min(self.supplied_at)
     }
 
     pub(super) fn take_status_change(&mut self) -> bool {
@@ -297,6 +326,10 @@ impl Device {
         if self.set_point_deadline <= now {
             self.set_point_deadline = Time::NEVER;
             self.miss(now, self.watches.set_points.reaction(), error_code::RPDO_TIMEOUT);
+        }
+        if self.supplied_at <= now {
+            self.supplied_at = Time::NEVER;
+            self.was_reset |= self.machine.state() != State::Fault;
         }
         if self.servo.next_tick() <= now {
             self.tick();
@@ -415,7 +448,7 @@ impl Device {
         }
         if self.machine.apply(self.od.get(self.objects.controlword)) == Some(Transition(15)) {
             self.od.set(self.objects.error_code, error_code::NONE);
-            self.was_reset = true;
+            (self.was_reset, self.lasting_fault) = (true, error_code::NONE);
         }
         self.follow();
         if self.servo.plan() == Plan::Homing {

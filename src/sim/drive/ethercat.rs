@@ -12,7 +12,7 @@ use super::super::device::{identity, mapping};
 use super::super::ethercat::{Communication, EthercatApplication, PdoMapping};
 use super::device::{Device, PROFILE_ERROR};
 use super::watches::Watch;
-use super::{AxisSettings, OddObject, objects};
+use super::{AxisSettings, DriveQuirks, objects};
 use yieldwall_fieldbus::ethercat::coe::CoeEmergency;
 use yieldwall_fieldbus::objects::{AbortCode, Address, ObjectDictionary, Reset, ServedDevice};
 use yieldwall_fieldbus::time::Time;
@@ -85,10 +85,10 @@ impl EthercatDrive {
     /// # Errors
     /// If the profile is not that of a servo drive, or the gains of the loop are not finite or negative.
     pub fn new(profile: &Arc<DeviceProfile>, serial: u32, axis: &AxisSettings) -> Result<Self, DeviceError> {
-        Self::odd(profile, serial, axis, &[])
+        Self::odd(profile, serial, axis, &DriveQuirks::default())
     }
 
-    /// As [`EthercatDrive::new`], with objects that are otherwise than those of CiA 402.
+    /// As [`EthercatDrive::new`], of a manner of its own. Times, segments and lengths of SDO answers are those of CAN alone.
     ///
     /// # Errors
     /// As [`EthercatDrive::new`], and if the drive does not have one of these objects.
@@ -96,7 +96,7 @@ impl EthercatDrive {
         profile: &Arc<DeviceProfile>,
         serial: u32,
         axis: &AxisSettings,
-        odd: &[OddObject],
+        manner: &DriveQuirks,
     ) -> Result<Self, DeviceError> {
         let role = || DeviceError::Role { profile: profile.name().to_owned(), wanted: "servo drive" };
         let servo = profile.servo().ok_or_else(role)?;
@@ -110,9 +110,9 @@ impl EthercatDrive {
             mapping_entries: MAPPING_ENTRIES,
             shortest_cycle_ns: SHORTEST_CYCLE_NS,
         };
-        let od = objects::build(&axis.scaling, servo, communication.objects(), odd)?;
+        let od = objects::build(&axis.scaling, servo, communication.objects(), &manner.objects)?;
         let mut device = Device::new(od, axis, servo)?;
-        device.needed_bits = objects::needed_bits(odd);
+        device.set_manner(manner);
         // SYNC and RPDOs are not there; the controller watches in their place.
         (device.watches.sync, device.watches.set_points) = (Watch::None, Watch::None);
         let sync1_ns = servo.sync1_us.map(|us| us * 1000);

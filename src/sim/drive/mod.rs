@@ -82,6 +82,10 @@ pub struct DriveQuirks {
     pub lengths: Vec<(Address, usize)>,
     /// Objects that are otherwise than those of CiA 402.
     pub objects: Vec<OddObject>,
+    /// Error code of the Fault in which it is from power-on until a fault reset, whatever resets the node; 0 for none.
+    pub fault_code: u16,
+    /// Time from a start until its power stage has voltage. It says so by an emergency (3220h), and withdraws it then (0000h).
+    pub supply_time: Duration,
 }
 
 /// An object of a drive that is otherwise than that of CiA 402. By default it is not.
@@ -136,8 +140,7 @@ impl Drive {
         let od = objects::build(&settings.scaling, servo, objects::communication(&settings, servo)?, &odd)?;
         let DriveSettings { scaling, position_loop, encoder, ref manner, .. } = settings;
         let mut device = Device::new(od, &AxisSettings { scaling, position_loop, encoder }, servo)?;
-        (device.lacks_dummies, device.refuses_mode) = (manner.lacks_dummies, manner.refuses_mode);
-        device.needed_bits = objects::needed_bits(&manner.objects);
+        device.set_manner(manner);
         let mut node = Node::new(settings.node, device.od())?;
         node.set_sdo_time(manner.sdo_time);
         node.set_sdo_segments_only(manner.segments_only);

@@ -662,3 +662,35 @@ fn a_write_may_take_longer_than_others() {
     drive.poll(begin + Duration::from_millis(2500), &mut out);
     assert_eq!(out.iter().map(|frame| frame.data()[0]).collect::<Vec<_>>(), [0x60]);
 }
+
+#[test]
+fn a_fault_of_power_on_lasts_through_resets_of_the_node_until_it_is_reset_itself() {
+    let manner = DriveQuirks { fault_code: 0x7121, ..DriveQuirks::default() };
+    let mut bench = Bench::with(DriveSettings { manner, ..settings(Direction::Same) });
+    for command in [0x81, 0x82] {
+        bench.send(Frame::new(0x000, &[command, NODE]));
+        assert_eq!((bench.drive.state(), bench.read(0x603f, 0)), (State::Fault, 0x7121));
+    }
+    bench.sent.clear();
+    bench.write(0x6040, 0, &[0x80, 0]);
+    assert_eq!((bench.drive.state(), bench.read(0x603f, 0)), (State::SwitchOnDisabled, 0));
+    bench.send(Frame::new(0x000, &[0x81, NODE]));
+    assert_eq!(bench.drive.state(), State::SwitchOnDisabled);
+    bench.drive.switch_off();
+    bench.drive.boot(bench.now, &mut bench.sent);
+    assert_eq!(bench.drive.state(), State::Fault, "switched off and on");
+}
+
+#[test]
+fn a_power_stage_that_comes_later_is_an_emergency_that_is_withdrawn() {
+    let manner = DriveQuirks { supply_time: Duration::from_millis(200), ..DriveQuirks::default() };
+    let mut bench = Bench::with(DriveSettings { manner, ..settings(Direction::Same) });
+    for _ in 0..2 {
+        bench.wait(Duration::from_millis(199));
+        assert_eq!(bench.take_sent(0x081), [Frame::new(0x081, &[0x20, 0x32, 0x21, 0, 0, 0, 0, 0])]);
+        bench.wait(Duration::from_millis(1));
+        assert_eq!(bench.take_sent(0x081), [Frame::new(0x081, &[0; 8])]);
+        assert_eq!(bench.drive.state(), State::SwitchOnDisabled);
+        bench.send(Frame::new(0x000, &[0x81, NODE]));
+    }
+}

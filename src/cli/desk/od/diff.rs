@@ -9,7 +9,7 @@ use super::super::place::Place;
 use super::super::reached::DeviceHandle;
 use super::super::words::{self, COLUMNS, titled};
 use super::dump::objects;
-use super::{is_file, sheet, sheet_of};
+use super::{is_file, sheet_of};
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
 use yieldwall_fieldbus::objects::Address;
@@ -17,7 +17,7 @@ use yieldwall_service::{is_shown, known, of_node};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// A device (node id, on EtherCAT its position, or name), or a data sheet with values (DCF)
+    /// A device (node id, on EtherCAT its position, or name), or a file with values (DCF or concise DCF)
     first: String,
     /// What it is compared with
     second: String,
@@ -36,7 +36,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let words = [&arguments.first, &arguments.second];
     let mut files = Vec::new();
     for word in words {
-        files.push(if is_file(word) { Some(sheet(Path::new(word), output)?) } else { None });
+        files.push(if is_file(word) { Some(super::values(Path::new(word), eds.as_ref(), output)?) } else { None });
     }
     // Devices are read by the objects of the data sheet, or those of the file; else all are looked for.
     let by = eds.clone().or_else(|| files.iter().flatten().next().cloned());

@@ -6,7 +6,7 @@ use super::super::place::Place;
 use super::super::reached::DeviceHandle;
 use super::super::state::refuse_powered;
 use super::super::words::{spaced, titled, wrapped};
-use super::{Done, Saving, is_file, sheet, sheet_of, told, write_all};
+use super::{Done, Saving, is_file, sheet_of, told, values, write_all};
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
 use yieldwall_drives::eds::Eds;
@@ -17,7 +17,7 @@ use yieldwall_service::{Error, number, plan};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// The file, as `od dump` writes it, or a backup of another command
+    /// The file, as `od dump` writes it, with --concise too, or a backup of another command
     file: PathBuf,
     /// A node id, on EtherCAT a position, or the name of a device in the rig
     node: String,
@@ -40,10 +40,13 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         let help = format!("`yieldwall od restore {file} {node}{}`", arguments.place.arguments());
         return Err(Failure::new(Exit::Usage, message, help));
     }
-    let wanted = sheet(&arguments.file, output)?;
     let eds = sheet_of(arguments.eds.as_deref(), output)?;
+    let wanted = values(&arguments.file, eds.as_ref(), output)?;
     if wanted.entries().all(|(.., entry)| entry.value.is_none()) {
-        let message = format!("{}: has no values: no entry has a ParameterValue", arguments.file.display());
+        let message = format!(
+            "{}: has no values: no entry has a ParameterValue, or it is a concise DCF of 0 values",
+            arguments.file.display()
+        );
         return Err(Failure::about_file(
             Exit::ConfigInvalid,
             &arguments.file,
@@ -70,7 +73,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         Done::planned(&plan.steps)
     } else {
         let done = write_all(&mut reached, &plan.steps, eds.as_ref(), output)?;
-        done.saved(arguments.saving, &mut reached)
+        done.saved(arguments.saving, &mut reached, output)
     };
     told(&reached, &plan.steps, done, output)
 }

@@ -244,7 +244,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         stage: Stage::Drives,
         meaning: "a drive is in its fault state",
         cause: "see object 603Fh and the emergency code",
-        next: "mend what the code names, then start the run again",
+        next: "mend what the code names, take the drive out of Fault (`yieldwall state DRIVE --reset-fault`) if it stays there, then start the run again",
         steps: &[once(QuickStop)],
         latched: State::Disabled,
     },
