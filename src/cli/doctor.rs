@@ -8,6 +8,7 @@ use serde_json::json;
 use super::checkup::{Section, finish};
 use super::clock::now_unix_s;
 use super::desk;
+use super::desk::doctor::second_opinion::{self, Consent};
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
 use super::keep::state_folder;
@@ -33,6 +34,13 @@ pub(super) struct Arguments {
     /// A network card whose interrupt coalescing is looked at; once for each
     #[arg(long, value_name = "INTERFACE")]
     card: Vec<String>,
+    /// On EtherCAT: compare what this program reads with what ethercrab, another EtherCAT master, reads. All devices go through INIT and get
+    /// new station addresses; each gets back its state and address. Asks before. Of a build with `--features ethercrab`
+    #[arg(long, requires = "bus")]
+    second_opinion: bool,
+    /// Do not ask before --second-opinion
+    #[arg(long, requires = "second_opinion")]
+    yes: bool,
     #[command(subcommand)]
     subject: Option<Subject>,
 }
@@ -41,6 +49,10 @@ pub(super) struct Arguments {
 enum Subject {
     /// Say why a node does not answer
     Node(desk::doctor::Arguments),
+    /// Read a segment by ethercrab, for the process that asks for a second opinion
+    #[cfg(feature = "ethercrab")]
+    #[command(hide = true)]
+    Ethercrab(second_opinion::Arguments),
 }
 
 /// An interface that is looked at.
@@ -53,8 +65,11 @@ struct Wanted {
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    if let Some(Subject::Node(node)) = &arguments.subject {
-        return desk::doctor::run(node, output);
+    match &arguments.subject {
+        Some(Subject::Node(node)) => return desk::doctor::run(node, output),
+        #[cfg(feature = "ethercrab")]
+        Some(Subject::Ethercrab(ethercrab)) => return second_opinion::run(ethercrab, output),
+        None => {}
     }
     let rig = match &arguments.rig {
         Some(name) => {
@@ -65,13 +80,19 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         None => None,
     };
     let wanted = wanted(arguments, rig.as_ref())?;
+    let is_segment = |wanted: &Wanted| rig.as_ref().map_or_else(|| is_ethernet(&wanted.interface), Rig::is_on_ethercat);
+    let consent = arguments.second_opinion.then(|| consent(&wanted, is_segment, arguments.yes)).transpose()?;
     let period_us = period_us(rig.as_ref());
     let period = Duration::from_micros(period_us.into());
     let mut sections = vec![of_computer(rig.as_ref())];
+    let mut opinions = Vec::new();
     for wanted in &wanted {
-        if rig.as_ref().map_or_else(|| is_ethernet(&wanted.interface), Rig::is_on_ethercat) {
+        if is_segment(wanted) {
             let rig = arguments.rig.as_deref();
-            sections.extend(desk::doctor::on_segment(&wanted.interface, &wanted.argument, rig, output)?);
+            let (interface, argument) = (&wanted.interface, &wanted.argument);
+            let (more, opinion) = desk::doctor::on_segment(interface, argument, rig, consent.as_ref(), output)?;
+            sections.extend(more);
+            opinions.extend(opinion);
             continue;
         }
         let section = of_interface(&wanted.interface, wanted.bit_rate, period);
@@ -90,7 +111,22 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     // What keeps anything from being sent counts before what is late.
     sections.sort_by_key(|section| section.exit.code());
-    finish(&sections, json!({ "period_us": period_us }), output)
+    let mut document = json!({ "period_us": period_us });
+    if consent.is_some() {
+        document["second_opinions"] = opinions.into();
+    }
+    finish(&sections, document, output)
+}
+
+/// A person's word for the second opinion on all segments that are looked at.
+fn consent(wanted: &[Wanted], is_segment: impl Fn(&Wanted) -> bool, is_given: bool) -> Result<Consent, Failure> {
+    let segments = wanted.iter().filter(|wanted| is_segment(wanted)).map(|wanted| wanted.interface.as_str());
+    let segments: Vec<&str> = segments.collect();
+    if segments.is_empty() {
+        let message = "--second-opinion is for devices on EtherCAT, and no --bus names an Ethernet interface";
+        return Err(Failure::new(Exit::Usage, message, "name it, for example --bus eth0"));
+    }
+    second_opinion::consent(&segments, is_given)
 }
 
 /// The interfaces with what the rig says of their buses.

@@ -6,6 +6,7 @@ mod forged;
 mod processes;
 mod refused;
 mod rigs;
+mod second_opinion;
 mod served;
 mod two_masters;
 

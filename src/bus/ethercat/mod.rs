@@ -23,7 +23,7 @@ mod setup;
 mod station;
 #[cfg(test)]
 mod tests;
-mod topology;
+pub mod topology;
 mod writes;
 
 use std::time::Duration;

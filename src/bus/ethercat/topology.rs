@@ -7,13 +7,13 @@ const MOST_NS: u32 = 1_000_000;
 
 /// What one device shows of its ports.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Ports {
+pub struct Ports {
     /// DL status, 0110h: bits 4 to 7 say which ports have a link.
-    pub(super) links: u16,
+    pub links: u16,
     /// Whether it has a clock, and so `times`.
-    pub(super) has_clock: bool,
+    pub has_clock: bool,
     /// Receive times of the ports, 0900h to 090Fh, in ns of its own clock, modulo 2^32.
-    pub(super) times: [u32; 4],
+    pub times: [u32; 4],
 }
 
 impl Ports {
@@ -48,7 +48,7 @@ struct Attachment {
 ///
 /// # Errors
 /// The first device whose ports do not fit those before it.
-pub(super) fn delays(devices: &[Ports]) -> Result<Vec<Option<u32>>, usize> {
+pub fn delays(devices: &[Ports]) -> Result<Vec<Option<u32>>, usize> {
     let mut delays: Vec<Option<u32>> = Vec::with_capacity(devices.len());
     // Ports that nobody was found behind yet, the next one last.
     let mut open: Vec<Option<Attachment>> = vec![None];
@@ -97,11 +97,10 @@ impl Behind {
     }
 }
 
-/// What is behind each port of each device, in the order of positions; behind port 0 that is the device itself and all that a frame
-/// reaches through it. Devices whose ports do not fit those before them are behind none.
-pub(super) fn behind(devices: &[Ports]) -> Vec<[Behind; 4]> {
-    let mut all = vec![[Behind::default(); 4]; devices.len()];
-    let mut parents: Vec<Option<(usize, usize)>> = Vec::with_capacity(devices.len());
+/// The device before each one and the port of that device, in the order of positions; `None` for the first device. The list ends before the
+/// first device whose ports do not fit those before it.
+pub fn parents(devices: &[Ports]) -> Vec<Option<(usize, usize)>> {
+    let mut parents = Vec::with_capacity(devices.len());
     let mut open: Vec<Option<(usize, usize)>> = vec![None];
     for (place, ports) in devices.iter().enumerate() {
         let Some(parent) = open.pop() else { break };
@@ -109,6 +108,16 @@ pub(super) fn behind(devices: &[Ports]) -> Vec<[Behind; 4]> {
         open.extend(
             ORDER.into_iter().skip(1).rev().filter(|port| ports.is_linked(*port)).map(|port| Some((place, port))),
         );
+    }
+    parents
+}
+
+/// What is behind each port of each device, in the order of positions; behind port 0 that is the device itself and all that a frame
+/// reaches through it. Devices whose ports do not fit those before them are behind none.
+pub(super) fn behind(devices: &[Ports]) -> Vec<[Behind; 4]> {
+    let mut all = vec![[Behind::default(); 4]; devices.len()];
+    let parents = parents(devices);
+    for place in 0..parents.len() {
         let mut reached = Some((place, 0));
         while let Some((device, port)) = reached {
             let mut extend = |port: usize| {
@@ -182,6 +191,8 @@ mod tests {
             [spans(3, 4), none, none, none],
         ];
         assert_eq!(behind(&tree), expected);
+        assert_eq!(parents(&tree), [None, Some((0, 3)), Some((0, 1)), Some((2, 1))]);
+        assert_eq!(parents(&[device(&[0]), device(&[0])]), [None], "nothing is behind the first one");
         assert_eq!(behind(&[device(&[0]), device(&[0])])[1], [none; 4], "nothing is behind the first one");
     }
 

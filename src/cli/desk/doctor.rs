@@ -1,8 +1,10 @@
 //! `yieldwall doctor node`: why a node does not answer. And the devices of a bus, for `yieldwall doctor`.
 
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::place::{DeviceSession, Entry, Node, Place};
+pub(crate) use super::segment::second_opinion;
+use super::segment::second_opinion::Consent;
 use super::segment::{self, SegmentSession};
 use crate::checkup::{Section, finish};
 use crate::failure::{Exit, Failure};
@@ -177,20 +179,42 @@ fn of_rig(place: &Place) -> Result<Option<u32>, Failure> {
     Ok(bus.and_then(Bus::canopen).map(|bus| bus.bit_rate_bit_per_s))
 }
 
-/// The devices of a segment, by its interface: what is wrong with them, or with the interface.
+/// The devices of a segment, by its interface: what is wrong with them, or with the interface. With a person's consent the second opinion of
+/// another master too, as a document beside the sections.
 pub(crate) fn on_segment(
     interface: &str,
     argument: &str,
     rig: Option<&str>,
+    consent: Option<&Consent>,
     output: &mut Output,
-) -> Result<Vec<Section>, Failure> {
+) -> Result<(Vec<Section>, Option<Value>), Failure> {
     let place = Place { bus: Some(argument.to_owned()), rig: rig.map(str::to_owned) };
-    let examined = SegmentSession::only(&place, output).and_then(|mut desk| segment::doctor::sections(&mut desk, None));
-    examined.or_else(|failure| {
-        let Some(finding) = failure.report.diagnostics.into_iter().next() else { return Ok(Vec::new()) };
-        let check = Check::wrong("segment", finding.message).follows(finding.help.unwrap_or_default());
-        Ok(vec![Section::new(format!("segment on {interface}"), failure.exit, vec![check])])
-    })
+    let examined = SegmentSession::only(&place, output)
+        .and_then(|mut desk| segment::doctor::sections(&mut desk, None).map(|sections| (desk, sections)));
+    let (mut desk, mut sections) = match examined {
+        Ok(examined) => examined,
+        Err(failure) => return Ok((refused(format!("segment on {interface}"), failure), None)),
+    };
+    let Some(consent) = consent else { return Ok((sections, None)) };
+    match segment::second_opinion::sections(&mut desk, interface, consent, output) {
+        Ok((more, document)) => {
+            sections.extend(more);
+            Ok((sections, Some(document)))
+        }
+        Err(failure) if failure.exit == Exit::Interrupted => Err(failure),
+        Err(failure) => {
+            sections.extend(refused(format!("second opinion on {interface}"), failure));
+            Ok((sections, None))
+        }
+    }
+}
+
+/// Why something could not be looked at, as a section; none where all has been said.
+fn refused(about: String, failure: Failure) -> Vec<Section> {
+    let finding = failure.report.diagnostics.into_iter().next();
+    let check =
+        finding.map(|finding| Check::wrong("segment", finding.message).follows(finding.help.unwrap_or_default()));
+    check.into_iter().map(|check| Section::new(about.clone(), failure.exit, vec![check])).collect()
 }
 
 /// The devices of an interface that can be used: who answers, and whether identifiers and node ids are right. `commands` is what

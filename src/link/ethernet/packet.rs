@@ -39,7 +39,8 @@ impl PacketSocket {
         Self::opened(interface, Some(role))
     }
 
-    /// The same for whoever sends nothing: takes no role, so that another process may have it.
+    /// The same without a role, so that another process may have it: for whoever sends nothing, and for a process that sends in place of the one
+    /// that has the role.
     ///
     /// # Errors
     /// What is wrong with it, and what to try next.

@@ -92,6 +92,11 @@ impl<L: EthernetLink> SegmentService<L> {
         Self { link, is_over, index: 0, buffer, has_come_back: false, mailboxes, emergencies }
     }
 
+    /// Whether somebody wishes to end. Whoever has to give something back first takes the wish.
+    pub fn is_over(&self) -> &AtomicBool {
+        &self.is_over
+    }
+
     /// The time of the link.
     pub fn now(&self) -> Time {
         self.link.now()

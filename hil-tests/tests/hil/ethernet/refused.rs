@@ -115,13 +115,13 @@ fn a_device_that_does_not_leave_safe_op() {
 }
 
 /// Somebody at the other end of the cable who sends frames of EtherCAT, as where a switch joins two segments.
-struct Stranger {
+pub(super) struct Stranger {
     is_over: Arc<AtomicBool>,
     thread: Option<std::thread::JoinHandle<()>>,
 }
 
 impl Stranger {
-    fn at(interface: &str) -> Self {
+    pub(super) fn at(interface: &str) -> Self {
         let mut link = PacketSocket::open(interface, Role::Node(99)).unwrap_or_else(|error| panic!("{error}"));
         let is_over = Arc::new(AtomicBool::new(false));
         let end = Arc::clone(&is_over);

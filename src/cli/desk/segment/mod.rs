@@ -6,6 +6,11 @@ pub(super) mod emcy;
 pub(super) mod info;
 pub(super) mod pdo;
 pub(super) mod scan;
+#[cfg(all(target_os = "linux", feature = "ethercrab"))]
+pub(crate) mod second_opinion;
+#[cfg(all(target_os = "linux", not(feature = "ethercrab")))]
+#[path = "second_opinion/lacking.rs"]
+pub(crate) mod second_opinion;
 pub(super) mod state;
 #[cfg(test)]
 mod tests;

@@ -10,13 +10,25 @@ use crate::output::Output;
 use yieldwall_fieldbus::objects::Address;
 
 /// Process data of one direction.
-struct Exchange {
-    direction: &'static str,
+pub(super) struct Exchange {
+    pub(super) direction: &'static str,
     sync_manager: u8,
     /// By sub-index 1 of its synchronisation, such as 1C32h:1.
     sync_type: Option<u32>,
     /// Mappings that are assigned, and what each holds.
     pdos: Vec<(u16, Vec<u32>)>,
+}
+
+/// Reads an object as a number; `None` if the device has none.
+type Numbers<'a> = dyn FnMut(Address) -> Result<Option<u32>, Failure> + 'a;
+
+impl Exchange {
+    /// Bytes that they have.
+    pub(super) fn bytes(&self) -> u32 {
+        let entries = self.pdos.iter().flat_map(|(_, entries)| entries);
+        // The length in bits is the lowest byte of what is mapped.
+        entries.map(|entry| entry & 0xff).sum::<u32>().div_ceil(8)
+    }
 }
 
 /// The type of each sync manager: 3 for outputs, 4 for inputs.
@@ -32,7 +44,7 @@ const DOING: &str = "reading its process data";
 
 pub(in crate::desk) fn run(word: &str, desk: SegmentSession, output: &mut Output) -> Result<(), Failure> {
     let mut reached = DeviceHandle::on_segment(desk, word, output)?;
-    let exchanged = read(&mut reached)?;
+    let exchanged = read(&mut |at| reached.number_of(at, DOING))?;
     if output.is_json() {
         let exchanged: Vec<Value> = exchanged.iter().map(document).collect();
         return output.report(reached.document(json!({ "process_data": exchanged })));
@@ -42,12 +54,13 @@ pub(in crate::desk) fn run(word: &str, desk: SegmentSession, output: &mut Output
 
 #[cfg(test)]
 pub(super) fn shown(reached: &mut DeviceHandle) -> Result<String, Failure> {
-    Ok(text(&reached.words(), &read(reached)?))
+    let exchanged = read(&mut |at| reached.number_of(at, DOING))?;
+    Ok(text(&reached.words(), &exchanged))
 }
 
 /// The sync managers that exchange process data, and what they carry.
-fn managers(reached: &mut DeviceHandle) -> Result<Vec<(&'static str, u8)>, Failure> {
-    let mut of = |sub| reached.number_of(Address::new(SYNC_MANAGER_TYPES, sub), DOING);
+fn managers(number_of: &mut Numbers<'_>) -> Result<Vec<(&'static str, u8)>, Failure> {
+    let mut of = |sub| number_of(Address::new(SYNC_MANAGER_TYPES, sub));
     let count = of(0)?.unwrap_or_default().min(MOST_MANAGERS) as u8;
     let mut managers = Vec::new();
     for number in 0..count {
@@ -61,12 +74,13 @@ fn managers(reached: &mut DeviceHandle) -> Result<Vec<(&'static str, u8)>, Failu
     Ok(if managers.is_empty() { USUAL.to_vec() } else { managers })
 }
 
-fn read(reached: &mut DeviceHandle) -> Result<Vec<Exchange>, Failure> {
+/// What the sync managers of a device exchange.
+pub(super) fn read(number_of: &mut Numbers<'_>) -> Result<Vec<Exchange>, Failure> {
     let mut exchanged = Vec::new();
-    for (direction, sync_manager) in managers(reached)? {
+    for (direction, sync_manager) in managers(number_of)? {
         let (assignment, synchronisation) =
             (ASSIGNMENT + u16::from(sync_manager), SYNCHRONISATION + u16::from(sync_manager));
-        let mut of = |index, sub| reached.number_of(Address::new(index, sub), DOING);
+        let mut of = |index, sub| number_of(Address::new(index, sub));
         let count = of(assignment, 0)?.unwrap_or_default();
         let sync_type = of(synchronisation, 1)?;
         let mut pdos = Vec::new();
