@@ -70,11 +70,14 @@ pub fn is_concise(bytes: &[u8]) -> bool {
     bytes.get(2..4) == Some(&[0, 0])
 }
 
+/// One entry of a concise DCF: index, sub-index and the bytes of the value, the lowest first.
+pub type ConciseEntry<'a> = (u16, u8, &'a [u8]);
+
 /// The values of a concise file in their order: index, sub-index, bytes.
 ///
 /// # Errors
 /// If it is not whole, or too large.
-pub fn read_concise(bytes: &[u8]) -> Result<Vec<(u16, u8, &[u8])>, ConciseError> {
+pub fn read_concise(bytes: &[u8]) -> Result<Vec<ConciseEntry<'_>>, ConciseError> {
     if bytes.len() > MAX_BYTES {
         return Err(ConciseError::Large);
     }

@@ -24,7 +24,7 @@ mod write;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
-pub use concise::{ConciseError, concise, is_concise, read_concise};
+pub use concise::{ConciseEntry, ConciseError, concise, is_concise, read_concise};
 
 /// Largest file that is read, in bytes.
 pub const MAX_BYTES: usize = 4 << 20;

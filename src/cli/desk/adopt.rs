@@ -172,7 +172,7 @@ fn described<'a>(esi: &'a Esi, path: &Path, found: &Survey, reached: &DeviceHand
     let of_product = || esi.devices.iter().filter(|device| Some(device.product_code) == product);
     let of_revision = of_product().find(|device| Some(device.revision) == revision);
     // Another revision of a product differs in details at most.
-    let device = of_revision.or_else(|| of_product().last()).filter(|_| Some(esi.vendor_id) == vendor);
+    let device = of_revision.or_else(|| of_product().next_back()).filter(|_| Some(esi.vendor_id) == vendor);
     device.ok_or_else(|| {
         let [vendor, product] = [vendor, product].map(Option::unwrap_or_default);
         let message = format!(

@@ -245,7 +245,7 @@ fn rounding_letters_of_others_and_what_one_does_not_read_are_no_difference() {
         outputs: None,
         ..literal()
     };
-    assert_eq!(differences(&[literal()], &[as_ethercrab.clone()]), []);
+    assert_eq!(differences(&[literal()], std::slice::from_ref(&as_ethercrab)), []);
     let [unread] = &compared(&literal(), &as_ethercrab, false)[..] else { panic!("one line") };
     assert_eq!(unread.found, "read by one alone: outputs (not by ethercrab)");
 }
