@@ -125,3 +125,18 @@ fn a_device_with_an_error_and_a_foreign_frame_are_refused_and_nothing_is_changed
     assert_eq!(code, 2, "{document:#}");
     assert_eq!(devices.end().frames, frames);
 }
+
+/// ethercrab adds the length of the first category to its address, which overflows; where overflow is not checked it may read on for ever.
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn a_panic_of_ethercrab_is_a_line_of_the_report() {
+    let slow = Slow::new("panic");
+    let sabotage = once_ethercrab_asks(|image| image[0x82..0x84].copy_from_slice(&0xfff0_u16.to_le_bytes()));
+    let _devices = Served::with(&slow.rig, &slow.scene, [true; 3], sabotage);
+    let (code, document) = doctor();
+    assert_eq!(code, DEVICE_MISMATCH, "{document:#}");
+    assert_eq!(lines(&document), [["second opinion on veth0", "ethercrab", "wrong"]], "{document:#}");
+    let failure = document["second_opinions"][0]["failure"].as_str().expect("why");
+    assert!(failure.starts_with("it panicked: ") || failure.starts_with("it did not end within "), "{failure}");
+    assert_eq!(states(), ["INIT"; 3]);
+}

@@ -53,7 +53,8 @@ pub(super) fn keep(desk: &mut SegmentSession) -> Result<Vec<Kept>, Failure> {
     Ok(kept)
 }
 
-fn refused(desk: &SegmentSession, device: &Device, status: AlStatus) -> Failure {
+/// The failure that a device is in another state.
+pub(super) fn refused(desk: &SegmentSession, device: &Device, status: AlStatus) -> Failure {
     let message = format!(
         "{} is in {status}: a second opinion takes each device through INIT, and starts only where all are in INIT or PRE-OP without an error",
         device.words()

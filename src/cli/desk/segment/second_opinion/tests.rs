@@ -16,7 +16,7 @@ use super::reading::Area;
 use super::*;
 use yieldwall_config as config;
 use yieldwall_fieldbus::ethercat::registers as register;
-use yieldwall_fieldbus::ethercat::{AlState, AlStatus};
+use yieldwall_fieldbus::ethercat::{AlState, AlStatus, AlStatusCode};
 use yieldwall_fieldbus::time::Time;
 use yieldwall_link::{EthernetArrival, EthernetLink, SendError};
 use yieldwall_rig::live::VirtualSegment;
@@ -166,19 +166,21 @@ fn a_device_that_does_not_come_to_pre_op_is_an_answer_too() {
 
 #[test]
 fn a_device_beyond_pre_op_or_with_an_error_is_refused() {
-    for (target, told) in [(AlState::SafeOperational, "`yieldwall state all init --take-over --bus eth0`")] {
-        let (_, mut desk) = Shared::new();
-        desk.service.change_state(1, AlState::PreOperational).unwrap();
-        // SAFE-OP without process data is refused by the device: it keeps its state with an error.
-        let is_reached = desk.service.change_state(1, target).is_ok();
-        let refused = kept::keep(&mut desk).unwrap_err();
-        let finding = &refused.report.diagnostics[0];
-        assert_eq!(refused.exit, Exit::BusUnavailable);
-        assert!(finding.message.starts_with("right (position 1) is in "), "{}", finding.message);
-        let help = finding.help.as_deref().unwrap();
-        let told = if is_reached { told } else { "`yieldwall state 1 ack --bus eth0` acknowledges its error" };
+    let (link, mut desk) = Shared::new();
+    for (status, told) in [
+        (AlStatus::new(AlState::SafeOperational, false), "`yieldwall state all init --take-over --bus eth0` takes"),
+        (AlStatus::new(AlState::Operational, false), "`yieldwall state all init --take-over --bus eth0` takes"),
+        (AlStatus::new(AlState::PreOperational, true), "`yieldwall state 1 ack --bus eth0` acknowledges its error"),
+    ] {
+        let refused = kept::refused(&desk, &desk.at(1), status);
+        let help = refused.report.diagnostics[0].help.as_deref().unwrap();
         assert!(help.contains(told), "{help}");
     }
+    link.change(|segment| segment.controller_mut(1).unwrap().fail(Time(0), AlStatusCode::SYNC_ERROR));
+    let refused = kept::keep(&mut desk).unwrap_err();
+    assert_eq!(refused.exit, Exit::BusUnavailable);
+    let message = &refused.report.diagnostics[0].message;
+    assert!(message.starts_with("right (position 1) is in ") && message.contains("+ERR"), "{message}");
 }
 
 /// A device with all values.
