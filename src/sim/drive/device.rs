@@ -435,8 +435,9 @@ impl Device {
     }
 
     pub(super) fn lose_connection(&mut self, code: u16) {
-        self.machine.lose_connection();
-        if matches!(self.machine.state(), State::Fault | State::FaultReactionActive) {
+        // One that is in Fault already keeps the code of its first error.
+        let has_reacted = self.machine.lose_connection().is_some();
+        if has_reacted && matches!(self.machine.state(), State::Fault | State::FaultReactionActive) {
             self.od.set(self.objects.error_code, code);
         }
         self.follow();
