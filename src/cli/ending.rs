@@ -146,7 +146,7 @@ pub(super) fn rig_failure(error: &RigError) -> Failure {
     Failure::new(exit, error.to_string(), help)
 }
 
-/// The same failure with advice for the very node, and the command that finds out why it does not answer, where it does not; `arguments` is what
+/// A failure with advice for the very node, and the command that finds out why it does not answer, where it does not; `arguments` is what
 /// a command needs to come to the node.
 pub(super) fn point_to_node(mut failure: Failure, error: &BootError, arguments: &str) -> Failure {
     let (Some(node_id), Some(finding)) = (error.node_id, failure.report.diagnostics.first_mut()) else {

@@ -45,7 +45,7 @@ pub(super) struct Arguments {
     /// The bus of the devices
     #[arg(long, value_enum)]
     bus: Option<BusKind>,
-    /// What the force sensor speaks on CAN
+    /// Protocol of the force sensor on CAN
     #[arg(long, value_enum)]
     sensor: Option<Protocol>,
     /// Device profiles of the left and of the right drive, names or files; one for both if one is given

@@ -44,7 +44,7 @@ pub(super) fn open_failure(error: &OpenError) -> Failure {
     }
 }
 
-/// What a command needs to come to the device of this name: the interface to its bus, and the rig.
+/// Arguments by which a command comes to the device of this name: the interface to its bus, and the rig.
 fn arguments_of(name: &str, rig: &config::Rig, file: &str, interfaces: &Interfaces) -> String {
     let drive = rig.drives.iter().find(|drive| drive.name == name).map(|drive| &drive.bus);
     let bus = drive.unwrap_or(&rig.sensor.bus);
@@ -55,7 +55,7 @@ fn arguments_of(name: &str, rig: &config::Rig, file: &str, interfaces: &Interfac
     format!(" --bus {bus} --rig {file}")
 }
 
-/// The same failure with advice for the very node that did not boot, and the command that finds out why it does not answer, where it does not.
+/// A failure of the boot with advice for the very node, and the command that finds out why it does not answer, where it does not.
 pub(super) fn point_to_node(
     failure: Failure,
     error: &RunError,
@@ -67,7 +67,7 @@ pub(super) fn point_to_node(
     ending::point_to_node(failure, error, &arguments_of(&error.name, rig, file, interfaces))
 }
 
-/// The same failure with the command that takes each drive out of Fault that is in it.
+/// A failure with the command that takes each drive out of Fault that is in it.
 pub(super) fn point_to_resets(
     failure: Failure,
     errors: &[DriveError],

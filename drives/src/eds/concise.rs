@@ -33,7 +33,7 @@ pub enum ConciseError {
     NoHead {
         /// Where the head, or the number of values, begins.
         at: usize,
-        /// Which value it is, from 1.
+        /// Number of the value, from 1.
         number: u32,
         /// Number of values that it says it has; 0 if that is not whole.
         count: u32,

@@ -154,7 +154,9 @@ fn a_device_that_does_not_store_on_command_is_named_before_it_is_told_to() {
     let file = std::env::temp_dir().join(format!("yieldwall-stores-{}.yaml", std::process::id()));
     let text = |answer: u8| {
         format!(
-            "like: builtin:vendors/slow-memory.yaml\nsimulation:\n  drive_model:\n    objects: [{{index: 0x1010, sub: 1, holds: {answer}}}]\n"
+            "like: builtin:paper-admittance.yaml\nsimulation:\n  drive_model:\n    profile: simulated-servo\n    has_dummies: true\n    \
+             refuses_mode: false\n    sdo_server: {{answer_ms: 0, segments_only: false, lengths: []}}\n    objects: [{{index: 0x1010, sub: 1, \
+             holds: {answer}}}]\n"
         )
     };
     for (answer, says) in

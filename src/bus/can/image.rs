@@ -94,7 +94,7 @@ struct Outgoing {
     bus: BusId,
     id: u16,
     len: u8,
-    /// What is nothing to the rig.
+    /// Values of objects that are nothing to the rig.
     word: u64,
     controlword: Field,
     target: Field,

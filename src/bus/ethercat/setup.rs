@@ -104,7 +104,7 @@ pub struct Mapped {
     pub at: Address,
     /// Its bits: 1 to 32, and up to 255 of what is nothing to the rig.
     pub bits: u8,
-    /// What it is to the rig.
+    /// Its meaning to the rig, if any.
     pub quantity: Option<Quantity>,
     /// The value of an output that is nothing to the rig.
     pub value: i32,

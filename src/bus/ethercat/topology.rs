@@ -112,7 +112,7 @@ pub fn parents(devices: &[Ports]) -> Vec<Option<(usize, usize)>> {
     parents
 }
 
-/// What is behind each port of each device, in the order of positions; behind port 0 that is the device itself and all that a frame
+/// The devices behind each port of each device, in the order of positions; behind port 0 that is the device itself and all that a frame
 /// reaches through it. Devices whose ports do not fit those before them are behind none.
 pub(super) fn behind(devices: &[Ports]) -> Vec<[Behind; 4]> {
     let mut all = vec![[Behind::default(); 4]; devices.len()];

@@ -130,7 +130,7 @@ pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     output.result(&told)
 }
 
-/// What tells of a drive: an EDS or DCF of CANopen, or a device description of EtherCAT with its path.
+/// A document about a drive: an EDS or DCF of CANopen, or a device description of EtherCAT with its path.
 enum Sheet {
     Eds(Box<Eds>),
     Esi(Esi, PathBuf),

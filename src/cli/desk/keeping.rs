@@ -93,7 +93,7 @@ fn keep_file(device: Named, extension: &str, bytes: &[u8]) -> Result<PathBuf, Fa
     Ok(path)
 }
 
-/// What a device answers for 1010h:1, if it does not say that it stores on command. It may do so all the same.
+/// The answer of a device for 1010h:1, if it does not say that it stores on command. It may do so all the same.
 ///
 /// # Source
 /// CiA 301, 1010h: bit 0, the device stores on command; bit 1, it stores by itself.

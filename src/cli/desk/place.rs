@@ -324,7 +324,7 @@ pub(super) fn placed(explanation: Explanation, device: u16, arguments: &str, rig
     Explanation { next, ..explanation }
 }
 
-/// The same of advice alone.
+/// Advice with the place of the device.
 pub(crate) fn placed_text(advice: &str, device: u16, arguments: &str, rig: Option<&str>) -> String {
     let parts = advice.split('`').enumerate().map(|(at, part)| match part.strip_prefix("yieldwall ") {
         Some(command) if at % 2 == 1 => format!("yieldwall {}", filled(command, device, arguments, rig)),

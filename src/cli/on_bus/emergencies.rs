@@ -144,7 +144,7 @@ pub(crate) fn told_before(error: &RunError, known: &[EmergencyReport], rig: &con
     }
 }
 
-/// What a node told last while the network did not come up, beside what is known already and not withdrawn.
+/// The last report of a node while the network did not come up, beside what is known already and not withdrawn.
 pub(crate) fn told_at_boot(error: &BootError, known: &[EmergencyReport], rig: &config::Rig) -> Vec<EmergencyReport> {
     let known = standing(known, None);
     let (BootFailure::NotStarted { said, .. } | BootFailure::Missing { said, .. }) = &error.failure else {
@@ -340,7 +340,7 @@ mod tests {
         let failure = BootFailure::NoAnswer { index: 0x6060, sub: 0 };
         let error = BootError { node_id: Some(1), name: "left".to_owned(), step: "set the mode", failure };
         assert_eq!(codes(&told_before(&error.into(), &all, &rig)), [(right, 0x4210)]);
-        // What has come again is there.
+        // An error that has come again is there.
         let again = different([told(left, 0x3220, true), told(left, 0x3220, false)].into_iter());
         assert_eq!(codes(&standing(&again, None)), [(left, 0x3220)]);
     }

@@ -61,7 +61,10 @@ pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
             continue;
         }
         check_tried(findings, &key, profile);
-        check_watchdogs(findings, &key, rig, &drive.profile, servo);
+        // On EtherCAT the controller watches for outputs, and the master sets its time.
+        if drive.address.position().is_none() {
+            check_watchdogs(findings, &key, rig, &drive.profile, servo);
+        }
         check_reference(findings, &key, profile, drive, servo);
         if servo.brake.held_by == BrakeHolder::Output {
             let message = format!(
@@ -93,7 +96,7 @@ fn check_tried(findings: &mut Findings, key: &str, profile: &DeviceProfile) {
     }
 }
 
-/// The rule of which watchdogs suffice: one that acts when the master dies, always; in torque mode within 10 ms. One for SYNC or
+/// The rule of which watchdogs suffice on CANopen: one that acts when the master dies, always; in torque mode within 10 ms. One for SYNC or
 /// set-points that the drive lacks is told.
 fn check_watchdogs(findings: &mut Findings, key: &str, rig: &Rig, name: &ProfileName, servo: &Servo) {
     let name = name.as_str();
@@ -109,7 +112,6 @@ fn check_watchdogs(findings: &mut Findings, key: &str, rig: &Rig, name: &Profile
     }
     let words: Vec<&str> = lacking.iter().map(|watchdog| watchdog.name()).collect();
     let message = format!("drives with the profile `{name}` have no watchdog for {}", words.join(" and "));
-    // On EtherCAT the controller has the watchdog.
     let Some((bus, own)) = rig.buses.iter().find_map(|(name, bus)| Some((name, bus.canopen()?))) else { return };
     let heartbeat = Duration::from_millis(own.heartbeat_ms.into()) * HEARTBEAT_PERIODS;
     let own_key = format!("buses.{bus}.canopen.heartbeat_ms");

@@ -364,7 +364,7 @@ impl Checked<'_> {
         }
     }
 
-    /// What CANopen has room and identifiers for.
+    /// Whether CANopen has room and an identifier for a PDO.
     fn of_canopen(&mut self, at: &str, pdo: &Pdo, bytes: usize) {
         const OTHERWISE: &str = "or write `buses: [ethercat]` in `profile` if that is its only bus";
         if bytes > FRAME_BYTES {

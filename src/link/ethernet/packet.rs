@@ -39,7 +39,7 @@ impl PacketSocket {
         Self::opened(interface, Some(role))
     }
 
-    /// The same without a role, so that another process may have it: for whoever sends nothing, and for a process that sends in place of the one
+    /// A socket without a role, so that another process may have it: for whoever sends nothing, and for a process that sends in place of the one
     /// that has the role.
     ///
     /// # Errors

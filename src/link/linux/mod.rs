@@ -341,7 +341,7 @@ impl Port {
         Ok(Self { socket, lost: 0, heard: None, pending: None })
     }
 
-    /// Has every frame come, those with 29-bit identifiers and those of CAN FD too.
+    /// Lets every frame come, those with 29-bit identifiers and those of CAN FD too.
     fn hear_others(&self) -> io::Result<()> {
         self.socket.set_filters(&[filter::no_filter()])?;
         self.socket.set_socket_option_int(libc::SOL_CAN_RAW, libc::CAN_RAW_FD_FRAMES, 1)
@@ -363,7 +363,7 @@ impl AsFd for Port {
     }
 }
 
-/// What a message tells.
+/// The content of a message.
 fn decode(message: &Message) -> Received {
     let Message { frame, is_own, is_fd, .. } = message;
     if frame.can_id & libc::CAN_ERR_FLAG != 0 {

@@ -88,7 +88,7 @@ pub trait TrialAccess: ObjectAccess {
     /// The time of its bus.
     fn now(&self) -> Time;
 
-    /// Has time pass.
+    /// Lets time pass.
     ///
     /// # Errors
     /// As the bus has them.
@@ -345,7 +345,7 @@ pub fn originals(objects: &mut dyn TrialAccess) -> Result<Vec<(Address, Vec<u8>)
     for Direction { communication, mapping, assignment } in [RPDO, TPDO] {
         wanted.extend([0, 1, 2].map(|sub| Address::new(mapping, sub)));
         match objects.bus() {
-            // Of the others the mapping is read alone.
+            // The mapping of the others is only read.
             Fieldbus::Canopen => {
                 wanted.extend((0..PDOS).flat_map(|more| [1, 2, 5].map(|sub| Address::new(communication + more, sub))))
             }
@@ -595,7 +595,7 @@ impl Probe<'_> {
             let mut numbers: Vec<u16> = (1..=PDOS).collect();
             if is_on_ethercat {
                 assigned = self.list(assignment)?.into_iter().map(|index| index as u16).collect();
-                // Those of the standard, and those that makers often use.
+                // Numbers of the standard, and others that makers often use.
                 numbers = (1..=8).chain(0x101..=0x108).collect();
                 let more = assigned.iter().filter_map(|index| index.checked_sub(mapping - 1));
                 numbers.extend(more.filter(|number| (1..=ETHERCAT_PDOS).contains(number)));

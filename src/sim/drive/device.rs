@@ -213,7 +213,7 @@ impl Device {
         self.lasting_fault = self.fault_code;
     }
 
-    /// What the drive finds wrong at a start: a power stage without voltage, and a Fault that no reset of the node ends.
+    /// Troubles that the drive finds at a start: a power stage without voltage, and a Fault that no reset of the node ends.
     pub(super) fn find_errors(&mut self, now: Time) {
         (self.emergency, self.supplied_at) = (None, Time::NEVER);
         if !self.supply_time.is_zero() {

@@ -23,7 +23,7 @@ const SHORTEST_CYCLE_NS: u32 = 62_500;
 const MAPPING_ENTRIES: u8 = 16;
 /// Bit of the error register for communication.
 const COMMUNICATION_ERROR: u8 = 1 << 4;
-/// What a mapping carries at power-on that can be changed.
+/// Objects of a mapping that can be changed, at power-on.
 const OUTPUTS: [cia::Object; 5] =
     [cia::CONTROLWORD, cia::TARGET_POSITION, cia::TARGET_VELOCITY, cia::TARGET_TORQUE, cia::MODE_OF_OPERATION];
 const INPUTS: [cia::Object; 6] = [

@@ -1,4 +1,4 @@
-//! What ethercrab, an EtherCAT master that nobody here wrote, reads of the devices of a segment.
+//! The readings of ethercrab, an EtherCAT master that nobody here wrote, of the devices of a segment.
 //!
 //! It takes all devices through INIT to PRE-OP and gives them station addresses. Its frames go over the link of this program; its timers
 //! live on the clock of that link.
@@ -25,12 +25,12 @@ const MOST_BYTES: usize = 1 << 14;
 /// Frames on their way, and bytes of each.
 const FRAMES: usize = 16;
 const FRAME_LEN: usize = PduStorage::element_size(1100);
-/// How often it sends a frame again that does not come back.
+/// Number of times that it sends a frame again that does not come back.
 const TRIES: usize = 5;
 /// Longest wait before its timers are looked at.
 const LOOK_UP: Duration = Duration::from_micros(100);
 
-/// What it says.
+/// Its report.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Answer {

@@ -1,4 +1,4 @@
-//! What another master changes in the devices on its way to PRE-OP, kept before and given back afterwards.
+//! Registers that another master changes in the devices on its way to PRE-OP, kept before and given back afterwards.
 
 use std::sync::atomic::Ordering;
 

@@ -1,4 +1,4 @@
-//! What this program reads of the devices, as `doctor` does: it writes no register but those of the memory chips, and brings a device in INIT
+//! The readings of this program of the devices, as `doctor` does: it writes no register but those of the memory chips, and brings a device in INIT
 //! to PRE-OP for its objects, and back.
 
 use super::super::pdo;

@@ -25,7 +25,7 @@ const LOOK_UP: Duration = Duration::from_millis(10);
 /// Bytes that are kept of what it prints: an answer has some 500 a device.
 const LONGEST: u64 = 1 << 20;
 
-/// What the process is started with: the interface, to which its parent has the role of the master.
+/// The arguments of the process: the interface, to which its parent has the role of the master.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
     interface: String,
@@ -127,7 +127,7 @@ fn wait(child: &mut Child, limit: Duration, is_over: &AtomicBool) -> Result<Exit
 fn reader(from: Option<impl Read + Send + 'static>) -> thread::JoinHandle<String> {
     thread::spawn(move || {
         let mut bytes = Vec::new();
-        // What was read up to an error is all that there is.
+        // The bytes up to a read error are all that there is.
         let _ = from.map(|from| from.take(LONGEST).read_to_end(&mut bytes));
         String::from_utf8_lossy(&bytes).into_owned()
     })

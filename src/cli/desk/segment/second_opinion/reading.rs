@@ -1,11 +1,11 @@
-//! What a master reads of the devices of a segment, and where two masters differ.
+//! The readings of a master of the devices of a segment, and where two masters differ.
 
 use serde::{Deserialize, Serialize};
 
 /// Largest difference between two delays that rounding makes, in ns: 1 ns a device.
 const ROUNDING_NS: u32 = 64;
 
-/// What one master reads of one device; `None` is what it does not read or does not show.
+/// The reading of one device by one master; `None` is what it does not read or does not show.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct DeviceReading {
     /// Vendor, product code, revision and serial number in the SII.
