@@ -165,7 +165,7 @@ fn a_device_that_does_not_store_on_command_is_named_before_it_is_told_to() {
         std::fs::write(&file, text(answer)).unwrap();
         let (code, text) = yieldwall(&format!("od write left max-torque 900 --save --yes --rig {}", file.display()));
         assert_eq!(code, Some(0), "{text}");
-        assert_eq!(text.contains("warning: "), says.is_some(), "{text}");
+        assert_eq!(text.contains("⚠"), says.is_some(), "{text}");
         assert!(says.is_none_or(|says| text.contains(says)) && text.contains("stored"), "{text}");
     }
     std::fs::remove_file(&file).unwrap();

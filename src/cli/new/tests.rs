@@ -169,14 +169,15 @@ fn what_is_not_given_is_asked() {
         (choice, String::from_utf8(questions).unwrap(), answers.len())
     };
     let usual = ask(&Flags::try_parse_from(["new", "rig.yaml"]).unwrap().arguments, None).unwrap();
-    let (choice, questions, left) = asked(&[], &"\n".repeat(7));
+    let (choice, questions, left) = asked(&[], &"\n".repeat(8));
     assert_eq!((format!("{:?}", choice.unwrap()), left), (format!("{usual:?}"), 0));
     assert!(questions.contains("what the drives are commanded: torque, velocity, position [torque] "), "{questions}");
     // What is answered is not among it, nor the end of its line.
     let each = questions.split_inclusive("] ").flat_map(str::lines);
-    assert!(each.clone().count() >= 7 && each.clone().all(|line| line.chars().count() <= 80), "{questions}");
+    assert!(each.clone().count() >= 8 && each.clone().all(|line| line.chars().count() <= 80), "{questions}");
 
-    let answers = "speed\nposition\n400\n 2000 \nstreaming\nsimulated-serv\nsimulated-servo\n5,5\n5,6\n0.3\n0.2,0.25\n";
+    let answers =
+        "speed\nposition\n400\n 2000 \ncan\nstreaming\nsimulated-serv\nsimulated-servo\n5,5\n5,6\n0.3\n0.2,0.25\n";
     let (choice, questions, left) = asked(&[], answers);
     let choice = choice.unwrap();
     assert_eq!((choice.mode, choice.period_us, choice.sensor), (Mode::Position, 2000, Protocol::Streaming));
@@ -192,7 +193,8 @@ fn what_is_not_given_is_asked() {
     }
 
     // What a flag says is not asked.
-    let (choice, questions, left) = asked(&["--mode", "velocity", "--nodes", "5,6,7", "--links", "0.2,0.25"], "\n\n\n");
+    let (choice, questions, left) =
+        asked(&["--mode", "velocity", "--nodes", "5,6,7", "--links", "0.2,0.25"], "\n\n\n\n");
     assert_eq!((choice.unwrap().mode, left), (Mode::Velocity, 0));
     assert!(!questions.contains("commanded") && !questions.contains("node ids"), "{questions}");
 
