@@ -334,8 +334,8 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
         wide.extend(too_wide.map(|seen| format!("{line}: {seen}")));
     }
     assert_eq!(wide, Vec::<String>::new(), "{}", wide.join("\n"));
-    // Seven questions, each of which has a usual answer.
-    let (exit, lines) = on_terminal("new asked.yaml", &folder.0, &"\n".repeat(7));
+    // Eight questions, each of which has a usual answer.
+    let (exit, lines) = on_terminal("new asked.yaml", &folder.0, &"\n".repeat(8));
     assert_eq!(exit, Some(0), "{}", lines.join("\n"));
     // What is typed ahead is echoed before the questions, which then follow each other in one line.
     let of_answers = lines.iter().filter(|line| !line.contains('['));
