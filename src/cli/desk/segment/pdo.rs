@@ -22,6 +22,7 @@ pub(super) struct Exchange {
 /// Reads an object as a number; `None` if the device has none.
 type Numbers<'a> = dyn FnMut(Address) -> Result<Option<u32>, Failure> + 'a;
 
+#[cfg(feature = "ethercrab")]
 impl Exchange {
     /// Bytes that they have.
     pub(super) fn bytes(&self) -> u32 {
