@@ -3,9 +3,13 @@
 //! Objects are tried out in Pre-operational and in Switch On Disabled, with the PDOs out of use; afterwards each has its value again. What
 //! shows in Operation Enabled alone stays unknown. The device is on CAN or on EtherCAT; the two differ in how a PDO is taken out of use.
 
+mod access;
+mod process_data;
 mod profile;
 mod sheet;
 
+pub use access::TrialAccess;
+pub use process_data::{Carrier, StandingPdo};
 pub use profile::profile;
 pub use sheet::{ObjectReading, contradictions};
 
@@ -17,33 +21,16 @@ use yieldwall_drives::objects::{self as cia, Object as Standard};
 
 use super::connection::Error;
 use super::inventory::sheet_of;
-use super::object_access::{NodeObjects, ObjectAccess};
 use super::restore::{WriteOutcome, carry_out, plan};
 use super::scan::{Identity, number};
-use super::segment::DeviceObjects;
+use process_data::{DUMMY, Direction, MOST_MAPPED, PDOS, RPDO, TPDO, mapped};
 use yieldwall_drives::profiles::Fieldbus;
-use yieldwall_fieldbus::canopen::{NmtCommand, NmtState};
+use yieldwall_fieldbus::canopen::NmtState;
 use yieldwall_fieldbus::ethercat::AlState;
 use yieldwall_fieldbus::objects::{AbortCode, Address};
-use yieldwall_fieldbus::time::Time;
-use yieldwall_link::{CanLink, EthernetLink};
 
-/// Bit 31 of a COB-ID.
-const NOT_USED: u32 = 0x8000_0000;
-/// PDO 1 of each direction: communication and mapping parameter, and what is assigned on EtherCAT.
-const RPDO: Direction = Direction { communication: 0x1400, mapping: 0x1600, assignment: 0x1c12 };
-const TPDO: Direction = Direction { communication: 0x1800, mapping: 0x1a00, assignment: 0x1c13 };
-/// PDOs of a direction that have identifiers, and those that EtherCAT has indices for.
-const PDOS: u16 = 4;
-const ETHERCAT_PDOS: u16 = 512;
 /// The name that a device gives itself.
 const NAME: Address = Address::new(0x1008, 0);
-/// Bits that a PDO carries.
-const PDO_BITS: u32 = 64;
-/// Most entries of a mapping that are looked for.
-const MOST_MAPPED: u8 = 64;
-/// A byte that an RPDO skips: the type UNSIGNED8 mapped.
-const DUMMY: u32 = 0x0005_0008;
 /// How long a drive may take to change its mode.
 const MODE_CHANGE: Duration = Duration::from_secs(1);
 /// Values that are tried: a time in ms, and the node that a heartbeat is watched of, which nobody has.
@@ -56,117 +43,6 @@ pub(super) const MODES: [(OperationMode, Standard); 3] = [
     (OperationMode::CyclicVelocity, cia::TARGET_VELOCITY),
     (OperationMode::CyclicPosition, cia::TARGET_POSITION),
 ];
-
-/// The objects of PDOs of one direction.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Direction {
-    communication: u16,
-    mapping: u16,
-    assignment: u16,
-}
-
-/// A device that is tried out.
-pub trait TrialAccess: ObjectAccess {
-    /// The bus that it is on.
-    fn bus(&self) -> Fieldbus;
-
-    /// Its node id; 0 on EtherCAT.
-    fn node_id(&self) -> u8;
-
-    /// Whether process data run; nothing is sent to change that.
-    ///
-    /// # Errors
-    /// If they do, or the device does not say so.
-    fn check_rest(&mut self) -> Result<(), Refusal>;
-
-    /// Brings a device that tells no state to where process data rest.
-    ///
-    /// # Errors
-    /// As the bus has them.
-    fn bring_to_rest(&mut self) -> Result<(), Error>;
-
-    /// The time of its bus.
-    fn now(&self) -> Time;
-
-    /// Lets time pass.
-    ///
-    /// # Errors
-    /// As the bus has them.
-    fn wait(&mut self, time: Duration) -> Result<(), Error>;
-
-    /// From now on nobody can end what is done: values that were changed have to be put back.
-    fn finish(&mut self);
-}
-
-impl<L: CanLink> TrialAccess for NodeObjects<'_, L> {
-    fn bus(&self) -> Fieldbus {
-        Fieldbus::Canopen
-    }
-
-    fn node_id(&self) -> u8 {
-        self.node.raw()
-    }
-
-    fn check_rest(&mut self) -> Result<(), Refusal> {
-        match self.service.state(self.node)? {
-            Some(NmtState::PreOperational) | None => Ok(()),
-            Some(other) => Err(Refusal::Nmt(other)),
-        }
-    }
-
-    fn bring_to_rest(&mut self) -> Result<(), Error> {
-        match self.service.heard(self.node).state {
-            Some(_) => Ok(()),
-            None => self.service.command(NmtCommand::EnterPreOperational, Some(self.node)),
-        }
-    }
-
-    fn now(&self) -> Time {
-        self.service.now()
-    }
-
-    fn wait(&mut self, time: Duration) -> Result<(), Error> {
-        self.service.listen(time, |_| {})
-    }
-
-    fn finish(&mut self) {
-        self.service.finish();
-    }
-}
-
-impl<L: EthernetLink> TrialAccess for DeviceObjects<'_, L> {
-    fn bus(&self) -> Fieldbus {
-        Fieldbus::Ethercat
-    }
-
-    fn node_id(&self) -> u8 {
-        0
-    }
-
-    fn check_rest(&mut self) -> Result<(), Refusal> {
-        match self.state()? {
-            AlState::PreOperational => Ok(()),
-            other => Err(Refusal::Al(other)),
-        }
-    }
-
-    /// It has objects in PRE-OP at the earliest.
-    fn bring_to_rest(&mut self) -> Result<(), Error> {
-        Ok(())
-    }
-
-    fn now(&self) -> Time {
-        self.time()
-    }
-
-    fn wait(&mut self, time: Duration) -> Result<(), Error> {
-        self.pass(time)
-    }
-
-    fn finish(&mut self) {
-        self.end_later();
-    }
-}
 
 /// Why a device cannot be adopted. Nothing of it has changed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -202,60 +78,6 @@ fn reasons(modes: &[(OperationMode, &'static str)]) -> String {
         return "6502h names none of the cyclic synchronous ones".to_owned();
     }
     modes.iter().map(|(mode, reason)| format!("{mode:?}: {reason}")).collect::<Vec<_>>().join(", ")
-}
-
-fn mapped(pdos: &[StandingPdo]) -> String {
-    let entry = |raw: &u32| format!("{:04X}h:{}/{}", raw >> 16, raw >> 8 & 0xff, raw & 0xff);
-    let one = |pdo: &StandingPdo| {
-        let entries: Vec<String> = pdo.entries.iter().map(entry).collect();
-        format!(
-            "{:04X}h maps {}",
-            pdo.mapping(),
-            if entries.is_empty() { "nothing".to_owned() } else { entries.join(" ") }
-        )
-    };
-    pdos.iter().map(one).collect::<Vec<_>>().join(", ")
-}
-
-/// A PDO as the device has it.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct StandingPdo {
-    /// Whether the device sends it.
-    pub is_tpdo: bool,
-    /// Its number: 1 to 4 on CANopen, 1 to 512 on EtherCAT.
-    pub number: u16,
-    /// Its mapped objects as 16xxh and 1Axxh hold them.
-    pub entries: Vec<u32>,
-    /// Whether it is exchanged now, on EtherCAT.
-    pub is_assigned: bool,
-}
-
-impl StandingPdo {
-    fn direction(&self) -> Direction {
-        if self.is_tpdo { TPDO } else { RPDO }
-    }
-
-    fn mapping(&self) -> u16 {
-        self.direction().mapping + self.number - 1
-    }
-}
-
-/// A PDO that carries what a mode needs.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Carrier {
-    /// The first one, whose mapping takes it.
-    Writable,
-    /// One that carries it and takes no other mapping.
-    Fixed(StandingPdo),
-}
-
-impl Carrier {
-    fn communication(&self, direction: Direction) -> u16 {
-        match self {
-            Carrier::Writable => direction.communication,
-            Carrier::Fixed(pdo) => direction.communication + pdo.number - 1,
-        }
-    }
 }
 
 /// What a drive can do, as far as it shows in Switch On Disabled.
@@ -565,142 +387,6 @@ impl Probe<'_> {
             Err(error) => Err(error),
         }
     }
-
-    /// The PDOs by which a mode gets its set-point, or why there are none.
-    fn rpdo(
-        &mut self,
-        mode: OperationMode,
-        set_point: Standard,
-        of: &dyn Fn(Address) -> Option<u32>,
-    ) -> Result<Result<Vec<Carrier>, &'static str>, Error> {
-        if self.has(set_point)?.is_none() {
-            return Ok(Err("its set-point is not there"));
-        }
-        if self.survey.tpdos.is_empty() {
-            return Ok(Err("statusword and position do not go into one TPDO"));
-        }
-        let carriers = self.carriers(RPDO, of, [cia::CONTROLWORD, set_point])?;
-        if carriers.is_empty() {
-            return Ok(Err("controlword and set-point do not go into one RPDO"));
-        }
-        let takes_mode = self.takes_mode(mode)?;
-        Ok(if takes_mode { Ok(carriers) } else { Err("it does not take the mode in Switch On Disabled") })
-    }
-
-    /// The mappings that the device has. Nothing is written.
-    fn read_mappings(&mut self) -> Result<(), Error> {
-        let is_on_ethercat = self.survey.is_on_ethercat;
-        for (is_tpdo, Direction { mapping, assignment, .. }) in [(false, RPDO), (true, TPDO)] {
-            let mut assigned = Vec::new();
-            let mut numbers: Vec<u16> = (1..=PDOS).collect();
-            if is_on_ethercat {
-                assigned = self.list(assignment)?.into_iter().map(|index| index as u16).collect();
-                // Numbers of the standard, and others that makers often use.
-                numbers = (1..=8).chain(0x101..=0x108).collect();
-                let more = assigned.iter().filter_map(|index| index.checked_sub(mapping - 1));
-                numbers.extend(more.filter(|number| (1..=ETHERCAT_PDOS).contains(number)));
-                numbers.sort_unstable();
-                numbers.dedup();
-            }
-            for number in numbers {
-                let index = mapping + number - 1;
-                let entries = self.list(index)?;
-                if !entries.is_empty() {
-                    let is_assigned = assigned.contains(&index);
-                    self.standing.push(StandingPdo { is_tpdo, number, entries, is_assigned });
-                }
-            }
-        }
-        Ok(())
-    }
-
-    /// The entries of a list whose length is at sub-index 0; none if the device does not have it.
-    fn list(&mut self, index: u16) -> Result<Vec<u32>, Error> {
-        let count = self.value(Address::new(index, 0))?.unwrap_or_default() & 0xff;
-        let mut entries = Vec::new();
-        for sub in 1..=count.min(MOST_MAPPED.into()) as u8 {
-            entries.extend(self.value(Address::new(index, sub))?);
-        }
-        Ok(entries)
-    }
-
-    fn value(&mut self, at: Address) -> Result<Option<u32>, Error> {
-        match self.objects.read(at) {
-            Ok(bytes) => Ok(Some(number(&bytes))),
-            Err(Error::Refused(_) | Error::Senseless(_)) => Ok(None),
-            Err(error) => Err(error),
-        }
-    }
-
-    /// The PDOs that carry two objects, out of use then: the first one where its mapping takes them, otherwise one that carries them already, or,
-    /// on EtherCAT, all that are exchanged.
-    fn carriers(
-        &mut self,
-        direction: Direction,
-        of: &dyn Fn(Address) -> Option<u32>,
-        objects: [Standard; 2],
-    ) -> Result<Vec<Carrier>, Error> {
-        let wanted = objects.map(mapping_entry);
-        let is_out = self.takes_out_of_use(direction, direction.communication, of)?;
-        if is_out && self.maps(direction.mapping, &wanted)? {
-            return Ok(vec![Carrier::Writable]);
-        }
-        let of_direction: Vec<StandingPdo> =
-            self.standing.iter().filter(|pdo| pdo.direction() == direction).cloned().collect();
-        let carries =
-            |pdos: &[StandingPdo]| wanted.iter().all(|entry| pdos.iter().any(|pdo| pdo.entries.contains(entry)));
-        if self.survey.is_on_ethercat {
-            let assigned: Vec<StandingPdo> = of_direction.iter().filter(|pdo| pdo.is_assigned).cloned().collect();
-            let one = || of_direction.iter().find(|pdo| is_out && carries(std::slice::from_ref(*pdo))).cloned();
-            let chosen = if carries(&assigned) { assigned } else { one().into_iter().collect() };
-            return Ok(chosen.into_iter().map(Carrier::Fixed).collect());
-        }
-        let fits = |pdo: &&StandingPdo| pdo.entries.iter().map(|raw| raw & 0xff).sum::<u32>() <= PDO_BITS;
-        let Some(pdo) = of_direction.iter().filter(fits).find(|pdo| carries(std::slice::from_ref(*pdo))) else {
-            return Ok(Vec::new());
-        };
-        let carrier = Carrier::Fixed(pdo.clone());
-        let is_out = self.takes_out_of_use(direction, carrier.communication(direction), of)?;
-        Ok(if is_out { vec![carrier] } else { Vec::new() })
-    }
-
-    /// Takes a PDO out of use: on CAN by its identifier, on EtherCAT with all others of its direction.
-    fn takes_out_of_use(
-        &mut self,
-        direction: Direction,
-        communication: u16,
-        of: &dyn Fn(Address) -> Option<u32>,
-    ) -> Result<bool, Error> {
-        if self.survey.is_on_ethercat {
-            return self.takes(Address::new(direction.assignment, 0), &[0]);
-        }
-        let identifier = Address::new(communication, 1);
-        match of(identifier) {
-            Some(cob_id) => self.takes(identifier, &(cob_id | NOT_USED).to_le_bytes()),
-            None => Ok(false),
-        }
-    }
-
-    fn maps(&mut self, mapping: u16, entries: &[u32]) -> Result<bool, Error> {
-        if !self.takes(Address::new(mapping, 0), &[0])? {
-            return Ok(false);
-        }
-        for (sub, entry) in (1..).zip(entries) {
-            let is_mapped = self.takes(Address::new(mapping, sub), &entry.to_le_bytes())?;
-            if *entry != DUMMY {
-                let mapped = Address::new((entry >> 16) as u16, (entry >> 8) as u8);
-                self.survey.told.push((mapped, ObjectReading::Mapped(is_mapped)));
-            }
-            if !is_mapped {
-                return Ok(false);
-            }
-        }
-        self.takes(Address::new(mapping, 0), &[entries.len() as u8])
-    }
-}
-
-fn mapping_entry(object: Standard) -> u32 {
-    u32::from(object.index) << 16 | u32::from(object.sub) << 8 | u32::from(object.bits())
 }
 
 /// The number that bytes are in two's complement, the lowest first.

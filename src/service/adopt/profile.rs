@@ -1,5 +1,6 @@
 //! The profile file of a drive that was tried out.
 
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 use yieldwall_drives::cia402::OperationMode;
@@ -212,6 +213,30 @@ fn entry_of(object: Object, source: &str) -> String {
     format!("{{index: 0x{:04x}, sub: {}, bits: {}, source: {source}}}", object.index, object.sub, object.bits())
 }
 
+/// Outputs that are mapped for good, and that neither the rig nor the boot has a value for: index and sub-index.
+fn zeros(survey: &Survey) -> BTreeSet<(u32, u32)> {
+    let fixed = survey.rpdos.iter().flatten().filter_map(|carrier| match carrier {
+        Carrier::Fixed(pdo) => Some(&pdo.entries),
+        Carrier::Writable => None,
+    });
+    let known = [
+        cia::CONTROLWORD,
+        cia::MODE_OF_OPERATION,
+        cia::TARGET_POSITION,
+        cia::TARGET_VELOCITY,
+        cia::TARGET_TORQUE,
+        cia::MAX_TORQUE,
+        cia::FOLLOWING_ERROR_WINDOW,
+        cia::INTERPOLATION_TIME,
+        cia::INTERPOLATION_EXPONENT,
+        cia::QUICK_STOP_OPTION,
+        cia::ABORT_CONNECTION_OPTION,
+    ];
+    let known = known.map(|object| (u32::from(object.index), u32::from(object.sub)));
+    let entries = fixed.flatten().map(|raw| (raw >> 16, raw >> 8 & 0xff));
+    entries.filter(|entry| entry.0 != 0 && !known.contains(entry)).collect()
+}
+
 /// What the drive lacks, or does not show, and what follows.
 fn missing(survey: &Survey, sheet: Option<&Eds>) -> Vec<String> {
     let mut missing = Vec::new();
@@ -260,6 +285,11 @@ fn missing(survey: &Survey, sheet: Option<&Eds>) -> Vec<String> {
         "what the encoder knows at power-on and whether a reset loses it: write `encoder: multi_turn` or `single_turn` at the drive in the rig",
     );
     put(true, "who holds the brake, if there is one: write `held_by` of `brake`: none, drive or output");
+    for (index, sub) in zeros(survey) {
+        missing.push(format!(
+            "{index:04X}h:{sub} is mapped, and the rig has no value for it: each cycle sends 0; write its `value` by the manual, above all of a limit"
+        ));
+    }
     for (mode, reason) in &survey.refused_modes {
         missing.push(format!("{mode:?}: it says it has the mode, but {reason}"));
     }

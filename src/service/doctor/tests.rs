@@ -38,7 +38,7 @@ fn service(trouble: Option<(u8, Trouble)>) -> Service<Box<dyn CanLink>> {
     Service::new(link, BusId::FIRST, Arc::new(AtomicBool::new(false)))
 }
 
-/// What is found of a node of the simulation with a trouble.
+/// The findings of `doctor node` for a simulated node with a trouble.
 fn examined(raw: u8, trouble: Option<(u8, Trouble)>, is_silent: bool) -> NodeFacts {
     examine(&mut service(trouble), node(raw), is_silent).unwrap()
 }

@@ -116,7 +116,7 @@ impl<L: EthernetLink> DeviceObjects<'_, L> {
         self.service.now()
     }
 
-    /// Has time pass.
+    /// Lets time pass.
     pub(crate) fn pass(&mut self, time: Duration) -> Result<(), Error> {
         self.listen(time).map_err(of_segment)
     }
