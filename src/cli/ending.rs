@@ -148,19 +148,30 @@ pub(super) fn rig_failure(error: &RigError) -> Failure {
 
 /// A failure with advice for the very node, and the command that finds out why it does not answer, where it does not; `arguments` is what
 /// a command needs to come to the node.
-pub(super) fn point_to_node(mut failure: Failure, error: &BootError, arguments: &str) -> Failure {
-    let (Some(node_id), Some(finding)) = (error.node_id, failure.report.diagnostics.first_mut()) else {
-        return failure;
-    };
-    let help = finding.help.take().map(|help| placed_text(&help, node_id.into(), arguments, None));
-    finding.help = match error.failure {
-        BootFailure::Missing { .. } | BootFailure::NoAnswer { .. } => {
+pub(super) fn point_to_node(mut failure: Failure, error: &BootError, rig: &config::Rig, arguments: &str) -> Failure {
+    let number = error.node_id.map(u16::from).or_else(|| position_of(&error.name, rig));
+    let (Some(number), Some(finding)) = (number, failure.report.diagnostics.first_mut()) else { return failure };
+    let help = finding.help.take().map(|help| placed_text(&help, number, arguments, None));
+    finding.help = match (&error.failure, error.node_id) {
+        (BootFailure::Missing { .. } | BootFailure::NoAnswer { .. }, Some(node_id)) => {
             let help = help.map_or(String::new(), |help| format!("; {help}"));
             Some(format!("`yieldwall doctor node {node_id}{arguments}` finds out why{help}"))
         }
         _ => help,
     };
     failure
+}
+
+/// The position of a device on EtherCAT, by the title that a failure of the boot has.
+fn position_of(title: &str, rig: &config::Rig) -> Option<u16> {
+    let drives = rig.drives.iter().map(|drive| (&drive.name, drive.address.position()));
+    let mut devices = drives.chain([(&rig.sensor.name, rig.sensor.protocol.position())]);
+    devices.find(|(name, _)| is_title(title, name))?.1
+}
+
+/// Whether a failure of the boot is of the device of this name; on EtherCAT its position stands behind the name.
+pub(super) fn is_title(title: &str, name: &str) -> bool {
+    title.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with(" (position "))
 }
 
 /// How the program ends when the boot has failed.
@@ -205,6 +216,10 @@ fn boot_help(failure: &BootFailure) -> &'static str {
         BootFailure::Keeps { .. } | BootFailure::FixedExponent { .. } | BootFailure::Synchronisation { .. } => {
             "`yieldwall od read` with the device and the object shows what it holds; then do what the message says"
         }
+        BootFailure::Mode { .. } => {
+            "a drive in Fault takes no other mode: `yieldwall state NODE` shows its state; once the cause has gone, `yieldwall state NODE \
+             --reset-fault` takes it out of Fault. Any other drive has to have the mode by its profile"
+        }
         BootFailure::ReadBack { .. } => {
             "look for another master and for a duplicate node id: somebody else has written to the node or answered for it"
         }
@@ -223,6 +238,22 @@ mod tests {
     fn said(error: &RigError) -> (Exit, String) {
         let Failure { exit, report } = rig_failure(error);
         (exit, report.diagnostics[0].help.clone().unwrap_or_default())
+    }
+
+    #[test]
+    fn advice_comes_to_the_device_by_its_node_id_or_its_position() {
+        for (rig, node_id, name, number) in [
+            ("paper-admittance.yaml", Some(2), "right", 2),
+            ("paper-ethercat.yaml", None, "right (position 1)", 1),
+            ("paper-ethercat.yaml", None, "wrist (position 2)", 2),
+        ] {
+            let rig = config::load_rig(config::builtin(rig)).unwrap().value;
+            let failure = BootFailure::Mode { wanted: 8, received: 0 };
+            let error = BootError { node_id, name: name.to_owned(), step: "check the command mode in force", failure };
+            let failure = rig_failure(&RigError::Boot(error.clone()));
+            let help = point_to_node(failure, &error, &rig, " --bus eth0").report.diagnostics[0].help.clone().unwrap();
+            assert!(help.contains(&format!("`yieldwall state {number} --reset-fault --bus eth0`")), "{help}");
+        }
     }
 
     #[test]

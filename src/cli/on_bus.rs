@@ -46,7 +46,7 @@ pub(super) fn open_failure(error: &OpenError) -> Failure {
 
 /// Arguments by which a command comes to the device of this name: the interface to its bus, and the rig.
 fn arguments_of(name: &str, rig: &config::Rig, file: &str, interfaces: &Interfaces) -> String {
-    let drive = rig.drives.iter().find(|drive| drive.name == name).map(|drive| &drive.bus);
+    let drive = rig.drives.iter().find(|drive| ending::is_title(name, &drive.name)).map(|drive| &drive.bus);
     let bus = drive.unwrap_or(&rig.sensor.bus);
     let at = rig.buses.keys().position(|name| name == bus).unwrap_or_default();
     // There is one for each bus.
@@ -64,7 +64,7 @@ pub(super) fn point_to_node(
     interfaces: &Interfaces,
 ) -> Failure {
     let RunError::Boot(error) = error else { return failure };
-    ending::point_to_node(failure, error, &arguments_of(&error.name, rig, file, interfaces))
+    ending::point_to_node(failure, error, rig, &arguments_of(&error.name, rig, file, interfaces))
 }
 
 /// A failure with the command that takes each drive out of Fault that is in it.

@@ -228,7 +228,7 @@ fn not_run(
     // `doctor` knows these by the same names.
     let same = injected.find(|injection| matches!(injection.kind, Kind::WrongBitRate | Kind::WrongNodeId));
     let fault = same.map_or(String::new(), |injection| format!(" --fault {}", injection.kind.row().name));
-    ending::point_to_node(failure, boot, &format!(" --rig {}{fault}", arguments.rig))
+    ending::point_to_node(failure, boot, rig, &format!(" --rig {}{fault}", arguments.rig))
 }
 
 /// Whether a run ended as it should, but for what was injected into it.

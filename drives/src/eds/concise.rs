@@ -31,7 +31,7 @@ pub enum ConciseError {
     /// It ends in the number of values, or in the head of one.
     #[error("byte {at}: the file ends before the head of value {number} of {count}")]
     NoHead {
-        /// Where the head, or the number of values, begins.
+        /// Offset of the head, or of the number of values, in bytes.
         at: usize,
         /// Number of the value, from 1.
         number: u32,
@@ -41,7 +41,7 @@ pub enum ConciseError {
     /// It ends in a value.
     #[error("byte {at}: {index:04X}h:{sub} has {length} bytes by its head, and {left} are left")]
     Short {
-        /// Where the value begins.
+        /// Offset of the value in bytes.
         at: usize,
         /// Index of the object.
         index: u16,
@@ -55,7 +55,7 @@ pub enum ConciseError {
     /// Something follows behind the last value.
     #[error("byte {at}: value {count}, the last one, ends here, and {left} bytes follow")]
     Trailing {
-        /// Where the last value ends.
+        /// Offset of the end of the last value in bytes.
         at: usize,
         /// Number of values.
         count: u32,
@@ -70,7 +70,7 @@ pub fn is_concise(bytes: &[u8]) -> bool {
     bytes.get(2..4) == Some(&[0, 0])
 }
 
-/// One entry of a concise DCF: index, sub-index and the bytes of the value, the lowest first.
+/// An entry of a concise DCF: index, sub-index and the bytes of the value, the lowest first.
 pub type ConciseEntry<'a> = (u16, u8, &'a [u8]);
 
 /// The values of a concise file in their order: index, sub-index, bytes.

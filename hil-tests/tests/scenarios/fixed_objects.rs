@@ -170,3 +170,21 @@ fn a_device_that_does_not_store_on_command_is_named_before_it_is_told_to() {
     }
     std::fs::remove_file(&file).unwrap();
 }
+
+#[test]
+fn a_drive_in_fault_that_takes_no_mode_is_named_with_the_command_that_resets_it() {
+    let file = std::env::temp_dir().join(format!("yieldwall-in-fault-{}.yaml", std::process::id()));
+    for vendor in ["fixed-standard-mapping", "ethercat-fixed-assignment"] {
+        let shipped = Source::named(&format!("builtin:vendors/{vendor}.yaml")).read().unwrap().to_string();
+        let rig = shipped.replace("../", "builtin:").replace(" profiles/", " builtin:vendors/profiles/");
+        assert_eq!(rig.matches("    has_dummies: true\n").count(), 1, "{rig}");
+        let rig = rig.replace("    has_dummies: true\n", "    has_dummies: true\n    fault_code: 0x7121\n");
+        std::fs::write(&file, rig).unwrap();
+        let (code, text) = yieldwall(&format!("run {} --duration 0.3", file.display()));
+        assert_eq!(code, Some(5), "{text}");
+        let words = text.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(words.contains("a drive in Fault takes no other mode"), "{text}");
+        assert!(words.contains("`yieldwall state NODE --reset-fault`"), "{text}");
+    }
+    std::fs::remove_file(&file).unwrap();
+}

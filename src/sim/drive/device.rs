@@ -161,7 +161,7 @@ impl Device {
         })
     }
 
-    /// What it does in a manner of its own.
+    /// Sets the quirks of the drive.
     pub(super) fn set_manner(&mut self, manner: &DriveQuirks) {
         (self.lacks_dummies, self.refuses_mode) = (manner.lacks_dummies, manner.refuses_mode);
         self.needed_bits = needed_bits(&manner.objects);

@@ -17,7 +17,7 @@ fn well(rig: &str, line: &str) -> Value {
     document
 }
 
-/// One device has an empty memory chip; commands find, read and repair it and the others.
+/// Commands find, read and repair a device with an empty memory chip and the others.
 #[test]
 #[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
 fn devices_are_found_asked_and_mended_while_one_is_broken() {

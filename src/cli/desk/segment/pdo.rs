@@ -75,7 +75,7 @@ fn managers(number_of: &mut Numbers<'_>) -> Result<Vec<(&'static str, u8)>, Fail
     Ok(if managers.is_empty() { USUAL.to_vec() } else { managers })
 }
 
-/// What the sync managers of a device exchange.
+/// Process data of the sync managers of a device.
 pub(super) fn read(number_of: &mut Numbers<'_>) -> Result<Vec<Exchange>, Failure> {
     let mut exchanged = Vec::new();
     for (direction, sync_manager) in managers(number_of)? {

@@ -61,7 +61,7 @@ embassy_time_driver::time_driver_impl!(static CLOCK: Clock = Clock);
 /// Brings all devices to PRE-OP by ethercrab, and returns what that reads of them.
 ///
 /// # Panics
-/// Where ethercrab does, as on damaged memory chips. It may not end either.
+/// If ethercrab panics, as it does on some damaged memory chips. It may hang as well.
 pub(super) fn read(link: &mut impl EthernetLink) -> Answer {
     let storage = PduStorage::<FRAMES, FRAME_LEN>::new();
     let Ok((tx, rx, pdu_loop)) = storage.try_split() else { return Answer::Failed("its storage is taken".to_owned()) };
