@@ -2,21 +2,18 @@
 
 use std::time::Duration;
 
-use yieldwall::bus::ethercat::{
-    Acts, EthercatNetwork, EthernetOutbox, Mapped, ProcessData, SegmentDrive, SegmentSetup, StationSetup, StatusMasks,
-};
-use yieldwall::bus::{CommandMode, Phase, Waits};
+use yieldwall::bus::ethercat::{Acts, EthercatNetwork, EthernetOutbox, SegmentDrive, SegmentSensor, SegmentSetup};
+use yieldwall::bus::{CommandMode, Phase, SensorStart, Waits};
 use yieldwall::canopen::BusId;
 use yieldwall::config::{self, Loaded, Rig, shipped_profile};
 use yieldwall::ethercat::frame::{Command, FrameWriter, SOURCE, address};
 use yieldwall::ethercat::{Direction, Fmmu, sii::Sii};
 use yieldwall::guard::Device;
-use yieldwall::objects::{Address, ServedDevice};
+use yieldwall::objects::ServedDevice;
 use yieldwall::rig::simulated_segment;
 use yieldwall::run::Pace;
 use yieldwall::sim::ethercat::{Segment, SimulatedDevice, sii};
 use yieldwall::time::Time;
-use yieldwall_drives::profiles::{Identity, Quantity, Revisions};
 
 const PERIOD: Duration = Duration::from_millis(1);
 /// Devices on it.
@@ -71,16 +68,14 @@ pub fn setup() -> SegmentSetup {
         };
         drive.station(CommandMode::Torque, PERIOD, Acts::AtSync0).expect("a shipped profile")
     };
-    let identity =
-        Identity { device_type: 0, vendor_id: 0x732, product_codes: vec![0x2648_3052], revisions: Revisions::Any };
-    let mapped = |index, sub, quantity| Mapped { at: Address::new(index, sub), bits: 32, quantity, value: 0 };
-    let channels = (1..).zip(Quantity::CHANNELS).map(|(sub, channel)| mapped(0x6000, sub, Some(channel)));
-    let status = [mapped(0x6010, 0, Some(Quantity::Status)), mapped(0x6020, 0, Some(Quantity::SampleCounter))];
-    let outputs = vec![mapped(0x7010, 1, None), mapped(0x7010, 2, None)];
-    let pdo = |index, entries| vec![ProcessData { index, is_fixed: true, entries }];
-    let process_data = [pdo(0x1601, outputs), pdo(0x1a00, channels.chain(status).collect())];
-    let mut sensor = StationSetup::other("force sensor", Device::Sensor, 2, identity, waits, process_data);
-    sensor.status_masks = StatusMasks { overload: 1 << 27, invalid: 1 << 5 };
+    let sensor = SegmentSensor {
+        name: "force sensor".to_owned(),
+        position: 2,
+        profile: shipped_profile("ati-ethercat"),
+        waits,
+        start: SensorStart::default(),
+    };
+    let sensor = sensor.station().expect("a shipped profile");
     SegmentSetup {
         bus: BusId::FIRST,
         period: PERIOD,

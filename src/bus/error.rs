@@ -178,6 +178,21 @@ pub enum BootFailure {
         /// The most that the rig allows.
         most: u32,
     },
+    /// A force sensor has other counts per unit than the rig.
+    #[error(
+        "object {index:04X}h:{sub} holds {counts} counts per unit, and `sensor.calibration` of the rig has {wanted}: write a calibration for \
+         {counts} counts per N or N m, or set the unit of the sensor with its vendor's tool"
+    )]
+    Scaling {
+        /// Index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+        /// What the sensor reports.
+        counts: u32,
+        /// What the rig counts by.
+        wanted: u32,
+    },
     /// The power of ten of the cycle time cannot be changed, and the cycle time is no multiple of it.
     #[error(
         "object {index:04X}h:{sub} holds {exponent} and does not take another power of ten of a second: {code}; a cycle time of \

@@ -21,6 +21,7 @@ pub mod ethercat;
 mod master;
 mod network;
 mod phase;
+mod sample;
 mod script;
 mod setup;
 mod signs;
@@ -33,8 +34,11 @@ pub use ethercat::SEGMENT_LISTENING;
 pub use master::Master;
 pub use network::{Network, Networks};
 pub use phase::Phase;
+pub use sample::SampleCodec;
 pub use script::Written;
-pub use setup::{BrakeWords, DriveSetup, HomingOrder, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
+pub use setup::{
+    BrakeWords, DriveSetup, HomingOrder, MasterSetup, SensorLink, SensorNode, SensorSetup, SensorStart, Waits,
+};
 pub use signs::{HeardFrame, LISTENING, Sign, Signs};
 pub use yieldwall_drives::cia402::CommandMode;
 pub use yieldwall_fieldbus::{LinkEvent, Packet};

@@ -5,14 +5,14 @@ mod engine;
 mod tests;
 
 use crate::error::BootFailure;
-use crate::setup::HomingOrder;
+use crate::setup::{HomingOrder, SensorStart};
 use yieldwall_drives::cia402::{CommandMode, OperationMode};
 use yieldwall_drives::objects::{self, Object};
 use yieldwall_drives::profiles::{
-    CurrentLimit, DeviceProfile, Entry, Identity, LimitSetter, PdoMap, Quantity, Revisions, Servo, Setting,
-    TorqueLimit, Unused,
+    CurrentLimit, DeviceProfile, Entry, Identity, LimitSetter, MappedObject, MappedPdo, Revisions, Scaling,
+    Servo, Setting, TorqueLimit,
 };
-use yieldwall_fieldbus::canopen::{BusId, MappingEntry};
+use yieldwall_fieldbus::canopen::BusId;
 use yieldwall_fieldbus::objects::Address;
 
 pub(super) use engine::Script;
@@ -60,6 +60,8 @@ pub(super) enum Action {
     Synchronised { value: u32 },
     /// Time in ns that the device takes to copy its outputs before SYNC0; a device may lack it.
     CopyTime,
+    /// Counts per unit of a force sensor, which have to be about those of the rig.
+    Scaling { counts: u32 },
 }
 
 /// A part of the cycle time.
@@ -153,8 +155,8 @@ impl Step {
     }
 }
 
-/// The objects of a device that its boot may write, but those that stay as it writes them: of a brake, the home offset, and bits that would make a
-/// node a producer.
+/// The objects of a device that its boot may write, but those that stay as it writes them: of a brake, the home offset, the zero of a sensor,
+/// and bits that would make a node a producer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Written {
     /// The bus that it is on.
@@ -167,8 +169,9 @@ pub struct Written {
     pub objects: Vec<Address>,
 }
 
-/// What stays in a device as the boot has written it: a brake is closed, and a position refers to home by its offset.
-const STAYS: [&str; 2] = [CLOSE_THE_BRAKE, SET_HOME];
+/// What stays in a device as the boot has written it: a brake is closed, a position refers to home by its offset, and a sensor keeps its zero.
+const STAYS: [&str; 3] = [CLOSE_THE_BRAKE, SET_HOME, ZERO];
+const ZERO: &str = "zero the sensor";
 const CLOSE_THE_BRAKE: &str = "close the brake";
 const SET_HOME: &str = "set the home offset";
 
@@ -195,10 +198,12 @@ pub(super) fn check(step: &Step, received: u32, identity: &Identity) -> Result<(
         Action::Product if !identity.product_codes.contains(&received) => {
             other(identity.product_codes.iter().map(|code| format!("{code:#x}")).collect::<Vec<_>>().join(" or "))
         }
-        Action::Revision if !identity.revisions.includes(received) => match identity.revisions {
-            Revisions::Any => Ok(()),
-            Revisions::Range { from, to } => other(format!("{from:#x} to {to:#x}")),
-        },
+        Action::Revision if !identity.revisions.includes(received) => other(identity.revisions.to_string()),
+        Action::Scaling { counts: wanted } => {
+            let counts = received & width_mask(step.bytes);
+            let agrees = Scaling::agrees(counts, wanted.into());
+            if agrees { Ok(()) } else { Err(BootFailure::Scaling { index, sub, counts, wanted }) }
+        }
         Action::Await { value: wanted } if !step.is_held(received) => Err(BootFailure::Mode { wanted, received }),
         Action::Synchronised { value: wanted } if !step.is_held(received) => {
             Err(BootFailure::Synchronisation { index, sub, wanted, received })
@@ -238,14 +243,43 @@ pub(super) fn little_endian(data: &[u8]) -> u32 {
     data.iter().take(4).rev().fold(0, |value, byte| value << 8 | u32::from(*byte))
 }
 
-pub(super) fn mapping(profile: &DeviceProfile, mode: Option<OperationMode>) -> Result<&PdoMap, BootFailure> {
-    let name = match mode {
+fn no_mapping(profile: &DeviceProfile, mode: Option<OperationMode>) -> BootFailure {
+    let mode = match mode {
         Some(OperationMode::CyclicPosition) => "cyclic synchronous position",
         Some(OperationMode::CyclicVelocity) => "cyclic synchronous velocity",
         Some(OperationMode::CyclicTorque) => "cyclic synchronous torque",
         _ => "a sensor",
     };
-    profile.pdos(mode).ok_or_else(|| BootFailure::NoMapping { profile: profile.name().into(), mode: name })
+    BootFailure::NoMapping { profile: profile.name().into(), mode }
+}
+
+/// The PDOs that a drive in `mode`, or a sensor (`None`), receives and sends.
+pub(super) fn pdos(profile: &DeviceProfile, mode: Option<OperationMode>) -> Result<[Vec<MappedPdo>; 2], BootFailure> {
+    let map = profile.pdos(mode).ok_or_else(|| no_mapping(profile, mode))?;
+    // An object that is left out would have the others at other places.
+    let all = map.rpdo.iter().chain(&map.tpdo).flat_map(|pdo| &pdo.maps);
+    if let Some(absent) = all.copied().find(|quantity| !profile.maps(*quantity)) {
+        return Err(lacking(profile, absent.word()));
+    }
+    profile.mapped(mode).ok_or_else(|| no_mapping(profile, mode))
+}
+
+/// What the boot does with a force sensor beside its process data: its counts per unit are those of the rig, and it zeroes itself if it is
+/// to.
+pub(super) fn sensor(profile: &DeviceProfile, start: &SensorStart) -> Result<Vec<Step>, BootFailure> {
+    let wanted = || BootFailure::Role { profile: profile.name().into(), wanted: "a force sensor" };
+    let sensor = profile.force_sensor().ok_or_else(wanted)?;
+    let mut steps = Vec::new();
+    if let Some(Scaling::Objects { per_n, per_n_m }) = &sensor.scaling {
+        for (entry, counts) in [per_n, per_n_m].into_iter().zip(start.counts_per_unit) {
+            let action = Action::Scaling { counts: counts.round() as u32 };
+            steps.push(step("compare its counts per unit", entry, action));
+        }
+    }
+    for setting in sensor.zero.iter().filter(|_| start.zeroes) {
+        steps.push(step(ZERO, &setting.object, Action::Command { value: setting.raw(), is_verified: false }));
+    }
+    Ok(steps)
 }
 
 pub(super) fn servo(profile: &DeviceProfile) -> Result<&Servo, BootFailure> {
@@ -274,17 +308,15 @@ pub(super) fn unit(steps: Vec<Step>) -> impl Iterator<Item = Step> {
 
 const MAP: &str = "map the process data";
 
-/// The steps by which a mapping comes to hold its entries, each index, sub-index and bits: a unit, so that one that is right stays; a fixed
-/// one is compared.
-pub(super) fn mapping_steps(index: u16, is_fixed: bool, entries: &[(u16, u8, u8)]) -> Vec<Step> {
+/// The steps by which the mapping at an index comes to hold these entries: a unit, so that one that is right stays; a fixed one is compared.
+pub(super) fn mapping_steps(index: u16, is_fixed: bool, entries: &[u32]) -> Vec<Step> {
     let step = |sub: u8, action| Step { doing: MAP, index, sub, bytes: if sub == 0 { 1 } else { 4 }, action };
     let wanted = |value| match is_fixed {
         true => Action::Expect { value, mask: u32::MAX },
         false => Action::State { value, kept: 0 },
     };
-    let raw = |(index, sub, bits): (u16, u8, u8)| MappingEntry::new(index, sub, bits).to_u32();
     let count = step(0, wanted(entries.len() as u32));
-    let entries = (1..=u8::MAX).zip(entries).map(|(sub, entry)| step(sub, wanted(raw(*entry))));
+    let entries = (1..=u8::MAX).zip(entries).map(|(sub, raw)| step(sub, wanted(*raw)));
     if is_fixed {
         return std::iter::once(count).chain(entries).collect();
     }
@@ -442,16 +474,14 @@ fn interpolation_time(period_us: u32) -> Option<(u32, u32)> {
 }
 
 /// The object of the device that is meant.
-/// The entry of a mapping by which a quantity is carried: index, sub-index and bits.
-pub(super) fn mapped(profile: &DeviceProfile, quantity: Quantity) -> Result<(u16, u8, u8), BootFailure> {
-    profile.mapped(quantity).ok_or_else(|| lacking(profile, quantity.word()))
-}
-
-/// The value that an output has which is nothing to the rig: its own, otherwise what the boot writes to the object.
-pub(super) fn unused_value(unused: Unused, steps: &[Step]) -> i32 {
-    let at = Address::new(unused.index, unused.sub);
+/// The value of an output that is nothing to the rig: the one of the profile, otherwise the one that the boot writes to the object; 0 of any other.
+pub(super) fn constant(object: &MappedObject, steps: &[Step]) -> i32 {
+    let at = Address::new(object.index, object.sub);
     let written = || steps.iter().rev().filter(|step| step.at() == at).find_map(|step| step.action.value());
-    unused.value.or_else(|| written().map(|value| value as i32)).unwrap_or_default()
+    match object.quantity {
+        Some(_) => 0,
+        None => object.value.or_else(|| written().map(|value| value as i32)).unwrap_or_default(),
+    }
 }
 
 pub(super) fn lacking(profile: &DeviceProfile, what: &'static str) -> BootFailure {

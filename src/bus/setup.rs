@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use yieldwall_drives::cia402::CommandMode;
-use yieldwall_drives::profiles::{DeviceProfile, Pdo, Servo};
+use yieldwall_drives::profiles::{DeviceProfile, MappedPdo, Servo};
 use yieldwall_fieldbus::canopen::BusId;
 use yieldwall_fieldbus::plain_can;
 
@@ -113,6 +113,17 @@ pub struct SensorNode {
     pub profile: Arc<DeviceProfile>,
     /// Period of the node's heartbeat.
     pub heartbeat: Duration,
+    /// What the boot does with it beside its process data.
+    pub start: SensorStart,
+}
+
+/// What the boot does with a force sensor beside its process data.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SensorStart {
+    /// Whether the sensor is commanded to zero itself, by the objects of its profile.
+    pub zeroes: bool,
+    /// Counts per N and per N m by the rig's calibration, with which those that the sensor reports are compared.
+    pub counts_per_unit: [f64; 2],
 }
 
 /// The devices of one rig on CAN, on as many buses as they name.
@@ -141,8 +152,9 @@ impl MasterSetup {
 
     /// Whether somebody on a bus hears SYNC: a drive, or a force sensor with synchronous process data.
     pub(super) fn has_sync(&self, bus: BusId) -> bool {
-        let is_synchronous =
-            |node: &SensorNode| node.profile.pdos(None).is_some_and(|map| map.tpdo.iter().any(Pdo::is_synchronous));
+        let is_synchronous = |node: &SensorNode| {
+            node.profile.mapped(None).is_some_and(|[_, tpdo]| tpdo.iter().any(MappedPdo::is_synchronous))
+        };
         self.drives.iter().any(|drive| drive.bus == bus)
             || (self.sensor.bus == bus && self.sensor.node().is_some_and(is_synchronous))
     }

@@ -146,11 +146,15 @@ pub(super) fn rig_failure(error: &RigError) -> Failure {
     Failure::new(exit, error.to_string(), help)
 }
 
-/// A failure with advice for the very node, and the command that finds out why it does not answer, where it does not; `arguments` is what
-/// a command needs to come to the node.
+/// A failure with advice for the very node, and the command that finds out why it does not answer, where it does not; the profiles of force
+/// sensors, where the sensor of the rig is another one. `arguments` is what a command needs to come to the node.
 pub(super) fn point_to_node(mut failure: Failure, error: &BootError, rig: &config::Rig, arguments: &str) -> Failure {
     let number = error.node_id.map(u16::from).or_else(|| position_of(&error.name, rig));
     let (Some(number), Some(finding)) = (number, failure.report.diagnostics.first_mut()) else { return failure };
+    if is_other_device(&error.failure) && is_title(&error.name, &rig.sensor.name) {
+        finding.help = Some(other_sensor(&rig.sensor));
+        return failure;
+    }
     let help = finding.help.take().map(|help| placed_text(&help, number, arguments, None));
     finding.help = match (&error.failure, error.node_id) {
         (BootFailure::Missing { .. } | BootFailure::NoAnswer { .. }, Some(node_id)) => {
@@ -172,6 +176,32 @@ fn position_of(title: &str, rig: &config::Rig) -> Option<u16> {
 /// Whether a failure of the boot is of the device of this name; on EtherCAT its position stands behind the name.
 pub(super) fn is_title(title: &str, name: &str) -> bool {
     title.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with(" (position "))
+}
+
+/// Whether a device is another one than its profile says, or has other process data.
+fn is_other_device(failure: &BootFailure) -> bool {
+    match failure {
+        BootFailure::Identity { .. } => true,
+        BootFailure::Segment(failure) => matches!(**failure, SegmentFailure::Identity { fits_at: None, .. }),
+        _ => false,
+    }
+}
+
+/// What to do about a force sensor that its profile is not for.
+fn other_sensor(sensor: &config::Sensor) -> String {
+    let known = config::ProfileName::shipped().filter(|(_, profile)| profile.force_sensor().is_some());
+    let known: Vec<&str> = known.map(|(name, _)| name).collect();
+    let (key, first) = match sensor.protocol.position() {
+        Some(_) => ("sensor.protocol.ethercat.profile", "ati-ethercat"),
+        None => ("sensor.protocol.canopen.profile", "simulated-force-sensor"),
+    };
+    format!(
+        "compare the sensor with its profile `{}`. The profiles of force sensors are {}. For another sensor copy one (`yieldwall config show \
+         builtin:profiles/{first}.yaml > my-sensor.yaml`), write identity and process data by the manual of the sensor, and name the file at \
+         `{key}`",
+        sensor.protocol.profile().map_or("", config::ProfileName::as_str),
+        known.join(", ")
+    )
 }
 
 /// How the program ends when the boot has failed.
@@ -254,6 +284,38 @@ mod tests {
             let help = point_to_node(failure, &error, &rig, " --bus eth0").report.diagnostics[0].help.clone().unwrap();
             assert!(help.contains(&format!("`yieldwall state {number} --reset-fault --bus eth0`")), "{help}");
         }
+    }
+
+    #[test]
+    fn another_sensor_points_to_the_profiles_of_sensors() {
+        let rig = config::load_rig(config::builtin("paper-ethercat.yaml")).unwrap().value;
+        let help = |name: &str, failure: BootFailure| {
+            let error = BootError { node_id: None, name: name.to_owned(), step: "check its identity", failure };
+            let failure = rig_failure(&RigError::Boot(error.clone()));
+            point_to_node(failure, &error, &rig, "").report.diagnostics[0].help.clone().unwrap()
+        };
+        let vendor = || {
+            SegmentFailure::Identity { what: "the vendor", expected: "0x732".into(), found: 0xb07a, fits_at: None }
+                .into()
+        };
+        let count = || BootFailure::Identity {
+            what: "map the process data",
+            index: 0x1a00,
+            sub: 0,
+            expected: "0x8".into(),
+            received: 7,
+        };
+        let sensor = format!("{} (position 2)", rig.sensor.name);
+        for help in [help(&sensor, vendor()), help(&sensor, count()), help(&rig.sensor.name, count())] {
+            for word in [
+                "ati-ethercat, ati-ethercat-28-bytes, simulated-force-sensor",
+                "yieldwall config show builtin:profiles/ati-ethercat.yaml > my-sensor.yaml",
+                "`sensor.protocol.ethercat.profile`",
+            ] {
+                assert!(help.contains(word), "{help}");
+            }
+        }
+        assert!(!help("left (position 0)", vendor()).contains("ati-ethercat"));
     }
 
     #[test]

@@ -115,7 +115,12 @@ pub fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, se
 pub fn force_sensor(rig: &config::Rig) -> Result<ForceSensor, RigError> {
     let sensor = &rig.sensor;
     let speaks = match assembly::sensor_link(sensor)? {
-        SensorLink::Canopen(setup) => Speaks::Canopen { node: node(setup.node_id)?, profile: setup.profile, serial: 3 },
+        SensorLink::Canopen(setup) => Speaks::Canopen {
+            node: node(setup.node_id)?,
+            profile: setup.profile,
+            serial: 3,
+            counts_per_unit: sensor.counts_per_unit().map(|counts| counts.round() as u32),
+        },
         SensorLink::PlainCan(link) => Speaks::PlainCan { protocol: link.protocol, slow_ppm: SENSOR_SLOW_PPM },
     };
     ForceSensor::new(ForceSensorSettings {
@@ -233,16 +238,17 @@ fn ethercat_drive(
     Ok(made)
 }
 
-/// The sensor says itself how many counts are one N and one N m; the configuration has the same numbers.
+/// The sensor on the segment, of the rig's model. It says itself how many counts are one N and one N m; the configuration has the same numbers.
 fn force_torque_sensor(rig: &config::Rig) -> Result<ForceTorqueSensor, RigError> {
     let sensor = &rig.sensor;
-    let counts_per_unit = |axis: usize| sensor.calibration[axis][axis].recip().round() as i32;
+    let profile = sensor.protocol.profile().ok_or(RigError::NoneOnEthercat)?;
+    let [counts_per_n, counts_per_n_m] = sensor.counts_per_unit().map(|counts| counts.round() as i32);
     let settings = ForceTorqueSettings {
         sample_rate_hz: sensor.sample_rate_hz.get().round() as u32,
         range_counts: i32::try_from(sensor.range_counts).unwrap_or(i32::MAX),
-        counts_per_n: counts_per_unit(0),
-        counts_per_n_m: counts_per_unit(3),
-        ..ForceTorqueSettings::new(3)
+        counts_per_n,
+        counts_per_n_m,
+        ..ForceTorqueSettings::new(assembly::profile(profile)?, 3)
     };
     ForceTorqueSensor::new(&settings).map_err(|error| RigError::Device(error.to_string()))
 }

@@ -1,7 +1,7 @@
 //! What simulated devices have in common.
 
 use yieldwall_drives::objects::{self, DataType};
-use yieldwall_drives::profiles::{DeviceProfile, Entry, Pdo};
+use yieldwall_drives::profiles::{DeviceProfile, Entry, MappedPdo, Pdo};
 
 use yieldwall_fieldbus::canopen::CanopenError;
 use yieldwall_fieldbus::objects::{
@@ -108,7 +108,12 @@ pub(super) fn mark() -> impl Iterator<Item = Object> {
 
 /// The mapped objects of a PDO as the dictionary takes them.
 pub(super) fn mapping(profile: &DeviceProfile, pdo: &Pdo) -> Vec<(u16, u8, u8)> {
-    pdo.maps.iter().filter_map(|quantity| profile.mapped(*quantity)).collect()
+    entries(&profile.mapped_pdo(pdo))
+}
+
+/// The mapped objects of a PDO: index, sub-index, bits.
+pub(super) fn entries(pdo: &MappedPdo) -> Vec<(u16, u8, u8)> {
+    pdo.objects.iter().map(|object| (object.index, object.sub, object.bits)).collect()
 }
 
 /// An unsigned object of a profile, 0 at power-on.

@@ -46,6 +46,7 @@ impl Rig {
                 node: node_id(10).unwrap(),
                 profile: shipped_profile("simulated-force-sensor"),
                 serial: 1,
+                counts_per_unit: [1; 2],
             },
             sample_rate_hz: 1000,
             phase_us: 0,

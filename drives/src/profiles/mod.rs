@@ -4,9 +4,11 @@
 //! with the feature `config` of this one.
 
 mod limits;
+mod sensor;
 mod servo;
 
 pub use limits::{CurrentLimit, LimitSetter, Limits, MotorSpeed, TorqueLimit};
+pub use sensor::{ForceSensor, Numbers, Scaling, SensorObjects, StatusBits};
 pub use servo::{
     BitState, Brake, BrakeHolder, BrakeOutput, BuiltInWatch, CycleTime, Encoder, EncoderKind, EncoderSide,
     HeartbeatWatch, Homing, OptionCodes, PositionAtHome, ProcessData, Reaction, Servo, ServoObjects, SetPointWatch,
@@ -30,11 +32,22 @@ macro_rules! shipped {
     };
 }
 
-/// The profiles that come with the program: name and text, in alphabetical order.
-pub const SHIPPED: &[(&str, &str)] =
-    shipped!["elmo-gold", "maxon-epos4", "simulated-force-sensor", "simulated-servo", "zeroerr-edriver"];
+/// First indices of the mappings of RPDOs and TPDOs.
+const FIRST_RPDO: u16 = 0x1600;
+const FIRST_TPDO: u16 = 0x1a00;
 
-/// A device model: a servo drive of CiA 402 or a six-axis force sensor on CANopen.
+/// The profiles that come with the program: name and text, in alphabetical order.
+pub const SHIPPED: &[(&str, &str)] = shipped![
+    "ati-ethercat",
+    "ati-ethercat-28-bytes",
+    "elmo-gold",
+    "maxon-epos4",
+    "simulated-force-sensor",
+    "simulated-servo",
+    "zeroerr-edriver",
+];
+
+/// A device model: a servo drive of CiA 402 or a six-axis force sensor, on CANopen or EtherCAT.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
@@ -170,6 +183,16 @@ impl Revisions {
     }
 }
 
+impl std::fmt::Display for Revisions {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Revisions::Any => write!(formatter, "any"),
+            Revisions::Range { from, to } if from == to => write!(formatter, "{from:#x}"),
+            Revisions::Range { from, to } => write!(formatter, "{from:#x} to {to:#x}"),
+        }
+    }
+}
+
 /// How a device behaves as a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
@@ -235,7 +258,7 @@ pub struct Entry {
     pub index: u16,
     /// Sub-index.
     pub sub: u8,
-    /// Length in bits: 8, 16 or 32.
+    /// Length in bits: 8, 16 or 32; 24 too for a force sensor.
     pub bits: u8,
     /// Where that was read: a key of `profile.sources`.
     #[cfg_attr(feature = "config", garde(length(min = 1)))]
@@ -282,6 +305,8 @@ pub enum Quantity {
     Tz,
     /// Status of a sensor's sample.
     Status,
+    /// Second status of a sensor's sample, of an overload.
+    Overload,
     /// Counter of a sensor's samples.
     SampleCounter,
     /// Bits without an object: index 0 in the mapping. 1 to 255.
@@ -328,6 +353,7 @@ impl Quantity {
             Quantity::Ty => "ty",
             Quantity::Tz => "tz",
             Quantity::Status => "status",
+            Quantity::Overload => "overload",
             Quantity::SampleCounter => "sample_counter",
             Quantity::Gap(_) => "gap",
             Quantity::Unused(_) => "unused",
@@ -340,33 +366,39 @@ impl Quantity {
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct Pdo {
-    /// Number of the PDO, 1 to 512, on CANopen 1 to 4: its mapping is at 15FFh + number (RPDO) or 19FFh + number (TPDO), so that 0x102 means
-    /// 1701h or 1B01h.
-    #[cfg_attr(feature = "config", garde(range(min = 1, max = 512)))]
+    /// Number of the PDO, 1 to 512 (on CANopen 1 to 4), or the object of its mapping: 0x1600 to 0x17ff of an RPDO, 0x1a00 to 0x1bff of a
+    /// TPDO.
+    #[cfg_attr(feature = "config", garde(range(min = 1, max = 0x1bff)))]
     pub number: u16,
     /// Whether the device lets nobody change the mapping: it is compared then, and never written.
     #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "std::ops::Not::not"))]
     pub fixed: bool,
-    /// Transmission type: 1 to 240 every n-th SYNC, 254 and 255 event-driven.
-    #[cfg_attr(feature = "config", garde(range(min = 1)))]
+    /// Transmission type on CANopen: 1 to 240 every n-th SYNC, 254 and 255 event-driven; 1 if left out. EtherCAT has none.
+    #[cfg_attr(feature = "config", garde(range(min = 1)), serde(default = "every_sync"))]
     pub transmission_type: u8,
     /// Mapped objects in the order of the payload; on CANopen 8 bytes at most.
     #[cfg_attr(feature = "config", garde(length(min = 1, max = 254)))]
     pub maps: Vec<Quantity>,
 }
 
+#[cfg(feature = "config")]
+fn every_sync() -> u8 {
+    1
+}
+
 impl Pdo {
     /// Its number on CANopen; 0, which no PDO has, if it is none of CANopen.
     pub fn canopen_number(&self) -> u8 {
-        u8::try_from(self.number).unwrap_or(0)
+        u8::try_from(self.number()).unwrap_or(0)
     }
 
-    /// Whether it follows SYNC.
-    ///
-    /// # Source
-    /// CiA 301, transmission type: 0 to 240 are synchronous.
-    pub fn is_synchronous(&self) -> bool {
-        self.transmission_type <= 240
+    /// Its number, counted from 1.
+    pub fn number(&self) -> u16 {
+        match self.number {
+            index @ FIRST_TPDO.. => index - FIRST_TPDO + 1,
+            index @ FIRST_RPDO.. => index - FIRST_RPDO + 1,
+            number => number,
+        }
     }
 }
 
@@ -383,54 +415,72 @@ pub struct PdoMap {
     pub tpdo: Vec<Pdo>,
 }
 
-/// A six-axis force sensor.
+/// One PDO with the objects that it maps.
 #[derive(Clone, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
-#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
-pub struct ForceSensor {
-    /// Its objects.
-    #[cfg_attr(feature = "config", garde(dive))]
-    pub objects: SensorObjects,
-    /// Objects that one PDO can carry at most. 1 to 64.
-    #[cfg_attr(feature = "config", garde(range(min = 1, max = 64)))]
-    pub mapping_entries: u8,
-    /// Its PDOs.
-    #[cfg_attr(feature = "config", garde(dive))]
-    pub process_data: PdoMap,
-    /// Bits of its status.
-    pub status_bits: StatusBits,
-    /// Sample rates that it has, Hz.
-    #[cfg_attr(feature = "config", garde(length(min = 1, max = 64)))]
-    pub sample_rates_hz: Vec<u32>,
+pub struct MappedPdo {
+    /// Its number, counted from 1.
+    pub number: u16,
+    /// Transmission type on CANopen.
+    pub transmission_type: u8,
+    /// Whether the device lets nobody change the mapping.
+    pub is_fixed: bool,
+    /// The objects in the order of the payload.
+    pub objects: Vec<MappedObject>,
 }
 
-/// Objects of a force sensor.
-#[derive(Clone, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
-#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
-pub struct SensorObjects {
-    /// Process values Fx Fy Fz Tx Ty Tz, signed counts of 16 bits.
-    #[cfg_attr(feature = "config", garde(dive))]
-    pub channels: [Entry; 6],
-    /// Status of the newest sample; null if it has none.
-    #[cfg_attr(feature = "config", garde(dive))]
-    #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<Entry>"))]
-    pub status: Option<Entry>,
-    /// Rises by one with each new sample; null if it has none.
-    #[cfg_attr(feature = "config", garde(dive))]
-    #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<Entry>"))]
-    pub sample_counter: Option<Entry>,
+/// One object in process data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MappedObject {
+    /// Index; 0 for bits without an object.
+    pub index: u16,
+    /// Sub-index.
+    pub sub: u8,
+    /// Length in bits.
+    pub bits: u8,
+    /// Its meaning to the rig, if any.
+    pub quantity: Option<Quantity>,
+    /// The value of an output without a meaning, where the profile says it.
+    pub value: Option<i32>,
 }
 
-/// Bits of a force sensor's status; 0 where it tells no such thing.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
-#[cfg_attr(feature = "config", serde(deny_unknown_fields))]
-pub struct StatusBits {
-    /// A channel is at the end of its range.
-    pub overload: u8,
-    /// The sample is not valid.
-    pub invalid: u8,
+impl MappedObject {
+    /// An object that means `quantity`.
+    const fn of(entry: &Entry, quantity: Quantity) -> Self {
+        Self { index: entry.index, sub: entry.sub, bits: entry.bits, quantity: Some(quantity), value: None }
+    }
+
+    /// The value of the mapping parameter (1600h, 1A00h and following).
+    ///
+    /// # Source
+    /// CiA 301, PDO mapping parameter record: index, sub-index, length in bits, from the highest byte down.
+    pub fn to_u32(&self) -> u32 {
+        u32::from(self.index) << 16 | u32::from(self.sub) << 8 | u32::from(self.bits)
+    }
+}
+
+impl MappedPdo {
+    /// Its number on CANopen; 0, which no PDO has, if it is none of CANopen.
+    pub fn canopen_number(&self) -> u8 {
+        u8::try_from(self.number).unwrap_or(0)
+    }
+
+    /// Where in the payload the object of a quantity stands, counted from 0.
+    pub fn position(&self, quantity: Quantity) -> Option<usize> {
+        self.objects.iter().position(|object| object.quantity == Some(quantity))
+    }
+
+    /// Whether it follows SYNC.
+    ///
+    /// # Source
+    /// CiA 301, transmission type: 0 to 240 are synchronous.
+    pub fn is_synchronous(&self) -> bool {
+        self.transmission_type <= 240
+    }
+
+    /// Payload length in bytes.
+    pub fn bytes(&self) -> usize {
+        self.objects.iter().map(|object| usize::from(object.bits)).sum::<usize>().div_ceil(8)
+    }
 }
 
 impl DeviceProfile {
@@ -469,6 +519,37 @@ impl DeviceProfile {
         }
     }
 
+    /// [`DeviceProfile::pdos`] that the device receives and sends, with the objects that they map.
+    pub fn mapped(&self, mode: Option<OperationMode>) -> Option<[Vec<MappedPdo>; 2]> {
+        let map = self.pdos(mode)?;
+        Some([&map.rpdo, &map.tpdo].map(|pdos| pdos.iter().map(|pdo| self.mapped_pdo(pdo)).collect()))
+    }
+
+    /// A PDO with the objects that it maps. Objects that the device does not have are left out.
+    pub fn mapped_pdo(&self, pdo: &Pdo) -> MappedPdo {
+        MappedPdo {
+            number: pdo.number(),
+            transmission_type: pdo.transmission_type,
+            is_fixed: pdo.fixed,
+            objects: pdo.maps.iter().filter_map(|quantity| self.mapped_object(*quantity)).collect(),
+        }
+    }
+
+    /// Whether the device has the object of a quantity, so that it can be mapped.
+    pub fn maps(&self, quantity: Quantity) -> bool {
+        self.mapped_object(quantity).is_some()
+    }
+
+    fn mapped_object(&self, quantity: Quantity) -> Option<MappedObject> {
+        match quantity {
+            Quantity::Gap(bits) => Some(MappedObject { index: 0, sub: 0, bits, quantity: None, value: None }),
+            Quantity::Unused(Unused { index, sub, bits, value }) => {
+                Some(MappedObject { index, sub, bits, quantity: None, value })
+            }
+            quantity => Some(MappedObject::of(self.object(quantity)?, quantity)),
+        }
+    }
+
     /// Objects that one PDO can carry at most.
     pub fn mapping_entries(&self) -> u8 {
         match &self.device {
@@ -481,30 +562,8 @@ impl DeviceProfile {
     pub fn object(&self, quantity: Quantity) -> Option<&Entry> {
         match &self.device {
             Role::Servo(servo) => servo.object(quantity),
-            Role::ForceSensor(sensor) => match quantity {
-                Quantity::Status => sensor.objects.status.as_ref(),
-                Quantity::SampleCounter => sensor.objects.sample_counter.as_ref(),
-                _ => {
-                    let channel = Quantity::CHANNELS.iter().position(|channel| *channel == quantity)?;
-                    sensor.objects.channels.get(channel)
-                }
-            },
+            Role::ForceSensor(sensor) => sensor.object(quantity),
         }
-    }
-
-    /// The entry of a mapping by which a quantity is carried: index, sub-index and bits; `None` if the device has no such object.
-    pub fn mapped(&self, quantity: Quantity) -> Option<(u16, u8, u8)> {
-        match quantity {
-            Quantity::Gap(bits) => Some((0, 0, bits)),
-            Quantity::Unused(Unused { index, sub, bits, .. }) => Some((index, sub, bits)),
-            quantity => self.object(quantity).map(|entry| (entry.index, entry.sub, entry.bits)),
-        }
-    }
-
-    /// Payload length of a PDO in bytes; objects that the device does not have count for nothing.
-    pub fn payload_bytes(&self, pdo: &Pdo) -> usize {
-        let bits = pdo.maps.iter().filter_map(|quantity| self.mapped(*quantity)).map(|(.., bits)| usize::from(bits));
-        bits.sum::<usize>().div_ceil(8)
     }
 }
 

@@ -142,7 +142,12 @@ pub fn force_sensor(bytes: &[u8]) {
     let mut bytes = Bytes::new(bytes);
     let node = node_id(NODE).expect("a node id");
     let settings = ForceSensorSettings {
-        speaks: Speaks::Canopen { node, profile: shipped_profile("simulated-force-sensor"), serial: 1 },
+        speaks: Speaks::Canopen {
+            node,
+            profile: shipped_profile("simulated-force-sensor"),
+            serial: 1,
+            counts_per_unit: [1; 2],
+        },
         sample_rate_hz: bytes.pick(&[200, 500, 1000]),
         phase_us: u32::from(bytes.u16() % 1000),
         range_counts: i32::from(bytes.u16() as i16),

@@ -25,6 +25,7 @@ mod mujoco;
 mod processes;
 mod profiles;
 mod recording;
+mod sensor_profiles;
 mod soak;
 mod sources;
 mod strangers;

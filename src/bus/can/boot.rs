@@ -1,15 +1,13 @@
 //! The configuration of one node by SDO, as a list of steps.
 
 use crate::error::BootFailure;
-use crate::script::{
-    self, Action, Script, Step, command, common, lacking, mapped, mapping, servo, state, unit, width_mask,
-};
+use crate::script::{self, Action, Script, Step, command, common, lacking, servo, state, unit, width_mask};
 use crate::setup::{DriveSetup, MasterSetup, SensorNode};
 use std::time::Duration;
 use yieldwall_drives::objects;
 use yieldwall_drives::profiles::{
-    DeviceProfile, Entry, HeartbeatWatch, Identity, Pdo, PdoMap, Reset, Servo, SetPointWatch, SyncWatch, TimeUnit,
-    TimedObject,
+    DeviceProfile, Entry, HeartbeatWatch, Identity, MappedObject, MappedPdo, Reset, Servo, SetPointWatch, SyncWatch,
+    TimeUnit, TimedObject,
 };
 use yieldwall_drives::watchdog::{HEARTBEAT_PERIODS, WATCHED_CYCLES};
 use yieldwall_fieldbus::canopen::{Frame, NmtCommand, NodeId, Outbox, SdoClient, SdoOutcome, cob};
@@ -39,7 +37,7 @@ impl Boot {
     pub(super) fn drive(master: &MasterSetup, drive: &DriveSetup, node: NodeId) -> Result<Self, BootFailure> {
         let mode = script::operation(master.mode, drive.homing);
         let profile = &*drive.profile;
-        let (map, servo) = (mapping(profile, Some(master.mode.operation_mode()))?, servo(profile)?);
+        let (map, servo) = (script::pdos(profile, Some(master.mode.operation_mode()))?, servo(profile)?);
         let mut steps = script::identity(profile);
         steps.push(script::has_mode(servo, mode));
         script::homing(profile, servo, drive.homing, &mut steps)?;
@@ -63,7 +61,7 @@ impl Boot {
             SetPointWatch::EventTimer { .. } => rpdo_deadline_ms(period_us),
             SetPointWatch::None | SetPointWatch::BuiltIn(_) | SetPointWatch::Object(_) => 0,
         };
-        steps.extend(pdos(profile, map, node, deadline_ms)?);
+        steps.extend(pdos(profile, &map, node, deadline_ms)?);
         Ok(Self::new(profile, drive.waits.sdo, steps))
     }
 
@@ -72,7 +70,8 @@ impl Boot {
         let mut steps = script::identity(profile);
         steps.extend(no_producer());
         steps.push(heartbeat(sensor.heartbeat.as_millis() as u32));
-        steps.extend(pdos(profile, mapping(profile, None)?, node, 0)?);
+        steps.extend(script::sensor(profile, &sensor.start)?);
+        steps.extend(pdos(profile, &script::pdos(profile, None)?, node, 0)?);
         Ok(Self::new(profile, timeout, steps))
     }
 
@@ -231,31 +230,30 @@ fn rpdo_deadline_ms(period_us: u32) -> u32 {
     period_us.saturating_mul(WATCHED_CYCLES).div_ceil(1000)
 }
 
-/// The PDOs of the profile, each a unit.
-fn pdos(profile: &DeviceProfile, map: &PdoMap, node: NodeId, rpdo_deadline_ms: u32) -> Result<Vec<Step>, BootFailure> {
+/// The PDOs of the profile, received and sent, each a unit.
+fn pdos(
+    profile: &DeviceProfile,
+    [rpdo, tpdo]: &[Vec<MappedPdo>; 2],
+    node: NodeId,
+    rpdo_deadline_ms: u32,
+) -> Result<Vec<Step>, BootFailure> {
     let mut steps = Vec::new();
-    for (used, is_rpdo) in [(&map.rpdo, true), (&map.tpdo, false)] {
+    for (used, is_rpdo) in [(rpdo, true), (tpdo, false)] {
         for number in 1..=PDO_COUNT {
             let Some(pdo) = used.iter().find(|pdo| pdo.canopen_number() == number) else { continue };
             let id = if is_rpdo { cob::rpdo(number, node) } else { cob::tpdo(number, node) };
             // An identifier of 0 would be a network command.
             let id = id.ok_or_else(|| lacking(profile, "an identifier"))?;
             let deadline_ms = if is_rpdo { rpdo_deadline_ms } else { 0 };
-            steps.extend(remap(profile, pdo, is_rpdo, id.into(), deadline_ms)?);
+            steps.extend(remap(pdo, is_rpdo, id.into(), deadline_ms));
         }
     }
     Ok(steps)
 }
 
 /// The remap order of CiA 301: switch the PDO off, clear the mapping, write it, set the type, switch it on. The mapping is a unit of its own:
-/// one that is fixed and right stays while the parameters change.
-fn remap(
-    profile: &DeviceProfile,
-    pdo: &Pdo,
-    is_rpdo: bool,
-    id: u32,
-    deadline_ms: u32,
-) -> Result<impl Iterator<Item = Step>, BootFailure> {
+/// one that is fixed and right stays while the parameters change. One that the profile calls fixed is compared alone.
+fn remap(pdo: &MappedPdo, is_rpdo: bool, id: u32, deadline_ms: u32) -> impl Iterator<Item = Step> {
     let access = |index: u16, sub: u8, bytes: u8, action: Action| Step {
         doing: "map the process data",
         index,
@@ -268,18 +266,19 @@ fn remap(
     let (comm, map, kept) = if is_rpdo { (0x1400, 0x1600, 0) } else { (0x1800, 0x1a00, NO_REMOTE) };
     let (comm, map) = (comm + offset, map + offset);
     let mut steps = vec![access(comm, 1, 4, Action::Off { value: id | cob::INVALID, kept })];
-    steps.extend(script::mapping_steps(map, pdo.fixed, &layout_entries(profile, pdo)?));
+    let entries: Vec<u32> = pdo.objects.iter().map(MappedObject::to_u32).collect();
+    steps.extend(script::mapping_steps(map, pdo.is_fixed, &entries));
     steps.push(access(comm, 2, 1, state(pdo.transmission_type.into())));
     if deadline_ms > 0 {
         steps.push(access(comm, 5, 2, state(deadline_ms)));
     }
     steps.push(access(comm, 1, 4, Action::State { value: id, kept }));
-    Ok(unit(steps))
+    unit(steps)
 }
 
 /// The objects of one PDO as the compiled layout wants them.
-pub(super) fn layout_entries(profile: &DeviceProfile, pdo: &Pdo) -> Result<Vec<(u16, u8, u8)>, BootFailure> {
-    pdo.maps.iter().map(|quantity| mapped(profile, *quantity)).collect()
+pub(super) fn layout_entries(pdo: &MappedPdo) -> Vec<(u16, u8, u8)> {
+    pdo.objects.iter().map(|object| (object.index, object.sub, object.bits)).collect()
 }
 
 #[cfg(test)]
@@ -298,7 +297,8 @@ mod tests {
     fn remapping_switches_the_pdo_off_first_and_on_last() {
         let node = cob::node_id(1).unwrap();
         let profile = yieldwall_config::shipped_profile("simulated-servo");
-        let steps = pdos(&profile, profile.pdos(Some(OperationMode::CyclicTorque)).unwrap(), node, 5).unwrap();
+        let mapped = profile.mapped(Some(OperationMode::CyclicTorque)).unwrap();
+        let steps = pdos(&profile, &mapped, node, 5).unwrap();
         let off = |value| Action::Off { value, kept: 0 };
         let state = |value| Action::State { value, kept: 0 };
         let rpdo: Vec<_> = steps[..9].iter().map(|step| (step.index, step.sub, step.action)).collect();

@@ -5,9 +5,10 @@ mod plan;
 use super::node::Node;
 use crate::axis::{DriveOrders, DriveWords};
 use crate::error::BootFailure;
+use crate::sample::{NO_SAMPLE, SampleCodec};
 use crate::setup::{BrakeWords, DriveSetup, SensorNode};
 use yieldwall_drives::cia402::CommandMode;
-use yieldwall_drives::profiles::StatusBits;
+use yieldwall_drives::profiles::Quantity;
 use yieldwall_fieldbus::canopen::pdo::Field;
 use yieldwall_fieldbus::canopen::{BusId, Frame, NodeId, Outbox, cob};
 use yieldwall_fieldbus::plain_can::{Client, SensorEvent};
@@ -32,9 +33,8 @@ const SET_POINT_SLOT: u8 = u8::MAX - 3;
 enum Source {
     Status,
     Position,
-    Count(usize),
-    SensorStatus,
-    SampleCounter,
+    /// Of the sensor's sample.
+    Sample(Quantity),
 }
 
 #[derive(Clone, Debug)]
@@ -56,7 +56,7 @@ impl Incoming {
 
     /// The sensor's sample counter in `word`, if this frame carries it.
     fn counter(&self, word: u64) -> Option<u8> {
-        let field = self.fields.iter().find(|(source, _)| matches!(source, Source::SampleCounter));
+        let field = self.fields.iter().find(|(source, _)| matches!(source, Source::Sample(Quantity::SampleCounter)));
         field.map(|(_, field)| field.get_unsigned(word) as u8)
     }
 
@@ -116,10 +116,9 @@ pub(super) struct Image {
     slots: Box<[u8]>,
     incoming: Vec<Incoming>,
     outgoing: Vec<Outgoing>,
-    sample: RawSample,
-    /// What the bits of the sensor's status mean.
-    status_bits: StatusBits,
-    /// When the last frame of `sample` came.
+    /// What the bits of the sensor's frames mean.
+    codec: SampleCodec,
+    /// When the last frame of the sensor came.
     sampled_at: Time,
     /// The sensor's bus.
     sensor_bus: BusId,
@@ -129,9 +128,6 @@ pub(super) struct Image {
     /// Whether the process data of this cycle may arrive: from SYNC to the computation.
     is_open: bool,
 }
-
-/// No sample yet.
-const NO_SAMPLE: RawSample = RawSample { counts: [0; 6], sequence: None, overload: false, invalid: false, age_ns: 0 };
 
 /// What is known of the sensor's frames.
 pub(super) enum SensorFrames<'a> {
@@ -155,17 +151,16 @@ impl Image {
         let outgoing = drives.iter().zip(nodes).enumerate();
         let outgoing = outgoing.map(|(joint, (drive, node))| image.drive(mode, joint, *drive, node.boot.steps().0));
         let outgoing = outgoing.collect::<Result<_, _>>()?;
-        let (plain, status_bits) = match sensor {
+        let (plain, codec) = match sensor {
             SensorFrames::Canopen(setup, node) => (None, image.sensor(sensor_bus, setup, node)?),
-            SensorFrames::PlainCan(client) => (Some(client), StatusBits::default()),
+            SensorFrames::PlainCan(client) => (Some(client), SampleCodec::default()),
         };
         let Incomings { slots, incoming } = image;
         let mut image = Self {
             slots,
             incoming,
             outgoing,
-            sample: NO_SAMPLE,
-            status_bits,
+            codec,
             sampled_at: Time::default(),
             sensor_bus,
             plain,
@@ -220,7 +215,7 @@ impl Image {
         for incoming in &mut self.incoming {
             (incoming.word, incoming.has_arrived, incoming.is_owed) = (0, false, false);
         }
-        (self.sample, self.irregular, self.is_open) = (NO_SAMPLE, Irregular::default(), false);
+        (self.irregular, self.is_open) = (Irregular::default(), false);
         if let Some(client) = &mut self.plain {
             client.restart();
         }
@@ -316,36 +311,24 @@ impl Image {
             drives,
             sample: match &mut self.plain {
                 Some(client) => client.take(now),
-                None if sensor_is_whole => self.read_sensor(now),
+                None if sensor_is_whole => Some(self.read_sensor(now)),
                 None => None,
             },
             irregular: std::mem::take(&mut self.irregular),
         }
     }
 
-    fn read_sensor(&mut self, now: Time) -> Option<RawSample> {
-        self.sample.age_ns = now.since(self.sampled_at).as_nanos().min(u128::from(u32::MAX)) as u32;
+    fn read_sensor(&self, now: Time) -> RawSample {
+        let age_ns = now.since(self.sampled_at).as_nanos().min(u128::from(u32::MAX)) as u32;
+        let mut sample = RawSample { age_ns, ..NO_SAMPLE };
         for incoming in self.incoming.iter().filter(|incoming| incoming.joint.is_none()) {
             for (source, field) in &incoming.fields {
-                match *source {
-                    Source::Count(axis) => {
-                        if let Some(count) = self.sample.counts.get_mut(axis) {
-                            *count = field.get_signed(incoming.word) as i32;
-                        }
-                    }
-                    Source::SensorStatus => {
-                        let status = field.get_unsigned(incoming.word) as u8;
-                        self.sample.overload = status & self.status_bits.overload != 0;
-                        self.sample.invalid = status & self.status_bits.invalid != 0;
-                    }
-                    Source::SampleCounter => {
-                        self.sample.sequence = Some(field.get_unsigned(incoming.word) as u8);
-                    }
-                    _ => {}
+                if let Source::Sample(quantity) = *source {
+                    self.codec.take(quantity, field.get_unsigned(incoming.word), field.bits(), &mut sample);
                 }
             }
         }
-        Some(self.sample)
+        sample
     }
 
     /// Whether an own frame is a set-point.

@@ -217,8 +217,10 @@ pub enum SegmentFailure {
         /// Its bytes.
         len: usize,
     },
-    /// An object of the process data does not consist of whole bytes.
-    #[error("{index:04X}h:{sub} has {bits} bits, and process data here are whole bytes of 1 to 4")]
+    /// A value of the process data is too long.
+    #[error(
+        "{index:04X}h:{sub} has {bits} bits, and values in process data have 1 to 32: compare its length with the profile"
+    )]
     Bits {
         /// Index.
         index: u16,

@@ -54,7 +54,9 @@ pub use failure::{SegmentFailure, SegmentSign};
 pub use flight::{Purpose, SegmentCounts};
 pub use network::SEGMENT_LISTENING;
 pub(crate) use network::Segment;
-pub use setup::{Acts, Mapped, ProcessData, SegmentDrive, SegmentSetup, StationSetup, StatusMasks};
+pub use setup::{Acts, Mapped, ProcessData, SegmentDrive, SegmentSensor, SegmentSetup, StationSetup};
+#[cfg(test)]
+pub(crate) use station::sample_of;
 
 /// Where frames go that are to be sent.
 pub trait EthernetOutbox {

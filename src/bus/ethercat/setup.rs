@@ -1,13 +1,14 @@
 //! What the master has to know of a segment.
 
 use crate::error::BootFailure;
+use crate::sample::SampleCodec;
 use crate::script::{self, Action, Step, unit};
-use crate::setup::{BrakeWords, HomingOrder, Waits};
+use crate::setup::{BrakeWords, HomingOrder, SensorStart, Waits};
 use std::sync::Arc;
 use std::time::Duration;
 use yieldwall_drives::cia402::CommandMode;
-use yieldwall_drives::profiles::{DeviceProfile, Identity, Pdo, Quantity};
-use yieldwall_fieldbus::canopen::BusId;
+use yieldwall_drives::profiles::{DeviceProfile, Identity, MappedObject, MappedPdo, Quantity};
+use yieldwall_fieldbus::canopen::{BusId, MappingEntry};
 use yieldwall_fieldbus::objects::Address;
 use yieldwall_motion::guard::Device;
 
@@ -80,8 +81,8 @@ pub struct StationSetup {
     pub set_point: Option<Quantity>,
     /// What its digital outputs are, of a drive whose brake the master holds.
     pub brake: Option<BrakeWords>,
-    /// Bits of the status of a sensor.
-    pub status_masks: StatusMasks,
+    /// What the bits of a sensor's inputs mean.
+    pub codec: SampleCodec,
     /// Objects that are read and written before process data are mapped.
     pub(super) steps: Vec<Step>,
 }
@@ -102,21 +103,12 @@ pub struct ProcessData {
 pub struct Mapped {
     /// The object.
     pub at: Address,
-    /// Its bits: 1 to 32, and up to 255 of what is nothing to the rig.
+    /// Its bits: 1 to 32, or any number if it is nothing to the rig.
     pub bits: u8,
     /// Its meaning to the rig, if any.
     pub quantity: Option<Quantity>,
     /// The value of an output that is nothing to the rig.
     pub value: i32,
-}
-
-/// Bits of the status of a sensor's sample; 0 where it tells no such thing.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct StatusMasks {
-    /// A channel is at the end of its range.
-    pub overload: u32,
-    /// The sample is not valid.
-    pub invalid: u32,
 }
 
 /// A servo drive on a segment.
@@ -150,7 +142,7 @@ impl SegmentDrive {
     pub fn station(&self, mode: CommandMode, period: Duration, acts: Acts) -> Result<StationSetup, BootFailure> {
         let operation = script::operation(mode, self.homing);
         let profile = &*self.profile;
-        let (map, servo) = (script::mapping(profile, Some(mode.operation_mode()))?, script::servo(profile)?);
+        let servo = script::servo(profile)?;
         let mut steps = script::identity(profile);
         steps.push(script::has_mode(servo, operation));
         script::homing(profile, servo, self.homing, &mut steps)?;
@@ -159,10 +151,8 @@ impl SegmentDrive {
         script::mode(servo, operation, period.as_micros() as u32, &mut steps)?;
         let (speed, window) = (self.speed_limit_counts_per_s, self.following_error_counts);
         script::limits(servo, self.torque_limit_per_mille, speed, window, &mut steps);
-        let all = |pdos: &[Pdo], first: u16| -> Result<Vec<ProcessData>, BootFailure> {
-            pdos.iter().map(|pdo| process_data(profile, pdo, first, &steps)).collect()
-        };
-        let (outputs, inputs) = (all(&map.rpdo, 0x1600)?, all(&map.tpdo, 0x1a00)?);
+        let [rpdo, tpdo] = script::pdos(profile, Some(mode.operation_mode()))?;
+        let (outputs, inputs) = (process_data(&rpdo, 0x1600, &steps), process_data(&tpdo, 0x1a00, &steps));
         let needed = [Quantity::Controlword, mode.set_point(), Quantity::Statusword, Quantity::PositionActual];
         for quantity in needed {
             let mut mapped = outputs.iter().chain(&inputs).flat_map(|pdo| &pdo.entries);
@@ -189,24 +179,59 @@ impl SegmentDrive {
             inputs,
             set_point: Some(mode.set_point()),
             brake: BrakeWords::of(servo),
-            status_masks: StatusMasks::default(),
+            codec: SampleCodec::default(),
             steps,
         })
     }
 }
 
-fn process_data(profile: &DeviceProfile, pdo: &Pdo, first: u16, steps: &[Step]) -> Result<ProcessData, BootFailure> {
-    let entry = |quantity: &Quantity| -> Result<Mapped, BootFailure> {
-        let (index, sub, bits) = script::mapped(profile, *quantity)?;
-        let (quantity, value) = match *quantity {
-            Quantity::Gap(_) => (None, 0),
-            Quantity::Unused(unused) => (None, script::unused_value(unused, steps)),
-            quantity => (Some(quantity), 0),
-        };
-        Ok(Mapped { at: Address::new(index, sub), bits, quantity, value })
+/// PDOs as process data; `first` is the mapping of number 1. Objects that are nothing to the rig get the values that the boot writes to them.
+fn process_data(pdos: &[MappedPdo], first: u16, steps: &[Step]) -> Vec<ProcessData> {
+    let entry = |object: &MappedObject| Mapped {
+        at: Address::new(object.index, object.sub),
+        bits: object.bits,
+        quantity: object.quantity,
+        value: script::constant(object, steps),
     };
-    let entries = pdo.maps.iter().map(entry).collect::<Result<_, _>>()?;
-    Ok(ProcessData { index: first + pdo.number.saturating_sub(1), is_fixed: pdo.fixed, entries })
+    let pdo = |pdo: &MappedPdo| ProcessData {
+        index: first + pdo.number.saturating_sub(1),
+        is_fixed: pdo.is_fixed,
+        entries: pdo.objects.iter().map(entry).collect(),
+    };
+    pdos.iter().map(pdo).collect()
+}
+
+/// A force sensor on a segment.
+#[derive(Clone, Debug)]
+pub struct SegmentSensor {
+    /// Name for messages.
+    pub name: String,
+    /// Position on the segment, 0 at the master.
+    pub position: u16,
+    /// Device model.
+    pub profile: Arc<DeviceProfile>,
+    /// How long it is waited for.
+    pub waits: Waits,
+    /// What is done with it beside its process data.
+    pub start: SensorStart,
+}
+
+impl SegmentSensor {
+    /// The sensor as a device of a segment, which samples by its own clock.
+    ///
+    /// # Errors
+    /// If the profile is not one of a force sensor.
+    pub fn station(&self) -> Result<StationSetup, BootFailure> {
+        let profile = &*self.profile;
+        let steps = script::sensor(profile, &self.start)?;
+        let [outputs, inputs] = script::pdos(profile, None)?;
+        // The object by which it zeroes itself is 0 in process data.
+        let process_data = [process_data(&outputs, 0x1600, &[]), process_data(&inputs, 0x1a00, &[])];
+        let identity = profile.identity.clone();
+        let station =
+            StationSetup::other(&self.name, Device::Sensor, self.position, identity, self.waits, process_data);
+        Ok(StationSetup { codec: SampleCodec::new(profile), steps, ..station })
+    }
 }
 
 impl StationSetup {
@@ -234,7 +259,7 @@ impl StationSetup {
             inputs,
             set_point: None,
             brake: None,
-            status_masks: StatusMasks::default(),
+            codec: SampleCodec::default(),
             steps: Vec::new(),
         }
     }
@@ -272,10 +297,9 @@ impl StationSetup {
     }
 }
 
-/// Bytes of process data, whose entries lie one behind the other.
+/// Bytes of process data.
 fn bytes(pdos: &[ProcessData]) -> usize {
-    let bits = pdos.iter().flat_map(|pdo| &pdo.entries).map(|entry| usize::from(entry.bits));
-    bits.sum::<usize>().div_ceil(8)
+    pdos.iter().flat_map(|pdo| &pdo.entries).map(|entry| usize::from(entry.bits)).sum::<usize>().div_ceil(8)
 }
 
 /// The mapping objects and the object that says which are exchanged, as a unit: switched off, written, switched on. Each mapping is a unit of
@@ -289,7 +313,8 @@ fn map(assignment: u16, pdos: &[ProcessData], steps: &mut Vec<Step>) {
     let state = |value| Action::State { value, kept: 0 };
     let mut all = vec![access(assignment, 0, 1, Action::Off { value: 0, kept: 0 })];
     for pdo in pdos {
-        let entries: Vec<_> = pdo.entries.iter().map(|entry| (entry.at.index, entry.at.sub, entry.bits)).collect();
+        let raw = |entry: &Mapped| MappingEntry::new(entry.at.index, entry.at.sub, entry.bits).to_u32();
+        let entries: Vec<u32> = pdo.entries.iter().map(raw).collect();
         all.extend(script::mapping_steps(pdo.index, pdo.is_fixed, &entries));
     }
     all.extend((1..=MOST_ENTRIES).zip(pdos).map(|(sub, pdo)| access(assignment, sub, 2, state(pdo.index.into()))));

@@ -6,6 +6,7 @@ use super::limits::Limits;
 use super::setup::{Acts, MOST_ENTRIES, Mapped, ProcessData, StationSetup};
 use super::writes::Altered;
 use crate::axis::{DriveOrders, DriveWords};
+use crate::sample::NO_SAMPLE;
 use crate::script::Script;
 use std::time::Duration;
 use yieldwall_drives::cia402::State;
@@ -13,7 +14,7 @@ use yieldwall_drives::profiles::Quantity;
 use yieldwall_fieldbus::ethercat::mailbox::MailboxClient;
 use yieldwall_fieldbus::ethercat::sii::{MailboxArea, Sii};
 use yieldwall_fieldbus::ethercat::{AlState, AlStatus, AlStatusCode};
-use yieldwall_fieldbus::objects::{Address, ObjectAnswer, ObjectError, ObjectRequest};
+use yieldwall_fieldbus::objects::{Address, ObjectAnswer, ObjectError, ObjectRequest, load_le, mask, sign_extend};
 use yieldwall_fieldbus::time::Time;
 use yieldwall_motion::guard::DeviceSet;
 use yieldwall_motion::sensing::RawSample;
@@ -90,34 +91,28 @@ impl Area {
 }
 
 impl Field {
+    /// The bytes that the value lies in, and how far from the first bit of them.
+    fn place(&self) -> (std::ops::Range<usize>, usize) {
+        (self.bit / 8..(self.bit + usize::from(self.bits)).div_ceil(8), self.bit % 8)
+    }
+
     /// The value as unsigned.
-    fn get(&self, data: &[u8]) -> u32 {
-        let bytes = data.get(self.bit / 8..).unwrap_or_default().iter().take(self.bytes());
-        let word = bytes.rev().fold(0u64, |value, byte| value << 8 | u64::from(*byte));
-        (word >> (self.bit % 8)) as u32 & self.mask()
-    }
-
-    /// Bytes that it touches, 1 to 5.
-    fn bytes(&self) -> usize {
-        (self.bit % 8 + usize::from(self.bits)).div_ceil(8)
-    }
-
-    fn mask(&self) -> u32 {
-        u32::MAX >> (32 - u32::from(self.bits.clamp(1, MOST_BITS)))
+    fn get(&self, data: &[u8]) -> u64 {
+        let (bytes, shift) = self.place();
+        load_le(data.get(bytes).unwrap_or_default()) >> shift & mask(self.bits)
     }
 
     /// The value with its sign.
     fn get_signed(&self, data: &[u8]) -> i32 {
-        let shift = 32 - u32::from(self.bits.clamp(1, MOST_BITS));
-        (self.get(data) << shift) as i32 >> shift
+        sign_extend(self.get(data), self.bits) as i32
     }
 
     fn put(&self, data: &mut [u8], value: i32) {
-        let to = data.get_mut(self.bit / 8..).unwrap_or_default().iter_mut().take(self.bytes());
-        let shifted = |word: u32| (u64::from(word & self.mask()) << (self.bit % 8)).to_le_bytes();
-        for ((to, new), own) in to.zip(shifted(value as u32)).zip(shifted(u32::MAX)) {
-            *to = *to & !own | new;
-        }
+        let (bytes, shift) = self.place();
+        let to = data.get_mut(bytes).unwrap_or_default();
+        let taken = mask(self.bits) << shift;
+        let word = load_le(to) & !taken | (value as u64) << shift & taken;
+        to.iter_mut().zip(word.to_le_bytes()).for_each(|(to, byte)| *to = byte);
     }
 }
 
@@ -330,23 +325,14 @@ impl Station {
     pub(super) fn take_inputs(&mut self, now: Time, data: &[u8]) {
         self.has_inputs = true;
         self.sampled_at = now;
-        let mut sample = RawSample { counts: [0; 6], sequence: None, overload: false, invalid: false, age_ns: 0 };
+        let mut sample = NO_SAMPLE;
         let mut has_counts = false;
         for (quantity, field) in &self.inputs.fields {
             match *quantity {
                 Quantity::Statusword => self.words.statusword = Some(field.get(data) as u16),
                 Quantity::PositionActual => self.words.position = Some(field.get_signed(data)),
-                Quantity::Status => {
-                    let (status, masks) = (field.get(data), self.setup.status_masks);
-                    (sample.overload, sample.invalid) = (status & masks.overload != 0, status & masks.invalid != 0);
-                }
-                Quantity::SampleCounter => sample.sequence = Some(field.get(data) as u8),
                 quantity => {
-                    let channel = Quantity::CHANNELS.iter().position(|channel| *channel == quantity);
-                    if let Some(count) = channel.and_then(|channel| sample.counts.get_mut(channel)) {
-                        *count = field.get_signed(data);
-                        has_counts = true;
-                    }
+                    has_counts |= self.setup.codec.take(quantity, field.get(data), field.bits, &mut sample);
                 }
             }
         }
@@ -402,7 +388,7 @@ impl Station {
             return Some(("the product code", codes.join(" or "), sii.product_code));
         }
         if !wanted.revisions.includes(sii.revision) {
-            return Some(("the revision", format!("{:?}", wanted.revisions), sii.revision));
+            return Some(("the revision", wanted.revisions.to_string(), sii.revision));
         }
         if let Some(serial) = self.setup.serial.filter(|serial| *serial != sii.serial) {
             return Some(("the serial number", format!("{serial:#x}"), sii.serial));
@@ -410,6 +396,14 @@ impl Station {
         let alias = self.setup.alias.filter(|alias| *alias != sii.alias)?;
         Some(("the alias", format!("{alias:#x}"), sii.alias.into()))
     }
+}
+
+/// The sample that a sensor sends by these inputs.
+#[cfg(test)]
+pub(crate) fn sample_of(setup: &StationSetup, inputs: &[u8]) -> Option<RawSample> {
+    let mut station = Station::new(setup).ok()?;
+    station.take_inputs(Time(0), inputs);
+    station.sample(Time(0))
 }
 
 #[cfg(test)]

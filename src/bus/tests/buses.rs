@@ -9,8 +9,12 @@ impl Net {
     pub(super) fn two_buses() -> Self {
         let (cycle, home) = torque_cycle();
         let mut setup = setup(CommandMode::Torque);
-        let node =
-            SensorNode { node_id: 1, profile: shipped_profile("simulated-force-sensor"), heartbeat: setup.heartbeat };
+        let node = SensorNode {
+            node_id: 1,
+            profile: shipped_profile("simulated-force-sensor"),
+            heartbeat: setup.heartbeat,
+            start: SensorStart::default(),
+        };
         (setup.sensor.bus, setup.sensor.link) = (BusId::new(1), SensorLink::Canopen(node));
         let mut net = Self::with(cycle, &setup, home.map(|angle| (scaling(0.0), angle)));
         for ((node, index, sub), value) in objects() {

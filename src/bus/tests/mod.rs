@@ -103,6 +103,7 @@ fn setup(mode: CommandMode) -> MasterSetup {
                 node_id: 10,
                 profile: shipped_profile("simulated-force-sensor"),
                 heartbeat,
+                start: SensorStart::default(),
             }),
             waits: WAITS,
             sample_period: Duration::from_millis(1),

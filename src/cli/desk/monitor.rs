@@ -8,9 +8,8 @@ use super::place::{DeviceSession, Entry, Place};
 use super::words::{nmt_words, spaced};
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
-use yieldwall_drives::profiles::Quantity;
 use yieldwall_fieldbus::canopen::{Emergency, Frame, NmtState, cob, nmt};
-use yieldwall_fieldbus::objects::{AbortCode, Address};
+use yieldwall_fieldbus::objects::{AbortCode, Address, sign_extend};
 use yieldwall_link::{Arrival, OtherTraffic, Received};
 use yieldwall_run::explanation;
 
@@ -167,27 +166,24 @@ fn process_data(frame: &Frame, entry: Option<&Entry>, who: &str) -> String {
 /// The values of a PDO by its profile, in the mode of the rig.
 fn fields(frame: &Frame, entry: &Entry, number: u8, is_tpdo: bool) -> Option<String> {
     let profile = entry.profile.as_deref()?;
-    let map = profile.pdos(entry.mode)?;
-    let pdos = if is_tpdo { &map.tpdo } else { &map.rpdo };
+    let [rpdo, tpdo] = profile.mapped(entry.mode)?;
+    let pdos = if is_tpdo { tpdo } else { rpdo };
     let pdo = pdos.iter().find(|pdo| pdo.canopen_number() == number)?;
-    if profile.payload_bytes(pdo) != frame.data().len() {
+    if pdo.bytes() != frame.data().len() {
         return None;
     }
     let mut at = 0;
-    let each = pdo.maps.iter().filter_map(|quantity| {
-        let (.., bits) = profile.mapped(*quantity)?;
-        let (bits, word) = (u32::from(bits), frame.bits().checked_shr(at).unwrap_or_default());
+    let each = pdo.objects.iter().filter_map(|object| {
+        let (bits, word) = (u32::from(object.bits), frame.bits().checked_shr(at).unwrap_or_default());
         at += bits;
-        if matches!(quantity, Quantity::Gap(_)) {
-            return None;
-        }
+        let quantity = object.quantity?;
         let masked = word & u64::MAX.checked_shr(64 - bits).unwrap_or_default();
         let is_word = quantity.word().ends_with("word") || quantity.word() == "status";
         let shown = match (is_word, bits) {
             (true, bits) => format!("{masked:0digits$X}h", digits = bits as usize / 4),
             (_, 8) => masked.to_string(),
             (_, 16) => (masked as i16).to_string(),
-            _ => (masked as i32).to_string(),
+            _ => sign_extend(masked, object.bits).to_string(),
         };
         Some(format!("{} {shown}", quantity.word()))
     });

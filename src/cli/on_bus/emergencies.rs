@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use crate::desk::{placed_text, state_words};
 use crate::failure::Failure;
 use yieldwall_bus::{BootError, BootFailure, EmergencyReport};
-use yieldwall_config::{self as config, SensorProtocol};
+use yieldwall_config as config;
 use yieldwall_drives::cia402::{State, Statusword};
 use yieldwall_fieldbus::canopen::{EmcyCode, Emergency};
 use yieldwall_fieldbus::time::Time;
@@ -44,12 +44,11 @@ fn of_told(told: &EmergencyReport, rig: &config::Rig) -> Explanation {
 
 /// What a code of a device means, by the table of its vendor.
 fn explained(code: EmcyCode, device: Option<Device>, rig: &config::Rig) -> Explanation {
-    let profile = match (device, &rig.sensor.protocol) {
-        (None, _) => None,
-        (Some(Device::LeftDrive), _) => Some(&rig.drives[0].profile),
-        (Some(Device::RightDrive), _) => Some(&rig.drives[1].profile),
-        (Some(Device::Sensor), SensorProtocol::Canopen { profile, .. }) => Some(profile),
-        (Some(Device::Sensor), _) => None,
+    let profile = match device {
+        None => None,
+        Some(Device::LeftDrive) => Some(&rig.drives[0].profile),
+        Some(Device::RightDrive) => Some(&rig.drives[1].profile),
+        Some(Device::Sensor) => rig.sensor.protocol.profile(),
     };
     let codes = profile.and_then(|profile| profile.error_codes());
     explanation::error_code(code.0, codes.map(|codes| &**codes))

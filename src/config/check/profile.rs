@@ -2,8 +2,8 @@
 
 use yieldwall_drives::cia402::State;
 use yieldwall_drives::profiles::{
-    BrakeHolder, DeviceProfile, Entry, Fieldbus, ForceSensor, HeartbeatWatch, Homing, Limits, Pdo, PdoMap, Quantity,
-    Revisions, Role, Servo, SetPointWatch, Setting, SyncWatch, Unused,
+    BrakeHolder, DeviceProfile, Entry, Fieldbus, ForceSensor, HeartbeatWatch, Homing, Limits, Numbers, Pdo, PdoMap,
+    Quantity, Revisions, Role, Scaling, Servo, SetPointWatch, Setting, SyncWatch, Unused,
 };
 
 use super::Findings;
@@ -118,34 +118,28 @@ fn check_servo(findings: &mut Findings, profile: &DeviceProfile, servo: &Servo) 
 
 fn check_sensor(findings: &mut Findings, profile: &DeviceProfile, sensor: &ForceSensor) {
     let mut check = Checked { findings, profile };
-    for (index, entry) in sensor.objects.channels.iter().enumerate() {
-        check.entry(&format!("device.force_sensor.objects.channels[{index}]"), entry, Some(16));
-    }
-    check.optional("device.force_sensor.objects.status", sensor.objects.status.as_ref(), 8);
-    check.optional("device.force_sensor.objects.sample_counter", sensor.objects.sample_counter.as_ref(), 8);
-    let sent = [&Quantity::CHANNELS[..], &[Quantity::Status, Quantity::SampleCounter]].concat();
-    let key = "device.force_sensor.process_data";
-    check.pdos(&format!("{key}.tpdo"), &sensor.process_data.tpdo, &sent);
-    if !sensor.process_data.rpdo.is_empty() {
-        let message = format!("`{key}.rpdo` is not empty, and a force sensor is sent nothing");
-        check.findings.error(&format!("{key}.rpdo"), message, "write `rpdo: []`");
-    }
-    for channel in Quantity::CHANNELS {
-        if !sensor.process_data.tpdo.iter().any(|pdo| pdo.maps.contains(&channel)) {
-            let message = format!("`{key}.tpdo` does not carry `{}`", channel.word());
-            check.findings.error(&format!("{key}.tpdo"), message, "the six channels come with process data");
+    let objects = &sensor.objects;
+    for (index, entry) in objects.channels.iter().enumerate() {
+        let key = format!("device.force_sensor.objects.channels[{index}]");
+        check.number(&key, entry);
+        if objects.numbers == Numbers::Real && entry.bits != 32 {
+            let at = format!("{key}.bits");
+            let message = format!("`{at}` is {}, and numbers that are `real` have 32 bits", entry.bits);
+            check.findings.error(&at, message, "compare the length with the source");
         }
     }
-    let (bits, has_status) = (sensor.status_bits, sensor.objects.status.is_some());
-    if !has_status && (bits.overload, bits.invalid) != (0, 0) {
-        check
-            .findings
-            .error(
-                "device.force_sensor.status_bits",
-                "`device.force_sensor.status_bits` names bits of a status that the sensor does not have",
-                "write 0 for both, or the object of the status",
-            )
-            .see("device.force_sensor.objects.status", "status");
+    for (key, entry) in
+        [("status", &objects.status), ("overload", &objects.overload), ("sample_counter", &objects.sample_counter)]
+    {
+        if let Some(entry) = entry {
+            check.number(&format!("device.force_sensor.objects.{key}"), entry);
+        }
+    }
+    check.sensor_pdos(sensor);
+    check.status_bits(sensor);
+    check.scaling(sensor);
+    for (index, setting) in sensor.zero.iter().enumerate() {
+        check.setting(&format!("device.force_sensor.zero[{index}]"), Some(setting), None);
     }
     if let Some(index) = sensor.sample_rates_hz.iter().position(|rate| *rate == 0) {
         let key = format!("device.force_sensor.sample_rates_hz[{index}]");
@@ -189,6 +183,116 @@ impl Checked<'_> {
                 self.findings.error(&at, format!("`{at}` is {}", entry.bits), "write 8, 16 or 32");
             }
             _ => {}
+        }
+    }
+
+    /// An object of a force sensor.
+    fn number(&mut self, key: &str, entry: &Entry) {
+        self.source(&format!("{key}.source"), &entry.source);
+        if !matches!(entry.bits, 8 | 16 | 24 | 32) {
+            let at = format!("{key}.bits");
+            self.findings.error(&at, format!("`{at}` is {}", entry.bits), "write 8, 16, 24 or 32");
+        }
+    }
+
+    /// What the process data of a force sensor carry, which way.
+    fn sensor_pdos(&mut self, sensor: &ForceSensor) {
+        const KEY: &str = "device.force_sensor.process_data";
+        let PdoMap { rpdo, tpdo } = &sensor.process_data;
+        // The master sends zeros alone.
+        self.pdos(&format!("{KEY}.rpdo"), rpdo, &[]);
+        let sent = [&Quantity::CHANNELS[..], &[Quantity::Status, Quantity::Overload, Quantity::SampleCounter]].concat();
+        self.pdos(&format!("{KEY}.tpdo"), tpdo, &sent);
+        let carried: Vec<Quantity> = tpdo.iter().flat_map(|pdo| pdo.maps.iter().copied()).collect();
+        let bits = sensor.status_bits;
+        let of_overload = if sensor.objects.overload.is_some() { Quantity::Overload } else { Quantity::Status };
+        let needs = [(Quantity::Status, bits.invalid != 0), (of_overload, bits.overload != 0)];
+        let needs = needs.into_iter().filter(|(quantity, is_used)| *is_used && sensor.object(*quantity).is_some());
+        for quantity in Quantity::CHANNELS.into_iter().chain(needs.map(|(quantity, _)| quantity)) {
+            if !carried.contains(&quantity) {
+                let message = format!("`{KEY}.tpdo` does not carry `{}`", quantity.word());
+                let help = "the six channels come with process data, and so does a status of which bits are named";
+                self.findings.error(&format!("{KEY}.tpdo"), message, help);
+            }
+        }
+    }
+
+    /// Whether the bits of the status are there.
+    fn status_bits(&mut self, sensor: &ForceSensor) {
+        let objects = &sensor.objects;
+        let has =
+            |entry: Option<&Entry>, bits: u32| u64::from(bits) >> entry.map_or(0, |entry| entry.bits.min(32)) == 0;
+        let overload = objects.overload.as_ref().or(objects.status.as_ref());
+        let bits = sensor.status_bits;
+        for (word, entry, bits) in
+            [("overload", overload, bits.overload), ("invalid", objects.status.as_ref(), bits.invalid)]
+        {
+            if !has(entry, bits) {
+                let key = format!("device.force_sensor.status_bits.{word}");
+                let message = format!("`{key}` names bits of a status that the sensor does not have");
+                self.findings
+                    .error(&key, message, "write 0, or the object of the status with its length")
+                    .see("device.force_sensor.objects.status", "status");
+            }
+        }
+    }
+
+    fn scaling(&mut self, sensor: &ForceSensor) {
+        const KEY: &str = "device.force_sensor.scaling";
+        match &sensor.scaling {
+            Some(Scaling::Objects { per_n, per_n_m }) => {
+                self.number(&format!("{KEY}.objects.per_n"), per_n);
+                self.number(&format!("{KEY}.objects.per_n_m"), per_n_m);
+            }
+            Some(Scaling::Constant { per_n, per_n_m }) => {
+                for (word, counts) in [("per_n", per_n), ("per_n_m", per_n_m)] {
+                    if *counts == 0 {
+                        let at = format!("{KEY}.constant.{word}");
+                        self.findings.error(
+                            &at,
+                            format!("`{at}` is 0"),
+                            "write a whole number from 1, such as 1000000",
+                        );
+                    }
+                }
+                return;
+            }
+            None => {}
+        }
+        if sensor.objects.numbers == Numbers::Real {
+            let message = format!("numbers that are `real` are counted by `{KEY}.constant`, which is not there");
+            let help =
+                "write `scaling: {constant: {per_n: 1000000, per_n_m: 1000000}}` for counts of 1e-6 N and 1e-6 N m";
+            self.findings.error(KEY, message, help).see("device.force_sensor.objects.numbers", "numbers");
+        }
+    }
+
+    fn pdo_number(&mut self, at: &str, pdo: &Pdo, is_taken: bool) {
+        let at = format!("{at}.number");
+        let indices = if at.contains(".rpdo[") { 0x1600..=0x17ff } else { 0x1a00..=0x1bff };
+        if !(1..=512).contains(&pdo.number) && !indices.contains(&pdo.number) {
+            let message = format!("`{at}` is {:#x}, which is no mapping of this direction", pdo.number);
+            let help = format!("write 1 to 512, or an object from {:#x} to {:#x}", indices.start(), indices.end());
+            self.findings.error(&at, message, help);
+        } else if is_taken {
+            let message = format!("`{at}` is {}, and so is that of another", pdo.number);
+            self.findings.error(&at, message, "give each PDO of a direction a number of its own");
+        }
+    }
+
+    fn transmission_type(&mut self, at: &str, transmission_type: u8) {
+        if (241..=253).contains(&transmission_type) {
+            let message = format!("`{at}.transmission_type` is {transmission_type}, which sends nothing by itself");
+            let help = "write 1 for each SYNC, 2 to 240 for each n-th, or 254";
+            self.findings.error(&format!("{at}.transmission_type"), message, help);
+        }
+    }
+
+    fn entries(&mut self, at: &str, pdo: &Pdo) {
+        let (entries, most) = (pdo.maps.len(), usize::from(self.profile.mapping_entries()));
+        if !pdo.fixed && entries > most {
+            let message = format!("`{at}.maps` has {entries} objects, and a PDO of this device carries {most}");
+            self.findings.error(&format!("{at}.maps"), message, "spread them over two PDOs");
         }
     }
 
@@ -309,27 +413,11 @@ impl Checked<'_> {
 
     /// PDOs of one direction, of which each may carry what is `known`.
     fn pdos(&mut self, key: &str, pdos: &[Pdo], known: &[Quantity]) {
-        let most = usize::from(self.profile.mapping_entries());
         let mut carried: Vec<Quantity> = Vec::new();
         for (index, pdo) in pdos.iter().enumerate() {
             let at = format!("{key}[{index}]");
-            if pdos.iter().take(index).any(|other| other.number == pdo.number) {
-                let message = format!("`{at}.number` is {}, and so is that of another", pdo.number);
-                self.findings.error(
-                    &format!("{at}.number"),
-                    message,
-                    "give each PDO of a direction a number of its own",
-                );
-            }
-            if (241..=253).contains(&pdo.transmission_type) {
-                let message =
-                    format!("`{at}.transmission_type` is {}, which sends nothing by itself", pdo.transmission_type);
-                self.findings.error(
-                    &format!("{at}.transmission_type"),
-                    message,
-                    "write 1 for each SYNC, 2 to 240 for each n-th, or 254",
-                );
-            }
+            self.pdo_number(&at, pdo, pdos.iter().take(index).any(|other| other.number() == pdo.number()));
+            self.transmission_type(&at, pdo.transmission_type);
             for (place, quantity) in pdo.maps.iter().enumerate() {
                 let at = format!("{at}.maps[{place}]");
                 let word = quantity.word();
@@ -339,7 +427,11 @@ impl Checked<'_> {
                 if !known.contains(quantity) {
                     let words: Vec<&str> = known.iter().map(|quantity| quantity.word()).collect();
                     let message = format!("`{at}` is `{word}`, which does not go this way");
-                    self.findings.error(&at, message, format!("here {} can be mapped", words.join(", ")));
+                    let help = match words.as_slice() {
+                        [] => "write its object as `unused: {index: .., sub: .., bits: ..}`".to_owned(),
+                        words => format!("here {} can be mapped", words.join(", ")),
+                    };
+                    self.findings.error(&at, message, help);
                 } else if self.profile.object(*quantity).is_none() {
                     let message = format!("`{at}` is `{word}`, which the device does not have");
                     self.findings.error(&at, message, "write its object, or leave it out");
@@ -352,26 +444,22 @@ impl Checked<'_> {
                 }
                 carried.push(*quantity);
             }
-            let bytes = self.profile.payload_bytes(pdo);
             if self.profile.is_for(Fieldbus::Canopen) {
-                self.of_canopen(&at, pdo, bytes);
+                self.of_canopen(&at, pdo);
             }
-            if !pdo.fixed && pdo.maps.len() > most {
-                let message =
-                    format!("`{at}.maps` has {} objects, and a PDO of this device carries {most}", pdo.maps.len());
-                self.findings.error(&format!("{at}.maps"), message, "spread them over two PDOs");
-            }
+            self.entries(&at, pdo);
         }
     }
 
     /// Whether CANopen has room and an identifier for a PDO.
-    fn of_canopen(&mut self, at: &str, pdo: &Pdo, bytes: usize) {
+    fn of_canopen(&mut self, at: &str, pdo: &Pdo) {
+        let bytes = self.profile.mapped_pdo(pdo).bytes();
         const OTHERWISE: &str = "or write `buses: [ethercat]` in `profile` if that is its only bus";
         if bytes > FRAME_BYTES {
             let message = format!("`{at}.maps` make {bytes} bytes, and a CAN frame carries {FRAME_BYTES}");
             self.findings.error(&format!("{at}.maps"), message, format!("spread them over two PDOs, {OTHERWISE}"));
         }
-        if pdo.number > CANOPEN_PDOS {
+        if pdo.number() > CANOPEN_PDOS {
             let message = format!("`{at}.number` is {}, and CANopen has identifiers for 1 to 4", pdo.number);
             self.findings.error(&format!("{at}.number"), message, format!("write one of these, {OTHERWISE}"));
         }
@@ -379,16 +467,15 @@ impl Checked<'_> {
 
     /// Whether a mapped quantity is nothing to the rig: its lengths are checked then.
     fn fills(&mut self, at: &str, quantity: Quantity) -> bool {
-        let (bits, most) = match quantity {
-            Quantity::Gap(bits) => (bits, u8::MAX),
+        let (at, bits, most) = match quantity {
+            Quantity::Gap(bits) => (format!("{at}.gap"), bits, u8::MAX),
             Quantity::Unused(Unused { bits, value, .. }) => {
-                (bits, if value.is_some() { VALUE_BITS } else { OBJECT_BITS })
+                (format!("{at}.unused.bits"), bits, if value.is_some() { VALUE_BITS } else { OBJECT_BITS })
             }
             _ => return false,
         };
         if !(1..=most).contains(&bits) {
-            let message = format!("`{at}` has {bits} bits");
-            self.findings.error(at, message, format!("write its length by the mapping, 1 to {most} bits"));
+            self.findings.error(&at, format!("`{at}` is {bits}"), format!("write 1 to {most}"));
         }
         true
     }

@@ -1,11 +1,13 @@
 //! Devices on an EtherCAT segment: who is where.
 
+use yieldwall_drives::profiles::ForceSensor;
+
 use super::Findings;
 use crate::tree::{Bus, Rig, SensorProtocol};
 use yieldwall_drives::profiles::Fieldbus;
 
-/// Greatest number of counts of a sensor on CAN.
-const MOST_ON_CAN: u32 = i16::MAX as u32;
+/// Greatest number of counts of a sensor on plain CAN.
+const MOST_ON_PLAIN_CAN: u32 = i16::MAX as u32;
 /// Least force or torque of a count of a simulated sensor on EtherCAT, in N or N m.
 const LEAST_PER_COUNT: f64 = 1e-9;
 
@@ -37,11 +39,14 @@ pub(super) fn check_segment(findings: &mut Findings, rig: &Rig) {
 /// Whether a sensor on its bus can have such counts, and the simulated one on EtherCAT such a calibration.
 fn check_counts(findings: &mut Findings, rig: &Rig) {
     let (key, counts) = ("sensor.range_counts", rig.sensor.range_counts);
+    let model = rig.sensor.protocol.profile().and_then(|profile| profile.get()?.force_sensor());
+    let most = model.map_or(MOST_ON_PLAIN_CAN, ForceSensor::most_counts);
+    if counts > most {
+        let bits = u32::BITS - most.leading_zeros() + 1;
+        let message = format!("`{key}` is {counts}, and the sensor sends counts of {bits} bits");
+        findings.error(key, message, format!("write a whole number from 1 to {most}"));
+    }
     if !matches!(rig.sensor.protocol, SensorProtocol::Ethercat { .. }) {
-        if counts > MOST_ON_CAN {
-            let message = format!("`{key}` is {counts}, and a sensor on CAN sends counts of 16 bits");
-            findings.error(key, message, format!("write a whole number from 1 to {MOST_ON_CAN}"));
-        }
         return;
     }
     let matrix = &rig.sensor.calibration;
@@ -62,24 +67,30 @@ fn check_counts(findings: &mut Findings, rig: &Rig) {
     }
 }
 
-/// Whether the profiles of the drives are written for the buses that the drives are on.
+/// Whether the profiles of the devices are written for the buses that the devices are on.
 fn check_profiles(findings: &mut Findings, rig: &Rig) {
-    for (index, drive) in rig.drives.iter().enumerate() {
-        let Some(profile) = drive.profile.get() else { continue };
-        let key = format!("drives[{index}].profile");
-        let is_on = |bus: Fieldbus| format!("`{key}` is `{}`, which is not written for {}", profile.name(), bus.name());
-        let on_segment = drive.address.position().is_some();
-        let bus = if on_segment { Fieldbus::Ethercat } else { Fieldbus::Canopen };
+    let drives = rig.drives.iter().enumerate().map(|(index, drive)| {
+        (format!("drives[{index}].profile"), drive.profile.get(), drive.address.position().is_some())
+    });
+    let sensor = rig.sensor.protocol.profile().map(|name| {
+        let is_on_segment = rig.sensor.protocol.position().is_some();
+        let protocol = if is_on_segment { "ethercat" } else { "canopen" };
+        (format!("sensor.protocol.{protocol}.profile"), name.get(), is_on_segment)
+    });
+    for (key, profile, is_on_segment) in drives.chain(sensor) {
+        let Some(profile) = profile else { continue };
+        let bus = if is_on_segment { Fieldbus::Ethercat } else { Fieldbus::Canopen };
         if profile.is_for(bus) {
             continue;
         }
-        if on_segment {
+        let message = format!("`{key}` is `{}`, which is not written for {}", profile.name(), bus.name());
+        if is_on_segment {
             let help =
-                "compare its process data with those of the drive on EtherCAT, and add `ethercat` to its `buses`";
-            findings.warning(&key, is_on(bus), help);
+                "compare its process data with those of the device on EtherCAT, and add `ethercat` to its `buses`";
+            findings.warning(&key, message, help);
         } else {
-            let help = "name the profile of this drive on CANopen; its process data differ from those on EtherCAT";
-            findings.error(&key, is_on(bus), help);
+            let help = "name the profile of this device on CANopen; its process data differ from those on EtherCAT";
+            findings.error(&key, message, help);
         }
     }
 }

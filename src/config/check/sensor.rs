@@ -1,11 +1,11 @@
 //! Relations between the keys of the force sensor, and to the rest of the rig.
 
 use nalgebra::Matrix6;
-use yieldwall_drives::profiles::Role;
+use yieldwall_drives::profiles::{ForceSensor, Role, Scaling};
 
 use super::Findings;
 use super::models::refuse_profile;
-use super::sensor_bus::check_plain_can;
+use super::sensor_bus::{check_plain_can, check_rate};
 use super::words::{round, shorten_numbers};
 use crate::number::{Finite, Positive};
 use crate::tree::{ProfileName, Rig, SensorProtocol};
@@ -52,7 +52,9 @@ pub(super) fn check_sensor(findings: &mut Findings, rig: &Rig) {
     }
     check_tare(findings, rig);
     match &sensor.protocol {
-        SensorProtocol::Canopen { profile, .. } => check_profile(findings, rig, profile, cycle_hz),
+        SensorProtocol::Canopen { profile, .. } | SensorProtocol::Ethercat { profile, .. } => {
+            check_profile(findings, rig, profile, cycle_hz);
+        }
         _ => check_plain_can(findings, rig, cycle_hz),
     }
     let [fx, fy] = [&sensor.calibration[0], &sensor.calibration[1]];
@@ -86,21 +88,69 @@ pub(super) fn check_sensor(findings: &mut Findings, rig: &Rig) {
     check_force_range(findings, rig);
 }
 
-/// Whether the device model is known and that of a sensor, and samples as often as the cycle can see.
+/// Whether the device model is known, is that of a sensor, and has what the rig and its bus ask of it.
 fn check_profile(findings: &mut Findings, rig: &Rig, name: &ProfileName, cycle_hz: f64) {
-    let key = "sensor.protocol.canopen.profile";
+    let is_on_can = rig.sensor.protocol.position().is_none();
+    let protocol = if is_on_can { "sensor.protocol.canopen" } else { "sensor.protocol.ethercat" };
+    let key = &format!("{protocol}.profile");
     let (Some(profile), name) = (name.get(), name.as_str()) else { return };
     let Some(model) = profile.force_sensor() else {
         return refuse_profile(findings, key, name, "is not one of a force sensor", is_sensor);
     };
+    check_counter(findings, rig, key, name, model);
+    check_scaling(findings, rig, key, name, model);
+    if rig.sensor.protocol.zero_at_start() && model.zero.is_empty() {
+        let at = format!("{protocol}.zero_at_start");
+        let message = format!("`{at}` is set, and the profile `{name}` does not say how the sensor zeroes itself");
+        findings
+            .error(&at, message, "write `zero` in the profile by the manual, or tare with `sensor.tare_up_to_n`")
+            .see(key, "profile");
+    }
     let rates = &model.sample_rates_hz;
     let rate = *rig.sensor.sample_rate_hz;
-    if rates.iter().any(|known| f64::from(*known) == rate) {
-        return check_sample_rate(findings, rig, rates, cycle_hz);
+    if rates.is_empty() {
+        check_rate(findings, rig, cycle_hz);
+    } else if !rates.iter().any(|known| f64::from(*known) == rate) {
+        let known: Vec<String> = rates.iter().map(u32::to_string).collect();
+        let message = format!("`sensor.sample_rate_hz` is {rate}, which the profile `{name}` does not have");
+        let help = format!("write one of {}", known.join(", "));
+        findings.error("sensor.sample_rate_hz", message, help).see(key, "profile");
+    } else if is_on_can {
+        check_sample_rate(findings, rig, rates, cycle_hz);
     }
-    let known: Vec<String> = rates.iter().map(u32::to_string).collect();
-    let message = format!("`sensor.sample_rate_hz` is {rate}, which the profile `{name}` does not have");
-    findings.error("sensor.sample_rate_hz", message, format!("write one of {}", known.join(", "))).see(key, "profile");
+}
+
+/// A sensor without a counter of samples does not show which ones are new.
+fn check_counter(findings: &mut Findings, rig: &Rig, key: &str, name: &str, model: &ForceSensor) {
+    if model.objects.sample_counter.is_some() {
+        return;
+    }
+    let message = format!(
+        "the profile `{name}` has no sample counter: each sample that arrives counts as new. `sensor-stale` does not show a sensor that \
+         repeats its last sample, and each age may be {} us greater than reported",
+        round(1e6 / *rig.sensor.sample_rate_hz)
+    );
+    let help = "use a sensor or firmware with a counter if there is one; else `sensor-stuck` shows a sensor with noise that sends 50 equal \
+                samples";
+    findings.warning(key, message, help);
+}
+
+/// Whether `calibration` has about the counts per unit that the profile says.
+fn check_scaling(findings: &mut Findings, rig: &Rig, key: &str, name: &str, model: &ForceSensor) {
+    let Some(Scaling::Constant { per_n, per_n_m }) = model.scaling else { return };
+    let units = [("N", per_n), ("N m", per_n_m)];
+    for ((unit, counts), here) in units.into_iter().zip(rig.sensor.counts_per_unit()) {
+        // What is 0 is refused in the profile.
+        if counts > 0 && !Scaling::agrees(counts, here) {
+            let message = format!(
+                "`sensor.calibration` has {} counts per {unit}, and the profile `{name}` has {counts}",
+                round(here)
+            );
+            let help =
+                format!("write {:e} {unit} per count in the rows of `sensor.calibration`", f64::from(counts).recip());
+            findings.error("sensor.calibration", message, help).see(key, "profile");
+        }
+    }
 }
 
 fn is_sensor(role: &Role) -> bool {

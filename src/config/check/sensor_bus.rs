@@ -50,7 +50,8 @@ pub(super) fn check_plain_can(findings: &mut Findings, rig: &Rig, cycle_hz: f64)
     check_gap(findings, rig, &format!("{group}.pair_gap_us"), gap_us);
 }
 
-fn check_rate(findings: &mut Findings, rig: &Rig, cycle_hz: f64) {
+/// Whether the rate is one that a sensor can be set to.
+pub(super) fn check_rate(findings: &mut Findings, rig: &Rig, cycle_hz: f64) {
     let (key, rate) = ("sensor.sample_rate_hz", *rig.sensor.sample_rate_hz);
     if rate.fract() != 0.0 || !(1.0..=MOST_HZ).contains(&rate) {
         let message = format!("`{key}` is {rate}, which is no whole number from 1 to {MOST_HZ}");

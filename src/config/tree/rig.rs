@@ -12,7 +12,7 @@ use super::arm::{ArmInertia, Linkage};
 use super::fixture::Fixture;
 use super::profile::ProfileName;
 use super::profile::is_yaml;
-use super::sensor::{Sensor, SensorProtocol};
+use super::sensor::Sensor;
 use super::simulation::{BusTiming, NotSimulated, Simulation, named_simulation};
 use super::waits::{Waits, enabling_ms};
 use crate::injection::{DefectKind, Injection, Medium, Target};
@@ -174,10 +174,7 @@ impl Rig {
 
     /// The device profiles that it names by their files, as it writes them.
     pub fn profile_files(&self) -> impl Iterator<Item = &str> {
-        let of_sensor = match &self.sensor.protocol {
-            SensorProtocol::Canopen { profile, .. } => Some(profile),
-            _ => None,
-        };
+        let of_sensor = self.sensor.protocol.profile();
         let named = self.drives.iter().map(|drive| &drive.profile).chain(of_sensor);
         named.filter(|name| name.is_file()).map(ProfileName::as_str)
     }
@@ -191,8 +188,8 @@ impl Rig {
             ("drives[0].profile", &mut left.profile, is_servo),
             ("drives[1].profile", &mut right.profile, is_servo),
         ];
-        if let SensorProtocol::Canopen { profile, .. } = &mut self.sensor.protocol {
-            named.push(("sensor.protocol.canopen.profile", profile, is_sensor));
+        if let Some((key, profile)) = self.sensor.protocol.profile_mut() {
+            named.push((key, profile, is_sensor));
         }
         if let Some(model) = self.simulation.as_mut().and_then(|simulation| simulation.drive_model.as_mut()) {
             named.push(("simulation.drive_model.profile", &mut model.profile, is_servo));

@@ -21,13 +21,13 @@ pub struct Sensor {
     /// What it speaks on that bus, and its identifiers.
     #[garde(dive)]
     pub protocol: SensorProtocol,
-    /// How often it samples, Hz. On CANopen the fastest rate of the profile that is not above that of the cycle; on plain
-    /// CAN what the sensor is set to, a whole number from 1 to 10 000.
+    /// How often it samples, Hz. On CANopen the fastest rate of the profile that is not above that of the cycle; else what the sensor is set
+    /// to, a whole number from 1 to 10 000, or a rate of its profile.
     #[garde(dive)]
     pub sample_rate_hz: Positive,
     /// Calibration matrix: wrench = matrix * counts; rows Fx Fy Fz (N per count) then Tx Ty Tz (N m per count).
     pub calibration: [[Finite; 6]; 6],
-    /// Counts at which the sensor saturates, 1 to 32 767; on EtherCAT up to 2 147 483 647.
+    /// Counts at which the sensor saturates, 1 and up; at most what its channels can send, which is 32 767 on plain CAN.
     #[garde(range(min = 1, max = 2_147_483_647))]
     pub range_counts: u32,
     /// The link that the sensor turns with.
@@ -68,6 +68,10 @@ pub enum SensorProtocol {
         /// Heartbeat period of the sensor, ms; this program watches it. 1 to 10 000, at least two control periods.
         #[garde(range(min = 1, max = 10_000))]
         heartbeat_ms: u16,
+        /// Whether the boot has the sensor zero itself by the objects `zero` of its profile; nobody may touch the handle then. No if left
+        /// out.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        zero_at_start: bool,
     },
     /// Plain CAN: it streams samples by its own clock, each over two frames, as the Robotous RFT series does.
     Streaming {
@@ -101,18 +105,80 @@ pub enum SensorProtocol {
         /// Whether the sensor is told to zero itself at each start; nobody may touch the handle then.
         zero_at_start: bool,
     },
-    /// EtherCAT: counts of 32 bits and a counter of samples, as the ATI EtherCAT F/T sensors have them.
+    /// A device of an EtherCAT segment.
     Ethercat {
         /// Devices between the computer and this one. 0 for the first one; no other device has the same.
         position: u16,
+        /// Device model: identity, process data and status bits; `ati-ethercat` if left out.
+        #[serde(default = "usual_on_ethercat", skip_serializing_if = "is_usual_on_ethercat")]
+        profile: ProfileName,
+        /// Whether the boot has the sensor zero itself by the objects `zero` of its profile; nobody may touch the handle then. No if left
+        /// out.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        zero_at_start: bool,
     },
 }
 
+/// The model of a sensor on EtherCAT of which the rig names none.
+fn usual_on_ethercat() -> ProfileName {
+    ProfileName::from("ati-ethercat".to_owned())
+}
+
+fn is_usual_on_ethercat(name: &ProfileName) -> bool {
+    name.as_str() == usual_on_ethercat().as_str()
+}
+
+impl Sensor {
+    /// Counts per N and per N m, by the mean of the rows of `calibration` of each.
+    pub fn counts_per_unit(&self) -> [f64; 2] {
+        let size = |row: &[Finite; 6]| row.iter().map(|gain| gain.powi(2)).sum::<f64>().sqrt();
+        let [fx, fy, fz, tx, ty, tz] = &self.calibration;
+        [[fx, fy, fz], [tx, ty, tz]].map(|rows| 3.0 / rows.map(size).iter().sum::<f64>())
+    }
+
+    /// Whether samples carry no counter, and the process data come in every cycle: then each that comes counts as a sample.
+    pub fn counts_arrivals(&self) -> bool {
+        let model = self.protocol.profile().and_then(|profile| profile.get()?.force_sensor());
+        model.is_some_and(|model| {
+            let tpdos = &model.process_data.tpdo;
+            let is_of_cycle = self.protocol.position().is_some() || tpdos.iter().all(|pdo| pdo.transmission_type == 1);
+            model.objects.sample_counter.is_none() && is_of_cycle
+        })
+    }
+}
+
 impl SensorProtocol {
+    /// The device model, of a sensor that has one.
+    pub fn profile(&self) -> Option<&ProfileName> {
+        match self {
+            SensorProtocol::Canopen { profile, .. } | SensorProtocol::Ethercat { profile, .. } => Some(profile),
+            SensorProtocol::Streaming { .. } | SensorProtocol::Polled { .. } => None,
+        }
+    }
+
+    /// Its key, and the model, to be changed.
+    pub(crate) fn profile_mut(&mut self) -> Option<(&'static str, &mut ProfileName)> {
+        match self {
+            SensorProtocol::Canopen { profile, .. } => Some(("sensor.protocol.canopen.profile", profile)),
+            SensorProtocol::Ethercat { profile, .. } => Some(("sensor.protocol.ethercat.profile", profile)),
+            SensorProtocol::Streaming { .. } | SensorProtocol::Polled { .. } => None,
+        }
+    }
+
+    /// Whether the sensor is commanded to zero itself at each start.
+    pub fn zero_at_start(&self) -> bool {
+        match self {
+            SensorProtocol::Canopen { zero_at_start, .. }
+            | SensorProtocol::Streaming { zero_at_start, .. }
+            | SensorProtocol::Polled { zero_at_start, .. }
+            | SensorProtocol::Ethercat { zero_at_start, .. } => *zero_at_start,
+        }
+    }
+
     /// Place in an EtherCAT segment.
     pub fn position(&self) -> Option<u16> {
         match self {
-            SensorProtocol::Ethercat { position } => Some(*position),
+            SensorProtocol::Ethercat { position, .. } => Some(*position),
             _ => None,
         }
     }

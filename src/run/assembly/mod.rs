@@ -11,7 +11,7 @@ use std::time::Duration;
 use nalgebra::Matrix6;
 
 use yieldwall_bus::ethercat::{Budget, SegmentSetup};
-use yieldwall_bus::{DriveSetup, Master, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
+use yieldwall_bus::{DriveSetup, Master, MasterSetup, SensorLink, SensorNode, SensorSetup, SensorStart, Waits};
 use yieldwall_config as config;
 use yieldwall_drives::profiles::{DeviceProfile, NodeTraits};
 use yieldwall_drives::scaling::{AxisScaling, Direction};
@@ -30,7 +30,7 @@ use yieldwall_motion::sensing::{Calibration, MountedOn, Mounting, Sensing, Sensi
 pub use buses::{bus_id, bus_plan, device_buses, segment_bus};
 pub use error::AssemblyError;
 pub use homing::HOMING_COMES_UP_S;
-pub use segment::{sampled_before, segment, segment_sensor};
+pub use segment::{sampled_before, segment};
 
 /// The cycle time in s.
 pub fn period_s(rig: &config::Rig) -> f64 {
@@ -221,7 +221,8 @@ pub fn cycle(rig: &config::Rig, fixture: &config::Fixture) -> Result<Cycle, Asse
         mounting,
         handle_mass_kg: rig.sensor.handle_mass_kg.get(),
         low_pass_hz: rig.sensor.low_pass_hz.map(|value| value.get()),
-        sample_rate_hz: rig.sensor.sample_rate_hz.get(),
+        // Without a counter of samples each one that arrives is new.
+        sample_rate_hz: if rig.sensor.counts_arrivals() { period_s.recip() } else { rig.sensor.sample_rate_hz.get() },
         cycle_period_s: period_s,
         force_step_limit_n: limits.force_step_limit_n.get(),
     })?;
@@ -375,6 +376,11 @@ pub fn sample_period(rig: &config::Rig) -> Duration {
     Duration::from_secs_f64(rig.sensor.sample_rate_hz.get().recip())
 }
 
+/// What the boot does with the force sensor beside its process data.
+fn sensor_start(sensor: &config::Sensor) -> SensorStart {
+    SensorStart { zeroes: sensor.protocol.zero_at_start(), counts_per_unit: sensor.counts_per_unit() }
+}
+
 /// What the force sensor speaks.
 ///
 /// # Errors
@@ -386,9 +392,9 @@ pub fn sensor_link(sensor: &config::Sensor) -> Result<SensorLink, AssemblyError>
         SensorLink::PlainCan(plain_can::Link { protocol, pair_gap, sample_period, zero_at_start })
     };
     Ok(match sensor.protocol {
-        config::SensorProtocol::Canopen { node_id, profile: ref name, heartbeat_ms } => {
+        config::SensorProtocol::Canopen { node_id, profile: ref name, heartbeat_ms, .. } => {
             let heartbeat = Duration::from_millis(heartbeat_ms.into());
-            SensorLink::Canopen(SensorNode { node_id, profile: profile(name)?, heartbeat })
+            SensorLink::Canopen(SensorNode { node_id, profile: profile(name)?, heartbeat, start: sensor_start(sensor) })
         }
         config::SensorProtocol::Streaming { command_id, data_ids, pair_gap_us, zero_at_start } => {
             let ids = plain_can::streaming::Ids { command: command_id, data: data_ids };

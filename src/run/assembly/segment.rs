@@ -3,23 +3,14 @@
 use std::time::Duration;
 
 use super::error::AssemblyError;
-use super::{buses, drive_limits, profile, scaling, waits};
-use yieldwall_bus::ethercat::{Acts, Mapped, ProcessData, SegmentDrive, SegmentSetup, StationSetup, StatusMasks};
-use yieldwall_bus::{BootError, HomingOrder};
+use super::{buses, drive_limits, profile, scaling, sensor_start, waits};
+use yieldwall_bus::ethercat::{Acts, SegmentDrive, SegmentSensor, SegmentSetup, StationSetup};
+use yieldwall_bus::{BootError, BootFailure, HomingOrder};
 use yieldwall_config as config;
-use yieldwall_drives::profiles::{Identity, Quantity, Revisions};
-use yieldwall_fieldbus::objects::Address;
 use yieldwall_motion::guard::Device;
 
 /// Share of a period after SYNC0 at which the input frame passes: inputs that are latched at SYNC0 are there by then.
 const SYNC0_PHASE: u32 = 10;
-/// Bits of the status of an ATI sensor (6010h): a channel beyond its range; gage broken, busy, hardware, calibration checksum.
-///
-/// # Source
-/// Axia EtherCAT manual, table of status codes, as open drivers have it.
-const OVERLOAD: u32 = 1 << 27 | 1 << 30;
-const INVALID: u32 = 1 << 2 | 1 << 3 | 1 << 5 | 1 << 29;
-
 /// How long before a cycle begins the drives sample what it reads: nothing on CAN, whose SYNC begins it.
 pub fn sampled_before(rig: &config::Rig) -> Duration {
     match rig.segment_of_drives() {
@@ -61,12 +52,7 @@ pub(super) fn segment_of(rig: &config::Rig, homing: [Option<HomingOrder>; 2]) ->
             homing,
         };
         let station = setup.station(rig.rig.command_mode, period, acts);
-        stations.push(station.map_err(|failure| BootError {
-            node_id: None,
-            name: drive.name.clone(),
-            step: "plan the process data",
-            failure,
-        })?);
+        stations.push(station.map_err(|failure| plan_error(&drive.name, failure))?);
     }
     if rig.sensor.protocol.position().is_some() {
         stations.push(sensor(&rig.sensor)?);
@@ -80,25 +66,22 @@ pub(super) fn segment_of(rig: &config::Rig, homing: [Option<HomingOrder>; 2]) ->
     })
 }
 
-/// The identity that a force sensor on a segment has to report.
-pub fn segment_sensor() -> Identity {
-    Identity { device_type: 0, vendor_id: 0x0000_0732, product_codes: vec![0x2648_3052], revisions: Revisions::Any }
+/// The sensor of a rig on its segment.
+fn sensor(sensor: &config::Sensor) -> Result<StationSetup, AssemblyError> {
+    let config::SensorProtocol::Ethercat { position, profile: name, .. } = &sensor.protocol else {
+        return Err(AssemblyError::NoPosition(sensor.name.clone()));
+    };
+    let profile = profile(name)?;
+    let setup = SegmentSensor {
+        name: sensor.name.clone(),
+        position: *position,
+        waits: waits(&sensor.waits, Some(&profile.node)),
+        profile,
+        start: sensor_start(sensor),
+    };
+    Ok(setup.station().map_err(|failure| plan_error(&sensor.name, failure))?)
 }
 
-/// A sensor with the objects of ATI's, by its own clock: 6000h counts, 6010h status, 6020h sample counter, 7010h control.
-fn sensor(sensor: &config::Sensor) -> Result<StationSetup, AssemblyError> {
-    let not_here = || AssemblyError::NoPosition("sensor".to_owned());
-    let position = sensor.protocol.position().ok_or_else(not_here)?;
-    let identity = segment_sensor();
-    let mapped = |index, sub, quantity| Mapped { at: Address::new(index, sub), bits: 32, quantity, value: 0 };
-    let channels = (1..).zip(Quantity::CHANNELS).map(|(sub, channel)| mapped(0x6000, sub, Some(channel)));
-    let status = [mapped(0x6010, 0, Some(Quantity::Status)), mapped(0x6020, 0, Some(Quantity::SampleCounter))];
-    let pdo = |index, entries| vec![ProcessData { index, is_fixed: true, entries }];
-    // Control words of 0: the calibration that is in force, and no zero.
-    let outputs = pdo(0x1601, vec![mapped(0x7010, 1, None), mapped(0x7010, 2, None)]);
-    let inputs = pdo(0x1a00, channels.chain(status).collect());
-    let waits = waits(&sensor.waits, None);
-    let mut station = StationSetup::other(&sensor.name, Device::Sensor, position, identity, waits, [outputs, inputs]);
-    station.status_masks = StatusMasks { overload: OVERLOAD, invalid: INVALID };
-    Ok(station)
+fn plan_error(name: &str, failure: BootFailure) -> BootError {
+    BootError { node_id: None, name: name.to_owned(), step: "plan the process data", failure }
 }

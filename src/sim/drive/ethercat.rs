@@ -65,7 +65,7 @@ fn mappings<'a>(
     let mut all: Vec<PdoMapping> = Vec::new();
     for (mode, pdos) in modes.enumerate() {
         for pdo in pdos.iter().filter(|pdo| pdo.fixed) {
-            let index = first + pdo.number.saturating_sub(1);
+            let index = first + pdo.number().saturating_sub(1);
             if !all.iter().any(|known| known.index == index) {
                 let entries = mapping(profile, pdo);
                 all.push(PdoMapping { index, entries, is_fixed: true, is_assigned: mode == 0 });

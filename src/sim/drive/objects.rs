@@ -232,7 +232,7 @@ pub(super) fn fixed_mappings(servo: &Servo) -> Vec<OddObject> {
     let maps = servo.process_data.modes().into_iter().filter_map(|mode| mode.3);
     let all = maps.flat_map(|map| [(0x1600, &map.rpdo), (0x1a00, &map.tpdo)]);
     let fixed =
-        all.flat_map(|(first, pdos)| pdos.iter().filter(|pdo| pdo.fixed).map(move |pdo| first + pdo.number - 1));
+        all.flat_map(|(first, pdos)| pdos.iter().filter(|pdo| pdo.fixed).map(move |pdo| first + pdo.number() - 1));
     fixed.map(|index: u16| OddObject { index, is_read_only: true, ..OddObject::default() }).collect()
 }
 

@@ -1,16 +1,22 @@
-//! A six-axis sensor on EtherCAT, with counts of 32 bits and a calibration that is read from the device.
+//! A six-axis sensor on EtherCAT, by its profile.
+
+use std::sync::Arc;
+use std::time::Duration;
 
 use super::super::DeviceError;
-use super::super::device::mark;
+use super::super::device::{entries, mark};
 use super::super::ethercat::{Communication, EthercatApplication, PdoMapping};
-use super::sampler::{CHANNELS, Conversion, Sampler};
+use super::sampler::{CHANNELS, Sampler};
+use super::shown::{self, Shown, Zeroing};
 use super::{MOST_HZ, MOST_PPM};
-use std::time::Duration;
+use yieldwall_drives::profiles::{DeviceProfile, ForceSensor, MappedPdo, Revisions};
 use yieldwall_fieldbus::objects::{
-    Access, Address, DataType, DeviceIdentity, Handle, Mappable, Object, ObjectDictionary, Reset, ServedDevice,
+    Access, Address, DataType, DeviceIdentity, Object, ObjectDictionary, Reset, ServedDevice,
 };
 use yieldwall_fieldbus::time::Time;
 
+/// The vendor whose sensors have a calibration record.
+const WITH_CALIBRATION: u32 = 0x0000_0732;
 /// The calibration record.
 const CALIBRATION: u16 = 0x2040;
 /// The same bytes as the value of one object, for masters without complete access; no sensor of ATI has it.
@@ -18,21 +24,18 @@ const CALIBRATION_BYTES: u16 = 0x2041;
 /// Force in N and torque in N m, as the calibration record says it.
 const UNIT_N: u8 = 2;
 const UNIT_N_M: u8 = 3;
-/// Status bits: a channel is beyond its range; the hardware has an error; any error.
-const STATUS_RANGE: u32 = 1 << 27;
-const STATUS_HARDWARE: u32 = 1 << 5;
-const STATUS_ANY: u32 = 1 << 31;
-/// Bit of control word 1: what is measured becomes zero.
-const CONTROL_BIAS: u32 = 1;
 /// Shortest cycle that it works with, in ns.
 const SHORTEST_CYCLE_NS: u32 = 62_500;
-const NAMES: [&str; CHANNELS] = ["Fx", "Fy", "Fz", "Tx", "Ty", "Tz"];
+/// No object, of which writes would be another's business.
+const NONE: u16 = 0;
 
 /// Settings of a six-axis sensor on EtherCAT.
 #[derive(Clone, Debug)]
 pub struct ForceTorqueSettings {
-    /// Vendor, product, revision, serial number and name.
-    pub identity: DeviceIdentity,
+    /// Device model, which has to be a force sensor.
+    pub profile: Arc<DeviceProfile>,
+    /// Serial number.
+    pub serial: u32,
     /// Samples per second of its own clock, 1 to 10 000.
     pub sample_rate_hz: u32,
     /// By how much its clock is slow, in parts per million, 0 to 1000.
@@ -49,16 +52,10 @@ pub struct ForceTorqueSettings {
 
 impl ForceTorqueSettings {
     /// A sensor of 1 000 000 counts per N and N m, 8000 samples a second and a range of 500 N.
-    pub fn new(serial: u32) -> Self {
+    pub fn new(profile: Arc<DeviceProfile>, serial: u32) -> Self {
         ForceTorqueSettings {
-            identity: DeviceIdentity {
-                device_type: 0,
-                name: "six-axis force/torque sensor".to_owned(),
-                vendor_id: 0x0000_0732,
-                product_code: 0x2648_3052,
-                revision: 1,
-                serial,
-            },
+            profile,
+            serial,
             sample_rate_hz: 8000,
             slow_ppm: 0,
             phase_us: 0,
@@ -67,32 +64,41 @@ impl ForceTorqueSettings {
             counts_per_n_m: 1_000_000,
         }
     }
+
+    fn identity(&self) -> DeviceIdentity {
+        let identity = &self.profile.identity;
+        DeviceIdentity {
+            device_type: identity.device_type,
+            name: "six-axis force/torque sensor".to_owned(),
+            vendor_id: identity.vendor_id,
+            product_code: identity.product_codes.first().copied().unwrap_or_default(),
+            revision: if identity.revisions == Revisions::Any { 1 } else { identity.revisions.example() },
+            serial: self.serial,
+        }
+    }
 }
 
-/// A simulated six-axis sensor, to be put behind a [`Controller`](crate::ethercat::Controller), with the objects of an ATI
-/// sensor: 6000h:1 to :6 counts, 6010h status, 6020h sample counter, 7010h control, 2040h calibration of 278 bytes, which 2041h has as one
-/// value.
+/// A simulated six-axis sensor, to be put behind a [`Controller`](crate::ethercat::Controller), with the objects of its profile. One of ATI
+/// has a calibration record of 278 bytes, 2040h, which 2041h has as one value.
 ///
 /// It samples by its own clock. The physical side is [`ForceTorqueSensor::measure`].
-///
-/// Control word 1 has the zero in bit 0; other bits are kept and do nothing.
 #[derive(Clone, Debug)]
 pub struct ForceTorqueSensor {
     od: ObjectDictionary,
     sampler: Sampler,
-    channels: [Handle<i32>; CHANNELS],
-    status: Handle<u32>,
-    counter: Handle<u32>,
-    control: Handle<u32>,
-    last_control: u32,
+    shown: Shown,
+    zeroing: Zeroing,
 }
 
 impl ForceTorqueSensor {
     /// A sensor.
     ///
     /// # Errors
-    /// If a setting is out of its range.
+    /// If the profile is not that of a force sensor, or a setting is out of its range.
     pub fn new(settings: &ForceTorqueSettings) -> Result<Self, DeviceError> {
+        let profile = &settings.profile;
+        let role = || DeviceError::Role { profile: profile.name().to_owned(), wanted: "force sensor" };
+        let model = profile.force_sensor().ok_or_else(role)?;
         let check = |setting, value: f64, is_good: bool, range| {
             if is_good { Ok(()) } else { Err(DeviceError::Setting { setting, value, range }) }
         };
@@ -110,19 +116,11 @@ impl ForceTorqueSensor {
         check("phase_us", settings.phase_us.into(), is_within, "less than the sample period")?;
         let period = Duration::from_nanos(1000 * u64::from(1_000_000 + settings.slow_ppm) / u64::from(rate));
         let phase = Duration::from_micros(settings.phase_us.into());
-        let od = build(settings)?;
-        let mut channels = [Handle::NOWHERE; CHANNELS];
-        for (handle, sub) in channels.iter_mut().zip(1..) {
-            *handle = od.handle(0x6000, sub)?;
-        }
         Ok(ForceTorqueSensor {
+            od: build(settings, model)?,
             sampler: Sampler::new(settings.range_counts, Some(period), phase),
-            channels,
-            status: od.handle(0x6010, 0)?,
-            counter: od.handle(0x6020, 0)?,
-            control: od.handle(0x7010, 1)?,
-            last_control: 0,
-            od,
+            shown: Shown::new(model),
+            zeroing: Zeroing::new(model, NONE),
         })
     }
 
@@ -145,50 +143,29 @@ impl ForceTorqueSensor {
     pub fn set_invalid(&mut self, is_invalid: bool) {
         self.sampler.set_invalid(is_invalid);
     }
-
-    fn show(&mut self, conversion: &Conversion) {
-        for (&handle, &counts) in self.channels.iter().zip(&conversion.counts) {
-            self.od.set(handle, counts);
-        }
-        let bit = |is_set: bool, mask: u32| if is_set { mask | STATUS_ANY } else { 0 };
-        let status = bit(conversion.is_overloaded, STATUS_RANGE) | bit(conversion.is_invalid, STATUS_HARDWARE);
-        self.od.set(self.status, status);
-        self.od.set(self.counter, self.od.get(self.counter).wrapping_add(1));
-    }
-
-    fn take_control(&mut self) {
-        let control = self.od.get(self.control);
-        if control & !self.last_control & CONTROL_BIAS != 0 {
-            (0..CHANNELS).for_each(|channel| self.sampler.take_zero(channel));
-        }
-        self.last_control = control;
-    }
 }
 
-fn build(settings: &ForceTorqueSettings) -> Result<ObjectDictionary, DeviceError> {
-    let channels = (1..=CHANNELS as u8).map(|sub| (0x6000, sub, 32));
-    let inputs: Vec<_> = channels.chain([(0x6010, 0, 32), (0x6020, 0, 32)]).collect();
-    let fixed = |index, entries| PdoMapping { index, entries, is_fixed: true, is_assigned: true };
+fn build(settings: &ForceTorqueSettings, model: &ForceSensor) -> Result<ObjectDictionary, DeviceError> {
+    let pdo = |pdo: &MappedPdo, first: u16| PdoMapping {
+        index: first + pdo.number.saturating_sub(1),
+        entries: entries(pdo),
+        is_fixed: pdo.is_fixed,
+        is_assigned: true,
+    };
+    let [rpdo, tpdo] = settings.profile.mapped(None).unwrap_or_default();
+    let all = |pdos: &[MappedPdo], first| pdos.iter().map(|each| pdo(each, first)).collect();
+    let identity = settings.identity();
     let communication = Communication {
-        identity: &settings.identity,
-        outputs: vec![fixed(0x1601, vec![(0x7010, 1, 32), (0x7010, 2, 32)])],
-        inputs: vec![fixed(0x1a00, inputs)],
-        mapping_entries: 0,
+        identity: &identity,
+        outputs: all(&rpdo, 0x1600),
+        inputs: all(&tpdo, 0x1a00),
+        mapping_entries: model.mapping_entries,
         shortest_cycle_ns: SHORTEST_CYCLE_NS,
     };
-    let shown = |object: Object, name| object.access(Access::ReadOnly).mappable(Mappable::Tpdo).named(name);
-    let commanded = |sub, name| Object::new(0x7010, sub, 0u32).mappable(Mappable::Rpdo).named(name);
-    let builder = ObjectDictionary::builder()
-        .objects(communication.objects())
-        .objects(mark())
-        .objects(calibration(settings))
-        .object(Object::highest_sub(0x6000, CHANNELS as u8).named("Counts"))
-        .objects(NAMES.into_iter().zip(1..).map(|(name, sub)| shown(Object::new(0x6000, sub, 0i32), name)))
-        .object(shown(Object::new(0x6010, 0, 0u32), "Status"))
-        .object(shown(Object::new(0x6020, 0, 0u32), "Sample counter"))
-        .object(Object::highest_sub(0x7010, 2).named("Control"))
-        .objects([commanded(1, "Control 1"), commanded(2, "Control 2")]);
-    Ok(builder.build()?)
+    let builder = ObjectDictionary::builder().objects(communication.objects()).objects(mark());
+    let record = if identity.vendor_id == WITH_CALIBRATION { calibration(settings) } else { Vec::new() };
+    let counts_per_unit = [settings.counts_per_n, settings.counts_per_n_m].map(i32::unsigned_abs);
+    Ok(shown::declare(builder.objects(record), model, counts_per_unit)?.build()?)
 }
 
 /// The calibration record: texts, the matrix in millionths, units, range, counts per unit, and what the sensor bears.
@@ -198,7 +175,7 @@ fn calibration(settings: &ForceTorqueSettings) -> Vec<Object> {
     let mut next = || sub.next().unwrap_or(u8::MAX);
     next();
     let shown = |object: Object, name| object.access(Access::ReadOnly).named(name);
-    let serial = format!("FT{:06}", settings.identity.serial % 1_000_000);
+    let serial = format!("FT{:06}", settings.serial % 1_000_000);
     for (text, len, name) in [
         (serial.as_str(), 8, "Serial number"),
         ("SI-500-20", 30, "Calibration part number"),
@@ -241,18 +218,17 @@ impl ServedDevice for ForceTorqueSensor {
     }
 
     fn after_write(&mut self, at: Address) {
-        if at.index == 0x7010 {
-            self.take_control();
-        }
+        self.zeroing.look(&self.od, &mut self.sampler, Some(at));
     }
 
     fn outputs_applied(&mut self, _now: Time, _number: u8) {
-        self.take_control();
+        self.zeroing.look(&self.od, &mut self.sampler, None);
     }
 
     fn reset(&mut self, now: Time, reset: Reset) {
         if reset == Reset::Node {
-            self.last_control = 0;
+            self.shown.reset();
+            self.zeroing.reset();
             self.sampler.reset(now);
         }
     }
@@ -261,7 +237,7 @@ impl ServedDevice for ForceTorqueSensor {
 impl EthercatApplication for ForceTorqueSensor {
     fn poll(&mut self, now: Time) {
         if let Some(conversion) = self.sampler.poll(now) {
-            self.show(&conversion);
+            self.shown.show(&mut self.od, &conversion);
         }
     }
 

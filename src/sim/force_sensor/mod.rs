@@ -4,6 +4,7 @@ mod ethercat;
 mod node;
 mod plain;
 mod sampler;
+mod shown;
 #[cfg(test)]
 mod tests;
 
@@ -39,7 +40,7 @@ pub struct ForceSensorSettings {
     pub sample_rate_hz: u32,
     /// When the free-running clock takes its first sample after power-on, in us, less than its period.
     pub phase_us: u32,
-    /// Counts of a channel before its zero from which on it is overloaded, 1 to 32767.
+    /// Counts of a channel before its zero from which on it is overloaded, 1 to what its channels can send; 32767 on plain CAN.
     pub range_counts: i32,
 }
 
@@ -54,6 +55,8 @@ pub enum Speaks {
         profile: Arc<DeviceProfile>,
         /// Serial number, 1018h:4.
         serial: u32,
+        /// Counts per N and per N m that its objects of the scaling hold, if it has them.
+        counts_per_unit: [u32; 2],
     },
     /// Plain CAN.
     PlainCan {
@@ -90,22 +93,24 @@ impl ForceSensor {
             if is_good { Ok(()) } else { Err(DeviceError::Setting { setting, value, range }) }
         };
         let ForceSensorSettings { speaks, sample_rate_hz: rate, phase_us, range_counts } = settings;
-        let (has_clock, slow_ppm) = match &speaks {
+        let (has_clock, slow_ppm, most_counts) = match &speaks {
             Speaks::Canopen { profile, .. } => {
                 let Some(sensor) = profile.force_sensor() else {
                     return Err(DeviceError::Role { profile: profile.name().to_owned(), wanted: "force sensor" });
                 };
-                check("sample_rate_hz", rate.into(), sensor.sample_rates_hz.contains(&rate), "a rate of the model")?;
-                (rate != SYNC_RATE_HZ, 0)
+                let rates = &sensor.sample_rates_hz;
+                let has_rate = if rates.is_empty() { (1..=MOST_HZ).contains(&rate) } else { rates.contains(&rate) };
+                check("sample_rate_hz", rate.into(), has_rate, "a rate of the model")?;
+                (rate != SYNC_RATE_HZ, 0, sensor.most_counts())
             }
             &Speaks::PlainCan { slow_ppm, .. } => {
                 check("sample_rate_hz", rate.into(), (1..=MOST_HZ).contains(&rate), "1 to 10000")?;
                 check("slow_ppm", slow_ppm.into(), slow_ppm <= MOST_PPM, "0 to 1000")?;
-                (true, slow_ppm)
+                (true, slow_ppm, i16::MAX as u32)
             }
         };
-        let is_positive = (1..=i32::from(i16::MAX)).contains(&range_counts);
-        check("range_counts", range_counts.into(), is_positive, "1 to 32767")?;
+        let is_positive = range_counts >= 1 && range_counts.unsigned_abs() <= most_counts;
+        check("range_counts", range_counts.into(), is_positive, "1 to what its channels can send")?;
         let is_within = u64::from(phase_us) * u64::from(rate) < 1_000_000;
         check("phase_us", phase_us.into(), is_within, "less than the sample period")?;
         // 1e9 / rate, longer by the share that the clock is slow.
@@ -113,8 +118,8 @@ impl ForceSensor {
         let period = has_clock.then_some(Duration::from_nanos(period_ns));
         let sampler = Sampler::new(range_counts, period, Duration::from_micros(phase_us.into()));
         let speaker = match speaks {
-            Speaks::Canopen { node, profile, serial } => {
-                Speaker::Canopen(Box::new(CanopenSensor::new(node, &profile, serial, sampler)?))
+            Speaks::Canopen { node, profile, serial, counts_per_unit } => {
+                Speaker::Canopen(Box::new(CanopenSensor::new(node, &profile, serial, sampler, counts_per_unit)?))
             }
             Speaks::PlainCan { protocol, .. } => Speaker::PlainCan(PlainSensor::new(protocol, sampler)),
         };

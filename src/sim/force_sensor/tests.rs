@@ -10,6 +10,7 @@ const SETTINGS_AT_1_KHZ: fn() -> ForceSensorSettings = || ForceSensorSettings {
         node: node_id(10).unwrap(),
         profile: shipped_profile("simulated-force-sensor"),
         serial: 7,
+        counts_per_unit: [1; 2],
     },
     sample_rate_hz: 1000,
     phase_us: 0,
@@ -154,7 +155,12 @@ fn bad_settings_are_refused() {
         assert!(matches!(ForceSensor::new(bad), Err(DeviceError::Setting { .. })));
     }
     let role = ForceSensor::new(ForceSensorSettings {
-        speaks: Speaks::Canopen { node: node_id(10).unwrap(), profile: shipped_profile("simulated-servo"), serial: 7 },
+        speaks: Speaks::Canopen {
+            node: node_id(10).unwrap(),
+            profile: shipped_profile("simulated-servo"),
+            serial: 7,
+            counts_per_unit: [1; 2],
+        },
         ..good
     })
     .unwrap_err();

@@ -5,10 +5,10 @@ use std::time::Duration;
 use super::bits::{longest_bits, shortest_bits, worst_bits};
 use super::response::Stream;
 use crate::error::{BootError, BootFailure};
-use crate::script::{lacking, mapping};
+use crate::script::{lacking, pdos};
 use crate::setup::{MasterSetup, SensorLink, SensorSetup};
 use yieldwall_drives::cia402::OperationMode;
-use yieldwall_drives::profiles::{DeviceProfile, Pdo};
+use yieldwall_drives::profiles::{DeviceProfile, MappedPdo};
 use yieldwall_fieldbus::canopen::{BusId, NodeId, cob};
 use yieldwall_fieldbus::plain_can::{Link, Order, Protocol};
 
@@ -212,8 +212,9 @@ impl<'a> Device<'a> {
     }
 
     fn process_data(&self, all: &mut Vec<PlannedFrame>, period: Duration) -> Result<(), BootError> {
-        let map = mapping(self.profile, self.mode).map_err(|failure| refuse(self.node.raw(), self.name, failure))?;
-        let plan = |pdo: &Pdo, usage, cob_id: Option<u16>| {
+        let mapped = pdos(self.profile, self.mode).map_err(|failure| refuse(self.node.raw(), self.name, failure));
+        let [rpdo, tpdo] = mapped?;
+        let plan = |pdo: &MappedPdo, usage, cob_id: Option<u16>| {
             let cob_id =
                 cob_id.ok_or_else(|| refuse(self.node.raw(), self.name, lacking(self.profile, "an identifier")))?;
             Ok::<_, BootError>(PlannedFrame {
@@ -222,7 +223,7 @@ impl<'a> Device<'a> {
                 is_of_master: usage == Use::SetPoint,
                 is_answer: false,
                 cob_id,
-                bytes: self.profile.payload_bytes(pdo) as u8,
+                bytes: pdo.bytes() as u8,
                 // Every n-th SYNC; the master sends its own in every cycle, and the rest is taken as if it did.
                 period: match pdo.transmission_type {
                     every @ 1..=240 if usage == Use::Measured => period * u32::from(every),
@@ -230,10 +231,10 @@ impl<'a> Device<'a> {
                 },
             })
         };
-        for pdo in &map.tpdo {
+        for pdo in &tpdo {
             all.push(plan(pdo, Use::Measured, cob::tpdo(pdo.canopen_number(), self.node))?);
         }
-        for pdo in &map.rpdo {
+        for pdo in &rpdo {
             all.push(plan(pdo, Use::SetPoint, cob::rpdo(pdo.canopen_number(), self.node))?);
         }
         Ok(())

@@ -1,6 +1,6 @@
 use super::*;
 use crate::tests::WAITS;
-use crate::{CommandMode, DriveSetup, SensorLink, SensorNode, SensorSetup};
+use crate::{CommandMode, DriveSetup, SensorLink, SensorNode, SensorSetup, SensorStart};
 use yieldwall_config::shipped_profile;
 use yieldwall_fieldbus::plain_can::{Link, Protocol, polled, streaming};
 
@@ -33,6 +33,7 @@ fn setup(mode: CommandMode, period_us: u64) -> MasterSetup {
                 node_id: 10,
                 profile: shipped_profile("simulated-force-sensor"),
                 heartbeat,
+                start: SensorStart::default(),
             }),
             waits: WAITS,
             sample_period: Duration::from_micros(period_us),

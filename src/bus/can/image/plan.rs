@@ -3,10 +3,11 @@
 use super::{IDENTIFIERS, Incoming, NO_SLOT, Outgoing, Source, slot_index};
 use crate::can::boot::layout_entries;
 use crate::error::BootFailure;
-use crate::script::{Step, lacking, mapped, mapping, servo, unused_value};
+use crate::sample::SampleCodec;
+use crate::script::{Step, constant, lacking, pdos, servo};
 use crate::setup::{BrakeWords, DriveSetup, SensorNode};
 use yieldwall_drives::cia402::CommandMode;
-use yieldwall_drives::profiles::{DeviceProfile, Pdo, Quantity, StatusBits};
+use yieldwall_drives::profiles::{DeviceProfile, MappedPdo, Quantity};
 use yieldwall_fieldbus::canopen::pdo::Layout;
 use yieldwall_fieldbus::canopen::{BusId, NodeId, cob};
 
@@ -31,8 +32,8 @@ impl Incomings {
         steps: &[Step],
     ) -> Result<Outgoing, BootFailure> {
         let profile = &*setup.profile;
-        let map = mapping(profile, Some(mode.operation_mode()))?;
-        for pdo in &map.tpdo {
+        let [rpdo, tpdo] = pdos(profile, Some(mode.operation_mode()))?;
+        for pdo in &tpdo {
             self.add(setup.bus, profile, node, pdo, Some(joint), &|quantity| match quantity {
                 Quantity::Statusword => Some(Source::Status),
                 Quantity::PositionActual => Some(Source::Position),
@@ -40,17 +41,15 @@ impl Incomings {
             })?;
         }
         let set_point = mode.set_point();
-        let pdo = map.rpdo.first().ok_or_else(|| lacking(profile, set_point.word()))?;
+        let pdo = rpdo.first().ok_or_else(|| lacking(profile, set_point.word()))?;
         let layout = layout(profile, pdo)?;
         let find = |quantity: Quantity| {
-            let (index, sub, _) = mapped(profile, quantity)?;
-            layout.field(index, sub).ok_or_else(|| lacking(profile, quantity.word()))
+            let place = pdo.position(quantity).and_then(|place| layout.entries().get(place));
+            place.map(|(_, field)| *field).ok_or_else(|| lacking(profile, quantity.word()))
         };
         let mut word = 0;
-        for (quantity, (_, field)) in pdo.maps.iter().zip(layout.entries()) {
-            if let Quantity::Unused(unused) = *quantity {
-                field.put_bits(&mut word, i64::from(unused_value(unused, steps)) as u64);
-            }
+        for (object, (_, field)) in pdo.objects.iter().zip(layout.entries()) {
+            field.put_bits(&mut word, i64::from(constant(object, steps)) as u64);
         }
         Ok(Outgoing {
             bus: setup.bus,
@@ -66,18 +65,12 @@ impl Incomings {
         })
     }
 
-    pub(super) fn sensor(&mut self, bus: BusId, setup: &SensorNode, node: NodeId) -> Result<StatusBits, BootFailure> {
+    pub(super) fn sensor(&mut self, bus: BusId, setup: &SensorNode, node: NodeId) -> Result<SampleCodec, BootFailure> {
         let profile = &*setup.profile;
-        for pdo in &mapping(profile, None)?.tpdo {
-            self.add(bus, profile, node, pdo, None, &|quantity| match quantity {
-                Quantity::Status => Some(Source::SensorStatus),
-                Quantity::SampleCounter => Some(Source::SampleCounter),
-                _ => Quantity::CHANNELS.iter().position(|channel| *channel == quantity).map(Source::Count),
-            })?;
+        for pdo in &pdos(profile, None)?[1] {
+            self.add(bus, profile, node, pdo, None, &|quantity| Some(Source::Sample(quantity)))?;
         }
-        let sensor = profile.force_sensor();
-        let other = || BootFailure::Role { profile: profile.name().into(), wanted: "a force sensor" };
-        sensor.map(|sensor| sensor.status_bits).ok_or_else(other)
+        Ok(SampleCodec::new(profile))
     }
 
     fn add(
@@ -85,15 +78,13 @@ impl Incomings {
         bus: BusId,
         profile: &DeviceProfile,
         node: NodeId,
-        pdo: &Pdo,
+        pdo: &MappedPdo,
         joint: Option<usize>,
         source: &dyn Fn(Quantity) -> Option<Source>,
     ) -> Result<(), BootFailure> {
         let layout = layout(profile, pdo)?;
-        let mut fields = Vec::new();
-        for (quantity, (_, field)) in pdo.maps.iter().zip(layout.entries()) {
-            fields.extend(source(*quantity).map(|source| (source, *field)));
-        }
+        let fields = pdo.objects.iter().zip(layout.entries());
+        let fields = fields.filter_map(|(object, (_, field))| Some((source(object.quantity?)?, *field))).collect();
         // An identifier of 0 would be a network command.
         let id = cob::tpdo(pdo.canopen_number(), node).ok_or_else(|| lacking(profile, "an identifier"))?;
         if let Some(slot) = self.slots.get_mut(slot_index(bus, id)) {
@@ -104,7 +95,7 @@ impl Incomings {
     }
 }
 
-fn layout(profile: &DeviceProfile, pdo: &Pdo) -> Result<Layout, BootFailure> {
-    let last = pdo.maps.last().map_or("an object", |quantity| quantity.word());
-    Layout::new(&layout_entries(profile, pdo)?).map_err(|_| lacking(profile, last))
+fn layout(profile: &DeviceProfile, pdo: &MappedPdo) -> Result<Layout, BootFailure> {
+    let last = pdo.objects.last().and_then(|object| object.quantity).map_or("an object", Quantity::word);
+    Layout::new(&layout_entries(pdo)).map_err(|_| lacking(profile, last))
 }

@@ -6,16 +6,17 @@ mod faults;
 mod intruders;
 mod master;
 mod refusals;
+mod sensors;
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
 use super::*;
 use crate::axis::{Arrived, DriveOrders};
-use crate::setup::Waits;
+use crate::setup::{SensorStart, Waits};
 use yieldwall_config::shipped_profile;
 use yieldwall_drives::cia402::CommandMode;
-use yieldwall_drives::profiles::{Identity, Quantity, Revisions};
+use yieldwall_drives::profiles::{Identity, Revisions};
 use yieldwall_drives::scaling::{AxisScaling, Direction};
 use yieldwall_fieldbus::canopen::BusId;
 use yieldwall_fieldbus::ethercat::frame::SOURCE;
@@ -50,18 +51,14 @@ fn drive_setup(device: Device, position: u16) -> StationSetup {
 }
 
 fn sensor_setup(position: u16) -> StationSetup {
-    let identity =
-        Identity { device_type: 0, vendor_id: 0x732, product_codes: vec![0x2648_3052], revisions: Revisions::Any };
-    let entry = |index, sub, quantity| Mapped { at: Address::new(index, sub), bits: 32, quantity, value: 0 };
-    let channels = (1..).zip(Quantity::CHANNELS).map(|(sub, channel)| entry(0x6000, sub, Some(channel)));
-    let more = [entry(0x6010, 0, Some(Quantity::Status)), entry(0x6020, 0, Some(Quantity::SampleCounter))];
-    let outputs = vec![entry(0x7010, 1, None), entry(0x7010, 2, None)];
-    let pdo = |index, entries| vec![ProcessData { index, is_fixed: true, entries }];
-    let process_data = [pdo(0x1601, outputs), pdo(0x1a00, channels.chain(more).collect())];
-    StationSetup {
-        status_masks: StatusMasks { overload: 1 << 27, invalid: 1 << 5 },
-        ..StationSetup::other("force sensor", Device::Sensor, position, identity, waits(), process_data)
-    }
+    let sensor = SegmentSensor {
+        name: "force sensor".to_owned(),
+        position,
+        profile: shipped_profile("ati-ethercat"),
+        waits: waits(),
+        start: SensorStart::default(),
+    };
+    sensor.station().unwrap()
 }
 
 fn setup() -> SegmentSetup {
@@ -89,7 +86,8 @@ fn drive(serial: u32) -> SimulatedDevice {
 }
 
 fn sensor() -> SimulatedDevice {
-    SimulatedDevice::ForceTorque(Box::new(ForceTorqueSensor::new(&ForceTorqueSettings::new(3)).unwrap()))
+    let settings = ForceTorqueSettings::new(shipped_profile("ati-ethercat"), 3);
+    SimulatedDevice::ForceTorque(Box::new(ForceTorqueSensor::new(&settings).unwrap()))
 }
 
 fn controller(device: SimulatedDevice, drift_ppb: i32) -> Controller<SimulatedDevice> {

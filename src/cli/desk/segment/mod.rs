@@ -19,7 +19,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use yieldwall_drives::codes::ErrorCodes;
-use yieldwall_drives::profiles::{DeviceProfile, Identity};
+use yieldwall_drives::profiles::DeviceProfile;
 use yieldwall_drives::scaling::AxisScaling;
 
 use super::place::{Place, object_failure, placed};
@@ -33,7 +33,7 @@ use yieldwall_config::{self as config, Bus, Loaded, Rig, Source};
 use yieldwall_fieldbus::ethercat::{AlState, AlStatus};
 use yieldwall_link::EthernetLink;
 use yieldwall_rig::live::VirtualSegment;
-use yieldwall_run::assembly::{scaling, segment_sensor};
+use yieldwall_run::assembly::scaling;
 use yieldwall_run::explanation::{self, Explanation};
 use yieldwall_service::{AnySegmentService, DeviceObjects, Error, SegmentError, SegmentService};
 
@@ -43,8 +43,6 @@ pub(super) struct Entry {
     pub(super) name: String,
     pub(super) position: u16,
     pub(super) profile: Option<Arc<DeviceProfile>>,
-    /// Of the force sensor, which device it has to be.
-    pub(super) sensor: Option<Identity>,
     /// What its vendor's error codes mean.
     pub(super) codes: Option<Arc<ErrorCodes>>,
     /// Of a drive.
@@ -94,8 +92,7 @@ impl Device {
     /// Name and kind of its entry in the rig.
     pub(super) fn of_rig(&self) -> Option<(&str, Option<DeviceKind<'_>>)> {
         let entry = self.entry.as_ref()?;
-        let of_sensor = || entry.sensor.as_ref().map(|identity| DeviceKind { identity, name: "force sensor" });
-        Some((entry.name.as_str(), entry.profile.as_deref().map(DeviceKind::of).or_else(of_sensor)))
+        Some((entry.name.as_str(), entry.profile.as_deref().map(DeviceKind::of)))
     }
 }
 
@@ -217,7 +214,8 @@ impl SegmentSession {
     /// The device that a word means: a position, the name of a device in the rig, or `sensor` for that of the rig. It answers.
     pub(super) fn device(&mut self, word: &str) -> Result<Device, Failure> {
         let by_name = self.entries.iter().find(|entry| entry.name == word);
-        let by_role = || (word == "sensor").then(|| self.entries.iter().find(|entry| entry.profile.is_none()))?;
+        let is_sensor = |entry: &&Entry| entry.scaling.is_none();
+        let by_role = || (word == "sensor").then(|| self.entries.iter().find(is_sensor))?;
         let device = match (by_name.or_else(by_role), word.parse::<u16>()) {
             (Some(entry), _) => Device { position: entry.position, entry: Some(entry.clone()) },
             (None, Ok(position)) => self.at(position),
@@ -384,17 +382,16 @@ fn entries(rig: &Rig) -> Result<Vec<Entry>, Failure> {
             name: drive.name.clone(),
             position,
             profile: drive.profile.get().cloned(),
-            sensor: None,
             codes: drive.profile.error_codes().cloned(),
             scaling: Some(scaling(drive).map_err(|error| rig_failure(&error.into()))?),
         });
     }
+    let of_sensor = rig.sensor.protocol.profile();
     entries.extend(rig.sensor.protocol.position().map(|position| Entry {
         name: rig.sensor.name.clone(),
         position,
-        profile: None,
-        sensor: Some(segment_sensor()),
-        codes: None,
+        profile: of_sensor.and_then(|profile| profile.get().cloned()),
+        codes: of_sensor.and_then(|profile| profile.error_codes().cloned()),
         scaling: None,
     }));
     Ok(entries)

@@ -7,6 +7,7 @@ use crate::error::RigError;
 use crate::far_end::DEVICES;
 use yieldwall_config as config;
 use yieldwall_config::injection::{Injection, Kind};
+use yieldwall_drives::profiles::ForceSensor;
 use yieldwall_fieldbus::canopen::{BusId, Frame, NodeId, cob};
 use yieldwall_run::assembly::device_buses;
 
@@ -16,6 +17,8 @@ pub(super) struct Participant {
     /// Number of its bus.
     pub(super) bus: BusId,
     pub(super) speaks: Speaks,
+    /// Whether it can say that a sample is not valid.
+    can_be_invalid: bool,
 }
 
 /// What a device speaks.
@@ -23,8 +26,8 @@ pub(super) struct Participant {
 pub(super) enum Speaks {
     /// It is a CANopen node: its identifier and how often its heartbeat comes.
     Canopen { node: NodeId, heartbeat: Duration },
-    /// It is a sensor on plain CAN, and may be able to say that its samples are not valid.
-    PlainCan { can_be_invalid: bool },
+    /// It is a sensor on plain CAN.
+    PlainCan,
     /// It is on an EtherCAT segment.
     Ethercat,
 }
@@ -44,14 +47,18 @@ pub(super) fn participants(rig: &config::Rig) -> Result<Participants, RigError> 
     };
     let sensor = match rig.sensor.protocol {
         config::SensorProtocol::Canopen { node_id, heartbeat_ms, .. } => speaks(node_id, heartbeat_ms)?,
-        config::SensorProtocol::Streaming { .. } => Speaks::PlainCan { can_be_invalid: false },
+        config::SensorProtocol::Streaming { .. } | config::SensorProtocol::Polled { .. } => Speaks::PlainCan,
         config::SensorProtocol::Ethercat { .. } => Speaks::Ethercat,
-        config::SensorProtocol::Polled { invalid_bits, .. } => Speaks::PlainCan { can_be_invalid: invalid_bits != 0 },
+    };
+    let model = rig.sensor.protocol.profile().and_then(|profile| profile.get()?.force_sensor());
+    let can_be_invalid = match rig.sensor.protocol {
+        config::SensorProtocol::Polled { invalid_bits, .. } => invalid_bits != 0,
+        _ => model.is_some_and(ForceSensor::shows_invalid),
     };
     let [left, right] = &rig.drives;
     let all = [drive(left)?, drive(right)?, sensor];
     let mut buses = device_buses(rig)?.into_iter();
-    Ok(all.map(|speaks| Participant { bus: buses.next().unwrap_or_default(), speaks }))
+    Ok(all.map(|speaks| Participant { bus: buses.next().unwrap_or_default(), speaks, can_be_invalid }))
 }
 
 /// The left drive, the right drive, the sensor.
@@ -65,7 +72,7 @@ impl Participant {
     pub(super) fn node(self) -> Option<NodeId> {
         match self.speaks {
             Speaks::Canopen { node, .. } => Some(node),
-            Speaks::PlainCan { .. } | Speaks::Ethercat => None,
+            Speaks::PlainCan | Speaks::Ethercat => None,
         }
     }
 
@@ -74,7 +81,7 @@ impl Participant {
         // Function codes of TPDO 1 to 4.
         match self.speaks {
             Speaks::Ethercat => false,
-            Speaks::PlainCan { .. } => true,
+            Speaks::PlainCan => true,
             Speaks::Canopen { .. } => matches!(frame.id() >> 7, 3 | 5 | 7 | 9),
         }
     }
@@ -97,12 +104,13 @@ pub(super) fn is_set_point(frame: &Frame) -> bool {
 
 /// What an injection needs that these devices are not.
 pub(super) fn needed(participants: &Participants, injection: Injection) -> Option<&'static str> {
-    let can_be_invalid = participants.iter().enumerate().find_map(|(at, device)| match device.speaks {
-        Speaks::PlainCan { can_be_invalid } if injection.target.has_device(at) => Some(can_be_invalid),
-        _ => None,
-    })?;
+    let mut devices = participants.iter().enumerate().filter(|(at, _)| injection.target.has_device(*at));
+    let is_plain = devices.clone().any(|(_, device)| matches!(device.speaks, Speaks::PlainCan));
     match injection.kind {
-        Kind::SensorInvalid if !can_be_invalid => Some("a sensor with a bit of its status for it"),
+        Kind::SensorInvalid if devices.any(|(_, device)| !device.can_be_invalid) => {
+            Some("a sensor with a bit of its status for it")
+        }
+        _ if !is_plain => None,
         Kind::HeartbeatSilent
         | Kind::DuplicateNode
         | Kind::IntruderNmt

@@ -4,7 +4,7 @@ use super::bench::{Bench, Found, Halt, with_restored};
 use super::{Curve, Figure};
 use crate::assembly::torque_limits_per_mille;
 use crate::proof::{DriveIdentity, DriveLimit};
-use yieldwall_config::{self as config, Positive};
+use yieldwall_config::Positive;
 use yieldwall_drives::objects::{self, DEVICE_TYPE, Object};
 use yieldwall_fieldbus::objects::{Address, sign_extend};
 use yieldwall_motion::guard::Device;
@@ -311,12 +311,7 @@ impl Bench<'_> {
 
     /// Pulls at the tool along both axes, and looks at what is felt.
     pub(super) fn sensor_axes(&mut self, found: &mut Found) -> Result<(), Halt> {
-        let zeroed = match &self.rig.sensor.protocol {
-            config::SensorProtocol::Streaming { zero_at_start, .. }
-            | config::SensorProtocol::Polled { zero_at_start, .. } => *zero_at_start,
-            _ => false,
-        };
-        if zeroed {
+        if self.rig.sensor.protocol.zero_at_start() {
             return Err(Halt::Skipped(
                 "the force sensor is zeroed at each boot, under a force as well (`zero_at_start`)".to_owned(),
             ));
