@@ -18,7 +18,7 @@ pub mod shared_cable;
 pub mod stopwatch;
 pub mod tape;
 
-pub use observe::{DRIVE_NODES, Recording, SENSOR_NODE, Seen, Setpoint, Status, setpoint, status};
+pub use observe::{DRIVE_NODES, ObservedFrame, Recording, SENSOR_NODE, Setpoint, Status, setpoint, status};
 pub use scenario::{Scenario, Session};
 
 /// The program itself, which `hil-tests/run` has built beside the tests.

@@ -11,7 +11,7 @@ pub const SENSOR_NODE: u16 = 10;
 
 /// A frame at the end of its transmission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Seen {
+pub struct ObservedFrame {
     /// End of the frame.
     pub time: Time,
     /// The frame.
@@ -58,16 +58,16 @@ impl Status {
 #[derive(Clone, Debug, Default)]
 pub struct Recording {
     /// The frames.
-    pub frames: Vec<Seen>,
+    pub frames: Vec<ObservedFrame>,
 }
 
 impl Recording {
     pub(crate) fn push(&mut self, time: Time, frame: &Frame) {
-        self.frames.push(Seen { time, frame: *frame });
+        self.frames.push(ObservedFrame { time, frame: *frame });
     }
 
     /// Frames with identifier `id`.
-    pub fn with_id(&self, id: u16) -> impl Iterator<Item = &Seen> {
+    pub fn with_id(&self, id: u16) -> impl Iterator<Item = &ObservedFrame> {
         self.frames.iter().filter(move |seen| seen.frame.id() == id)
     }
 
@@ -83,7 +83,7 @@ impl Recording {
 
     /// The exchange cut at every SYNC: what was seen from one SYNC, itself included, to before the next. What comes before
     /// the first SYNC is left out.
-    pub fn cycles(&self) -> Vec<&[Seen]> {
+    pub fn cycles(&self) -> Vec<&[ObservedFrame]> {
         let starts: Vec<usize> = (0..self.frames.len()).filter(|&at| self.frames[at].frame.id() == 0x080).collect();
         let ends = starts.iter().skip(1).copied().chain([self.frames.len()]);
         starts.iter().zip(ends).map(|(&start, end)| &self.frames[start..end]).collect()
@@ -91,7 +91,7 @@ impl Recording {
 }
 
 /// Decodes an RPDO of a drive: 6040h, then 6071h (4 bytes), or 607Ah or 60FFh (6 bytes).
-pub fn setpoint(seen: &Seen) -> Setpoint {
+pub fn setpoint(seen: &ObservedFrame) -> Setpoint {
     let target = match *seen.frame.data() {
         [_, _, a, b] => i32::from(i16::from_le_bytes([a, b])),
         [_, _, a, b, c, d] => i32::from_le_bytes([a, b, c, d]),
@@ -102,7 +102,7 @@ pub fn setpoint(seen: &Seen) -> Setpoint {
 }
 
 /// Decodes a TPDO of a drive: 6041h, 6064h.
-pub fn status(seen: &Seen) -> Status {
+pub fn status(seen: &ObservedFrame) -> Status {
     let &[a, b, c, d, e, f] = seen.frame.data() else { panic!("a TPDO of {} bytes", seen.frame.len()) };
     Status { time: seen.time, statusword: u16::from_le_bytes([a, b]), position: i32::from_le_bytes([c, d, e, f]) }
 }

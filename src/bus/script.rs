@@ -9,8 +9,8 @@ use crate::setup::{HomingOrder, SensorStart};
 use yieldwall_drives::cia402::{CommandMode, OperationMode};
 use yieldwall_drives::objects::{self, Object};
 use yieldwall_drives::profiles::{
-    CurrentLimit, DeviceProfile, Entry, Identity, LimitSetter, MappedObject, MappedPdo, Revisions, Scaling,
-    Servo, Setting, TorqueLimit,
+    CurrentLimit, DeviceProfile, Entry, Identity, LimitSetter, MappedObject, MappedPdo, Revisions, Scaling, Servo,
+    Setting, TorqueLimit,
 };
 use yieldwall_fieldbus::canopen::BusId;
 use yieldwall_fieldbus::objects::Address;

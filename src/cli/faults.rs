@@ -7,7 +7,9 @@ use serde_json::json;
 use super::failure::{Exit, Failure};
 use super::output::Output;
 use yieldwall_config as config;
-use yieldwall_config::injection::{CATALOGUE, Ending, Expected, Injection, Kind, Lasts, Recovery, Row, Target};
+use yieldwall_config::injection::{
+    CATALOGUE, CatalogueRow, Ending, Expected, Injection, Kind, Lasts, Recovery, Target,
+};
 
 /// One `--fault NAME@TIME[+DURATION][:TARGET]`.
 #[derive(Clone, Debug)]
@@ -98,10 +100,10 @@ impl FromStr for FaultArgument {
 pub(super) struct Arguments {
     /// All about these; without a name, a line for each fault
     #[arg(value_name = "NAME", value_parser = parse_row)]
-    names: Vec<&'static Row>,
+    names: Vec<&'static CatalogueRow>,
 }
 
-fn parse_row(name: &str) -> Result<&'static Row, String> {
+fn parse_row(name: &str) -> Result<&'static CatalogueRow, String> {
     kind(name).map(Kind::row)
 }
 
@@ -118,7 +120,7 @@ fn kind(name: &str) -> Result<Kind, String> {
 /// Prints the catalogue, or what it says of some.
 pub(super) fn list(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let is_all = arguments.names.is_empty();
-    let rows: Vec<&Row> = if is_all { CATALOGUE.iter().collect() } else { arguments.names.clone() };
+    let rows: Vec<&CatalogueRow> = if is_all { CATALOGUE.iter().collect() } else { arguments.names.clone() };
     if output.is_json() {
         return output.report(json!({ "faults": rows.into_iter().map(document).collect::<Vec<_>>() }));
     }
@@ -131,11 +133,11 @@ pub(super) fn list(arguments: &Arguments, output: &mut Output) -> Result<(), Fai
     output.result(&(lines.join("\n\n") + "\n"))
 }
 
-fn targets(row: &Row) -> String {
+fn targets(row: &CatalogueRow) -> String {
     row.targets.iter().map(|target| target.name()).collect::<Vec<_>>().join(", ")
 }
 
-fn media(row: &Row) -> Vec<&'static str> {
+fn media(row: &CatalogueRow) -> Vec<&'static str> {
     row.media.iter().map(|medium| medium.name()).collect()
 }
 
@@ -143,7 +145,7 @@ fn fault_names(expected: &Expected) -> Vec<&'static str> {
     expected.faults.iter().map(|fault| fault.row().name).collect()
 }
 
-fn duration(row: &Row) -> String {
+fn duration(row: &CatalogueRow) -> String {
     match row.lasts {
         Lasts::Once => "once".to_owned(),
         Lasts::For(duration_s) => format!("{duration_s} s"),
@@ -177,13 +179,13 @@ fn recovery(expected: &Expected) -> &'static str {
 }
 
 /// What follows when it happens.
-pub(super) fn consequence(row: &Row) -> String {
+pub(super) fn consequence(row: &CatalogueRow) -> String {
     let told = |expected| format!("{}{}", ending(expected), recovery(expected));
     let other = row.on_ethercat.map_or(String::new(), |other| format!("; on EtherCAT {}", told(other)));
     format!("{}{other}", told(&row.expected))
 }
 
-fn text(row: &Row) -> String {
+fn text(row: &CatalogueRow) -> String {
     let size = row.size.map_or(String::new(), |size| format!("; {}, usually {}", size.what, size.usual));
     format!(
         "{}\n    {}\n    at {}, on {}; {}{size}\n    then {}",
@@ -196,7 +198,7 @@ fn text(row: &Row) -> String {
     )
 }
 
-fn document(row: &Row) -> serde_json::Value {
+fn document(row: &CatalogueRow) -> serde_json::Value {
     let mut document = follows(&row.expected);
     document["name"] = row.name.into();
     document["meaning"] = row.meaning.into();

@@ -14,7 +14,7 @@ use super::on_bus::{different, thread_failure, warn, warn_of};
 use super::output::Output;
 use super::pace::PaceArgument;
 use yieldwall_config::{Loaded, Rig};
-use yieldwall_run::host::{BringUp, News, Outcome, RigOnBus, Terms, ThreadError};
+use yieldwall_run::host::{BringUp, HostedRun, News, RigOnBus, Terms, ThreadError};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct OnBus {
@@ -92,9 +92,9 @@ impl OnBus {
 /// The outcome of the act, with each emergency once, and the outcome of the restoration of the devices.
 pub(super) fn concluded<T>(
     events: &Events,
-    outcome: Result<Outcome<T>, ThreadError>,
+    outcome: Result<HostedRun<T>, ThreadError>,
     output: &mut Output,
-) -> Result<(Outcome<T>, Result<(), Failure>), Failure> {
+) -> Result<(HostedRun<T>, Result<(), Failure>), Failure> {
     events.clear();
     let mut outcome = outcome.map_err(|error| thread_failure(&error))?;
     let given_back = restored(mem::take(&mut outcome.restored), output);
@@ -111,7 +111,13 @@ pub(super) fn at_rest<T>(
     (command, file): (&str, &str),
     rig: &Loaded<Rig>,
     output: &mut Output,
-    act: impl FnOnce(RigOnBus<BringUp>, &Terms, &Arc<AtomicBool>, &mut Output, Tell<'_>) -> Result<Outcome<T>, ThreadError>,
+    act: impl FnOnce(
+        RigOnBus<BringUp>,
+        &Terms,
+        &Arc<AtomicBool>,
+        &mut Output,
+        Tell<'_>,
+    ) -> Result<HostedRun<T>, ThreadError>,
 ) -> Result<T, Failure> {
     let events = Events::of(output);
     let Opened { on_bus, terms, interfaces, is_interrupted } = arguments.open(command, file, rig, output)?;

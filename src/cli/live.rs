@@ -31,7 +31,7 @@ use yieldwall_record::CycleRecord;
 use yieldwall_record::recording::About;
 use yieldwall_rig::report::{self, Overrides, measured, replay};
 use yieldwall_run::host::system::Refusal;
-use yieldwall_run::host::{News, NotRun, Outcome, RigOnBus, StageTimes, Terms};
+use yieldwall_run::host::{HostedRun, News, NotRun, RigOnBus, StageTimes, Terms};
 use yieldwall_run::recorder::Watched;
 use yieldwall_run::{Ended, Orders, Play};
 
@@ -39,7 +39,7 @@ use yieldwall_run::{Ended, Orders, Play};
 const LONGEST_TRACE: u64 = 600_000;
 
 /// What the cycles of the scene leave.
-struct Seen {
+struct LoopTimes {
     stages: StageTimes,
     skipped: u64,
 }
@@ -105,8 +105,8 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     let (listening, heard) = Listening::start(events, watched, &rig)?;
     on_bus.set_watch(watch.and(heard));
     let period_s = f64::from(rig.cycle.period_us) * 1e-6;
-    let mut scene_rows = report::Seen::with_room(Play::on_bus(&rig, duration_s).cycles.min(LONGEST_TRACE) as usize);
-    let mut seen = Seen { stages: StageTimes::default(), skipped: 0 };
+    let mut scene_rows = report::RunLog::with_room(Play::on_bus(&rig, duration_s).cycles.min(LONGEST_TRACE) as usize);
+    let mut seen = LoopTimes { stages: StageTimes::default(), skipped: 0 };
     let each = |record: &CycleRecord| {
         seen.stages.add(&record.moment.stages, &record.inputs.timing);
         seen.skipped += u64::from(record.inputs.timing.skipped);
@@ -200,7 +200,7 @@ fn about(rig: &config::Rig, scene: Option<&config::Scene>, arguments: &Arguments
 /// Why the rig did not run.
 pub(super) fn not_run<T>(
     error: &NotRun,
-    outcome: &Outcome<T>,
+    outcome: &HostedRun<T>,
     interfaces: &Interfaces,
     rig: &config::Rig,
     file: &str,
@@ -224,7 +224,7 @@ pub(super) fn not_run<T>(
 pub(super) fn ended<T>(
     (ended, cause): (Ended, Option<Cause>),
     time_s: f64,
-    outcome: &Outcome<T>,
+    outcome: &HostedRun<T>,
     rig: &config::Rig,
 ) -> Option<Failure> {
     let failure = match ended {

@@ -13,7 +13,7 @@ use super::failure::{Exit, Failure};
 use super::output::Output;
 use super::replace::{Replace, Written, unwritten};
 use yieldwall_config::Report;
-use yieldwall_soak::{self as soak, Campaign, Outcome, Script, Shipped, Store, StoreError, Tally};
+use yieldwall_soak::{self as soak, Campaign, Script, SeedResult, Shipped, Store, StoreError, Tally};
 
 /// Violations that are told in full.
 const MOST_TOLD: usize = 20;
@@ -68,7 +68,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let shipped = Shipped::load()?;
     let cycles = arguments.cycles.get();
     let started = Instant::now();
-    let outcomes: Vec<Outcome> = match (arguments.seed, &arguments.script) {
+    let outcomes: Vec<SeedResult> = match (arguments.seed, &arguments.script) {
         (Some(seed), Some(script)) => {
             script.check(&shipped, seed).map_err(|error| {
                 let help = format!(
@@ -136,7 +136,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 }
 
 /// What did not hold, and how to see it again.
-fn judge(arguments: &Arguments, tally: &Tally, outcomes: &[Outcome]) -> Result<(), Failure> {
+fn judge(arguments: &Arguments, tally: &Tally, outcomes: &[SeedResult]) -> Result<(), Failure> {
     let mut failed = outcomes.iter().filter(|outcome| !outcome.violations.is_empty());
     if let Some(first) = failed.next() {
         let told = std::iter::once(first).chain(failed).take(MOST_TOLD);

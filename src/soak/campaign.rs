@@ -6,7 +6,7 @@ use std::ops::Range;
 use super::draw::Shipped;
 use super::seed::run_seed;
 use super::store::{Store, StoreError};
-use super::tally::Outcome;
+use super::tally::SeedResult;
 use yieldwall_rig::batch;
 
 /// What is run.
@@ -28,11 +28,11 @@ pub struct Campaign {
 pub fn run(
     shipped: &Shipped,
     campaign: &Campaign,
-    store: Option<(Store, BTreeMap<u64, Outcome>)>,
-    mut progress: impl FnMut(&Outcome),
-) -> Result<BTreeMap<u64, Outcome>, StoreError> {
+    store: Option<(Store, BTreeMap<u64, SeedResult>)>,
+    mut progress: impl FnMut(&SeedResult),
+) -> Result<BTreeMap<u64, SeedResult>, StoreError> {
     let (mut store, known) = store.map_or((None, BTreeMap::new()), |(store, known)| (Some(store), known));
-    let mut outcomes: BTreeMap<u64, Outcome> =
+    let mut outcomes: BTreeMap<u64, SeedResult> =
         known.into_iter().filter(|(seed, _)| campaign.seeds.contains(seed)).collect();
     let left: Vec<u64> = campaign.seeds.clone().filter(|seed| !outcomes.contains_key(seed)).collect();
     let work = |seed| run_seed(shipped, seed, campaign.cycles, None);

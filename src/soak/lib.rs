@@ -34,5 +34,5 @@ pub use seed::run_seed;
 pub use segment::{OnCable, OnCableAt};
 pub use session::{Course, End, Event, Play, play, play_watched};
 pub use store::{Store, StoreError};
-pub use tally::{FaultTally, InjectionTally, Latency, Outcome, Tally};
-pub use verdict::{Followed, Seen};
+pub use tally::{FaultTally, InjectionTally, Latency, SeedResult, Tally};
+pub use verdict::{Followed, ObservedFault};

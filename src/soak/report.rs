@@ -5,7 +5,7 @@ use std::fmt::Write;
 use super::invariant::Invariant;
 use super::tally::{FaultTally, Tally};
 use yieldwall_config::injection::CATALOGUE;
-use yieldwall_motion::guard::fault::{Bound, Row, TABLE};
+use yieldwall_motion::guard::fault::{Bound, FaultRow, TABLE};
 
 /// One table, its first row the head.
 struct Table(Vec<Vec<String>>);
@@ -47,7 +47,7 @@ fn row<const N: usize>(cells: [&str; N]) -> Vec<String> {
     cells.map(str::to_owned).to_vec()
 }
 
-fn bound(row: &Row) -> String {
+fn bound(row: &FaultRow) -> String {
     let steps = row.steps.iter().map(|step| {
         let within = match step.bound {
             Bound::Cycles(1) => "1 cycle".to_owned(),

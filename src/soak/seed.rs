@@ -5,7 +5,7 @@ use super::draw::{Machine, Shipped};
 use super::invariant::{Invariant, Violation};
 use super::script::Script;
 use super::shrink::shrink;
-use super::tally::Outcome;
+use super::tally::SeedResult;
 use yieldwall_motion::guard::fault::TABLE;
 
 /// One seed in so many is run twice.
@@ -13,7 +13,7 @@ const TWICE_EVERY: u64 = 16;
 
 /// Runs `seed` for `cycles` cycles, with its own script unless another is given. A violation comes with the shortest
 /// command that was found to show it again.
-pub fn run_seed(shipped: &Shipped, seed: u64, cycles: u32, script: Option<&Script>) -> Outcome {
+pub fn run_seed(shipped: &Shipped, seed: u64, cycles: u32, script: Option<&Script>) -> SeedResult {
     let machine = Machine::draw(shipped, seed);
     let drawn = || Script::draw(&machine, seed, cycles);
     let script = script.cloned().unwrap_or_else(drawn);
@@ -34,7 +34,7 @@ pub fn run_seed(shipped: &Shipped, seed: u64, cycles: u32, script: Option<&Scrip
         }
     }
     let replay = violations.first().map(|first| shrink(&machine, &script, seed, cycles, first));
-    Outcome {
+    SeedResult {
         seed,
         rig: machine.title(),
         asked: cycles,

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-use super::tally::Outcome;
+use super::tally::SeedResult;
 use yieldwall_rig::batch::{Lines, LinesError};
 
 /// Name of the file in the folder of a campaign.
@@ -38,9 +38,9 @@ impl Store {
     ///
     /// # Errors
     /// As [`Lines::open`], and if the file holds runs of another length than `cycles`.
-    pub fn open(folder: &Path, cycles: u32) -> Result<(Self, BTreeMap<u64, Outcome>), StoreError> {
+    pub fn open(folder: &Path, cycles: u32) -> Result<(Self, BTreeMap<u64, SeedResult>), StoreError> {
         let path = folder.join(FILE);
-        let (lines, outcomes) = Lines::open::<Outcome>(&path)?;
+        let (lines, outcomes) = Lines::open::<SeedResult>(&path)?;
         match outcomes.iter().find(|outcome| outcome.asked != cycles) {
             Some(other) => Err(StoreError::OtherLength { path, found: other.asked, asked: cycles }),
             None => Ok((Self(lines), outcomes.into_iter().map(|outcome| (outcome.seed, outcome)).collect())),
@@ -51,7 +51,7 @@ impl Store {
     ///
     /// # Errors
     /// As [`Lines::add`].
-    pub fn add(&mut self, outcome: &Outcome) -> Result<(), StoreError> {
+    pub fn add(&mut self, outcome: &SeedResult) -> Result<(), StoreError> {
         Ok(self.0.add(outcome)?)
     }
 }
@@ -69,7 +69,7 @@ mod tests {
             let (mut store, finished) = Store::open(&folder, 50).unwrap();
             assert!(finished.is_empty());
             store.add(&outcome).unwrap();
-            store.add(&Outcome { seed: 4, ..outcome.clone() }).unwrap();
+            store.add(&SeedResult { seed: 4, ..outcome.clone() }).unwrap();
         }
         let (_, finished) = Store::open(&folder, 50).unwrap();
         assert_eq!(finished.keys().copied().collect::<Vec<_>>(), [3, 4]);

@@ -7,13 +7,13 @@ use serde::{Deserialize, Serialize};
 use super::checker::Peaks;
 use super::invariant::Violation;
 use super::session::End;
-use super::verdict::{Followed, Seen};
+use super::verdict::{Followed, ObservedFault};
 use yieldwall_config::injection::CATALOGUE;
 use yieldwall_motion::guard::fault::TABLE;
 
 /// What one seed gave, as it stands in a line of the results file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Outcome {
+pub struct SeedResult {
     /// The seed.
     pub seed: u64,
     /// The rig that it was drawn from.
@@ -35,7 +35,7 @@ pub struct Outcome {
     /// The injections and what followed.
     pub injections: Vec<Followed>,
     /// The faults that led to something.
-    pub faults: Vec<Seen>,
+    pub faults: Vec<ObservedFault>,
     /// How often each fault began to show.
     pub shown: BTreeMap<String, u32>,
     /// The greatest values.
@@ -132,7 +132,7 @@ pub struct Tally {
 
 impl Tally {
     /// Adds one run.
-    pub fn add(&mut self, outcome: &Outcome) {
+    pub fn add(&mut self, outcome: &SeedResult) {
         self.seeds += 1;
         self.cycles += u64::from(outcome.cycles);
         self.simulated_ms += (outcome.simulated_s * 1e3).round() as u64;

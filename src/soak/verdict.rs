@@ -36,7 +36,7 @@ pub struct Followed {
 
 /// A fault that was the cause of a change of state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Seen {
+pub struct ObservedFault {
     /// Name of the fault's row.
     pub name: String,
     /// What was done.
@@ -51,7 +51,7 @@ pub struct Seen {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Verdict {
     pub(super) injections: Vec<Followed>,
-    pub(super) faults: Vec<Seen>,
+    pub(super) faults: Vec<ObservedFault>,
     pub(super) violations: Vec<Violation>,
     pub(super) excused: Excused,
 }
@@ -76,7 +76,7 @@ pub(super) fn judge(machine: &Machine, script: &Script, play: &Play) -> Verdict 
             check_row(event, fault, reaction, &mut verdict);
             let is_new = at == 0 || play.events[at - 1].cause != event.cause || event.to != event.from;
             if is_new && reaction.is_some() {
-                verdict.faults.push(Seen {
+                verdict.faults.push(ObservedFault {
                     name: fault.row().name.to_owned(),
                     reaction: format!("{:?}", reaction.unwrap_or(Reaction::Count)),
                     cycles: None,
@@ -85,7 +85,7 @@ pub(super) fn judge(machine: &Machine, script: &Script, play: &Play) -> Verdict 
             }
         }
     }
-    let refusals: Vec<Seen> = play.events.iter().filter_map(refusal).collect();
+    let refusals: Vec<ObservedFault> = play.events.iter().filter_map(refusal).collect();
     if script.is_tangle {
         verdict.faults.extend(refusals);
         let met = |injection: &Injection| state_at(play, &clock, injection.start_s) == Some(State::Running);
@@ -117,9 +117,9 @@ fn reaction_of(event: &Event) -> Option<Reaction> {
 }
 
 /// A fault for which a rig at rest was not enabled.
-fn refusal(event: &Event) -> Option<Seen> {
+fn refusal(event: &Event) -> Option<ObservedFault> {
     let fault = event.cause.filter(|_| (event.from, event.to) == (State::Idle, State::Idle))?;
-    Some(Seen { name: fault.row().name.to_owned(), reaction: "Refused".to_owned(), cycles: None, bound: None })
+    Some(ObservedFault { name: fault.row().name.to_owned(), reaction: "Refused".to_owned(), cycles: None, bound: None })
 }
 
 /// reaction: the reaction is one of the fault's row, and the state is the row's.
@@ -203,8 +203,8 @@ fn check_alone(clock: &Clock, event: &Event, verdict: &mut Verdict) {
     }
 }
 
-fn seen(fault: Fault, reaction: Reaction, measured: Option<(u32, u32)>) -> Seen {
-    Seen {
+fn seen(fault: Fault, reaction: Reaction, measured: Option<(u32, u32)>) -> ObservedFault {
+    ObservedFault {
         name: fault.row().name.to_owned(),
         reaction: format!("{reaction:?}"),
         cycles: measured.map(|(cycles, _)| cycles),

@@ -22,12 +22,12 @@ fn is_true(text: &str) -> bool {
 }
 
 /// What is being read.
-struct Place<'a> {
+struct Cursor<'a> {
     text: &'a str,
     offset: usize,
 }
 
-impl Place<'_> {
+impl Cursor<'_> {
     fn line(&self) -> usize {
         1 + self.text.as_bytes().get(..self.offset).unwrap_or_default().iter().filter(|byte| **byte == b'\n').count()
     }
@@ -105,7 +105,7 @@ impl Esi {
         let mut builder = Builder::default();
         loop {
             let event = reader.read_event();
-            let place = Place { text: &text, offset: usize::try_from(reader.buffer_position()).unwrap_or(usize::MAX) };
+            let place = Cursor { text: &text, offset: usize::try_from(reader.buffer_position()).unwrap_or(usize::MAX) };
             let xml = |what: String| EsiError::Xml { line: place.line(), what };
             match event.map_err(|error| xml(error.to_string()))? {
                 Event::Start(start) => {
@@ -149,7 +149,7 @@ impl Esi {
     }
 }
 
-fn append(place: &Place<'_>, content: &mut String, text: &str) -> Result<(), EsiError> {
+fn append(place: &Cursor<'_>, content: &mut String, text: &str) -> Result<(), EsiError> {
     if content.len() + text.len() > MAX_TEXT {
         return Err(EsiError::TooMuch { line: place.line(), what: "bytes of text in an element", most: MAX_TEXT });
     }
@@ -158,7 +158,7 @@ fn append(place: &Place<'_>, content: &mut String, text: &str) -> Result<(), Esi
 }
 
 /// The value of an attribute; empty if it is not there.
-fn attribute(place: &Place<'_>, start: &BytesStart<'_>, name: &str) -> Result<String, EsiError> {
+fn attribute(place: &Cursor<'_>, start: &BytesStart<'_>, name: &str) -> Result<String, EsiError> {
     let xml = |what: String| EsiError::Xml { line: place.line(), what };
     let found = start.try_get_attribute(name).map_err(|error| xml(error.to_string()))?;
     let value = found.map(|attribute| attribute.normalized_value(XmlVersion::Explicit1_0)).transpose();
@@ -166,7 +166,7 @@ fn attribute(place: &Place<'_>, start: &BytesStart<'_>, name: &str) -> Result<St
 }
 
 impl Builder {
-    fn count(&mut self, place: &Place<'_>) -> Result<(), EsiError> {
+    fn count(&mut self, place: &Cursor<'_>) -> Result<(), EsiError> {
         self.items += 1;
         if self.items > MAX_ITEMS {
             return Err(EsiError::TooMuch {
@@ -178,7 +178,7 @@ impl Builder {
         Ok(())
     }
 
-    fn open(&mut self, place: &Place<'_>, path: &mut Path, start: &BytesStart<'_>) -> Result<(), EsiError> {
+    fn open(&mut self, place: &Cursor<'_>, path: &mut Path, start: &BytesStart<'_>) -> Result<(), EsiError> {
         if path.0.len() >= MAX_DEPTH {
             return Err(EsiError::TooMuch { line: place.line(), what: "elements within one another", most: MAX_DEPTH });
         }
@@ -261,7 +261,7 @@ impl Builder {
         Ok(())
     }
 
-    fn close(&mut self, place: &Place<'_>, path: &Path, content: &str) -> Result<(), EsiError> {
+    fn close(&mut self, place: &Cursor<'_>, path: &Path, content: &str) -> Result<(), EsiError> {
         let text = || content.trim().to_owned();
         if path.is(&["EtherCATInfo", "Vendor", "Id"]) {
             self.esi.vendor_id = place.u32("Vendor/Id", content)?;
@@ -317,7 +317,7 @@ impl Builder {
     }
 }
 
-fn close_pdo(place: &Place<'_>, pdo: &mut Pdo, inside: &[&str], content: &str) -> Result<(), EsiError> {
+fn close_pdo(place: &Cursor<'_>, pdo: &mut Pdo, inside: &[&str], content: &str) -> Result<(), EsiError> {
     match inside {
         ["Index"] => pdo.index = place.u16("Index of a PDO", content)?,
         ["Name"] if pdo.name.is_empty() => content.trim().clone_into(&mut pdo.name),

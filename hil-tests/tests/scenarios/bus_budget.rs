@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use hil_tests::{Scenario, Seen};
+use hil_tests::{ObservedFrame, Scenario};
 use proptest::prelude::*;
 use yieldwall::assembly::bus_plan;
 use yieldwall::bus::budget::{Budget, Conditions, FrameBudget, Moment, Use};
@@ -93,7 +93,7 @@ fn watch_bus(scenario: &Scenario, budget: Budget) -> Vec<(String, u64, u64)> {
         session.step(Request::None);
     }
     let end = session.machine.next_sync();
-    for Seen { time, frame: seen } in session.recording().frames {
+    for ObservedFrame { time, frame: seen } in session.recording().frames {
         if seen.bus() != budget.conditions.bus || time < first || time >= end {
             continue;
         }

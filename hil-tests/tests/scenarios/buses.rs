@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use hil_tests::{
-    Scenario, Seen,
+    ObservedFrame, Scenario,
     cable::{Cable, permit},
 };
 use yieldwall::canopen::BusId;
@@ -64,7 +64,7 @@ fn every_bus_has_one_sync_a_cycle_and_its_own_meaning_of_an_identifier() {
     let session = sensor_apart().run(1000);
     let frames = session.recording().frames;
     let last = |id: u16, bus: u8, bytes: u8| {
-        let of = |seen: &&Seen| seen.frame.id() == id && seen.frame.bus() == BusId::new(bus);
+        let of = |seen: &&ObservedFrame| seen.frame.id() == id && seen.frame.bus() == BusId::new(bus);
         let seen: Vec<_> = frames.iter().filter(of).collect();
         assert!(seen.iter().all(|seen| seen.frame.len() == bytes), "{id:03X}h on bus {bus}");
         seen.len()

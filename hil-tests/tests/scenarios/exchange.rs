@@ -1,6 +1,6 @@
 //! The shipped rigs from the outside: what goes over the bus when all is well, and that it is always the same.
 
-use hil_tests::{DRIVE_NODES, Recording, SENSOR_NODE, Scenario, Seen, Session};
+use hil_tests::{DRIVE_NODES, ObservedFrame, Recording, SENSOR_NODE, Scenario, Session};
 use yieldwall::canopen::Frame;
 use yieldwall::config::{BusTiming, CommandMode, Finite, PathSegment, Side, Tracking};
 use yieldwall::elementary;
@@ -114,7 +114,7 @@ fn check_setpoints(scenario: &Scenario, recording: &Recording) {
     let mut last: [Option<i32>; 2] = [None; 2];
     let mut moving = 0;
     for cycle in recording.cycles() {
-        let find = |base: u16, joint: usize| -> Vec<&Seen> {
+        let find = |base: u16, joint: usize| -> Vec<&ObservedFrame> {
             cycle.iter().filter(|seen| seen.frame.id() == base + DRIVE_NODES[joint]).collect()
         };
         let statuses = [0, 1].map(|joint| find(0x180, joint).first().map(|seen| hil_tests::status(seen)));

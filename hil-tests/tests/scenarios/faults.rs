@@ -40,7 +40,7 @@ fn cycles_until(session: &mut Session, state: State) -> usize {
 
 /// The controlwords of both drives, cycle by cycle.
 fn controlwords(recording: &Recording) -> Vec<[u16; 2]> {
-    let each = |cycle: &&[hil_tests::Seen]| {
+    let each = |cycle: &&[hil_tests::ObservedFrame]| {
         let word = |id: u16| cycle.iter().find(|seen| seen.frame.id() == id).map(|seen| setpoint(seen).controlword);
         Some([word(0x201)?, word(0x202)?])
     };

@@ -1,11 +1,13 @@
 //! Every injection of the catalogue on the shipped torque and position rigs: what the rig makes of it, how soon, where it
 //! ends, that nothing comes back by itself, and that the rig runs again when a person has done what the catalogue says.
 
-use hil_tests::{Recording, Scenario, Seen, Session, setpoint};
+use hil_tests::{ObservedFrame, Recording, Scenario, Session, setpoint};
 use yieldwall::bus::BootFailure;
 use yieldwall::guard::fault::{Bound, Rate, Stage, TABLE};
 use yieldwall::guard::{Fault, Reaction, Request, State};
-use yieldwall::injection::{CATALOGUE, Ending, Expected, Injection, Kind, Lasts, Medium, Recovery, Row, Target};
+use yieldwall::injection::{
+    CATALOGUE, CatalogueRow, Ending, Expected, Injection, Kind, Lasts, Medium, Recovery, Target,
+};
 use yieldwall::rig::RigError;
 use yieldwall_drives::cia402;
 
@@ -141,7 +143,7 @@ fn check_bounds(scenario: &Scenario, injection: &Injection, course: &Course, wha
 
 /// The controlwords of both drives, cycle by cycle; `None` where the master sent none.
 fn controlwords(recording: &Recording) -> Vec<[Option<u16>; 2]> {
-    let word = |cycle: &[Seen], id: u16| {
+    let word = |cycle: &[ObservedFrame], id: u16| {
         cycle.iter().find(|seen| seen.frame.id() == id).map(|seen| setpoint(seen).controlword)
     };
     recording.cycles().iter().map(|cycle| [word(cycle, 0x201), word(cycle, 0x202)]).collect()
@@ -195,7 +197,7 @@ fn recover(session: &mut Session, recovery: Recovery, what: &str) {
 }
 
 /// Checks one injection; which of its faults showed.
-fn check(scenario: &Scenario, row: &Row, injection: Injection) -> Vec<Fault> {
+fn check(scenario: &Scenario, row: &CatalogueRow, injection: Injection) -> Vec<Fault> {
     let what = format!("{} on {}; replay: {}", row.name, injection.target.name(), scenario.replay());
     let (mut session, course) = run(scenario, injection);
     let what = format!("{what}\n{course:?}");
@@ -239,7 +241,7 @@ const NOT_WHILE_RUNNING: [Fault; 5] =
 const OF_A_SEGMENT: [Fault; 3] = [Fault::DeviceState, Fault::ClockLost, Fault::PortErrors];
 
 /// Where an injection is tried: what holds for the left drive holds for the right one.
-fn targets(scenario: &Scenario, row: &Row) -> Vec<Target> {
+fn targets(scenario: &Scenario, row: &CatalogueRow) -> Vec<Target> {
     let is_possible = |target: &&Target| {
         let injection = Injection::new(row.kind, 0.0).on(**target);
         injection.check_on(scenario.rig.medium(&injection)).is_ok()

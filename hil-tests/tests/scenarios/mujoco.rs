@@ -5,9 +5,11 @@
 
 use nalgebra::Vector2;
 use std::path::PathBuf;
-use yieldwall::study::plant::{Effort, HOLD, Method, Outcome, Run, STUDY, Scene, Settings, Softness, lock, run_mujoco};
+use yieldwall::study::plant::{
+    Effort, HOLD, Method, MujocoRun, Run, STUDY, Scene, Settings, Softness, lock, run_mujoco,
+};
 
-fn mujoco(scene: &Scene, integrator: &'static str, softness: Softness, step_s: f64) -> Outcome {
+fn mujoco(scene: &Scene, integrator: &'static str, softness: Softness, step_s: f64) -> MujocoRun {
     let program = std::env::var_os("YIELDWALL_MUJOCO").map(PathBuf::from);
     let program = program.expect("YIELDWALL_MUJOCO names what hil-tests/peers/mujoco prints");
     let effort = Effort { warm: 10, repeats: 1 };

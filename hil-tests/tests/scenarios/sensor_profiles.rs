@@ -57,7 +57,7 @@ fn a_sensor_with_floats_on_canopen_runs_by_its_file() {
 #[test]
 fn process_data_for_ethercat_are_refused_on_can() {
     let report = on_can(&text("profiles/ati-ethercat.yaml"), &[]).unwrap_err().to_string();
-    assert!(report.contains("are those of a sensor on EtherCAT"), "{report}");
+    assert!(report.contains("is not written for CANopen"), "{report}");
 }
 
 #[test]
@@ -132,7 +132,7 @@ fn a_profile_that_contradicts_rig_or_itself_is_refused_at_its_key() {
             "rpdo: []",
             "rpdo: [{number: 1, maps: [fx]}]",
             "device.force_sensor.process_data.rpdo[0].maps[0]",
-            "zeros alone",
+            "does not go this way",
         ),
         ("overload: 0xffff,", "overload: 0x10000,", "device.force_sensor.status_bits.overload", "does not have"),
         ("per_n: 1000000,", "per_n: 0,", "device.force_sensor.scaling.constant.per_n", "is 0"),

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use yieldwall::soak::{self, Campaign, Outcome, Shipped, Store, Tally};
+use yieldwall::soak::{self, Campaign, SeedResult, Shipped, Store, Tally};
 
 const CYCLES: u32 = 6000;
 
@@ -10,7 +10,7 @@ fn campaign(jobs: usize) -> Campaign {
     Campaign { seeds: 0..36, cycles: CYCLES, jobs }
 }
 
-fn tally(outcomes: &BTreeMap<u64, Outcome>) -> Tally {
+fn tally(outcomes: &BTreeMap<u64, SeedResult>) -> Tally {
     let mut tally = Tally::default();
     outcomes.values().for_each(|outcome| tally.add(outcome));
     tally

@@ -115,6 +115,7 @@ fn what_is_no_number_is_not_valid_and_what_is_too_large_is_cut_off() {
 #[test]
 fn numbers_of_24_bits_and_without_sign_lie_where_the_profile_says_it() {
     let narrow = [
+        ("  tried: simulation", "  buses: [ethercat]\n  tried: simulation"),
         ("bits: 16", "bits: 24"),
         ("maps: [fx, fy, fz, tx]}", "maps: [{gap: 4}, fx, fy, {unused: {index: 0x2003, sub: 1, bits: 8}}]}"),
         ("maps: [ty, tz, status, sample_counter]}", "maps: [fz, tx, ty, tz, status, sample_counter]}"),

@@ -56,7 +56,7 @@ struct Change {
 }
 
 /// What came of it.
-struct Outcome {
+struct ChangeEffect {
     is_refused: bool,
     /// The keys of the warnings that are made without a run.
     told: Vec<String>,
@@ -136,7 +136,7 @@ fn changes(bases: &[Base]) -> Vec<Change> {
     found
 }
 
-fn attempt(bases: &[Base], change: &Change) -> Outcome {
+fn attempt(bases: &[Base], change: &Change) -> ChangeEffect {
     let Base { machine, scene, .. } = &bases[change.base];
     let (mut machine, mut scene) = (machine.clone(), scene.clone());
     let value = if change.is_in_scene { &mut scene } else { &mut machine };
@@ -159,7 +159,7 @@ fn attempt(bases: &[Base], change: &Change) -> Outcome {
         traces_as(&before, &after)
     };
     let ends = rehearsal.finding.map(|finding| format!("{}: {}", finding.key, finding.message));
-    Outcome { is_refused, told, is_unstable, ends, is_as_before, is_false }
+    ChangeEffect { is_refused, told, is_unstable, ends, is_as_before, is_false }
 }
 
 /// Whether nothing ended or held a run, and the tool traces as in the other one.
@@ -195,7 +195,7 @@ fn files(machine: &Value, scene: &Value) -> Source {
     Source::among("machine.yaml", files.map(|(name, value)| (name.into(), value.to_string().into())))
 }
 
-fn attempt_all(bases: &[Base], tried: &[Change]) -> Vec<Outcome> {
+fn attempt_all(bases: &[Base], tried: &[Change]) -> Vec<ChangeEffect> {
     let next = AtomicUsize::new(0);
     let outcomes = Mutex::new(BTreeMap::new());
     std::thread::scope(|scope| {
@@ -245,7 +245,7 @@ fn every_change_that_ends_a_run_is_told() {
     for (change, outcome) in tried.iter().zip(&outcomes) {
         let file = if change.is_in_scene { "its scene" } else { "" };
         let line = format!("{} {file} {} {}", bases[change.base].name, change.pointer, CHANGES[change.what].0);
-        let Outcome { is_refused, told: keys, is_unstable, ends, is_as_before, is_false } = outcome;
+        let ChangeEffect { is_refused, told: keys, is_unstable, ends, is_as_before, is_false } = outcome;
         let found = match (is_refused, keys.is_empty(), ends) {
             (true, ..) => {
                 refused += 1;

@@ -7,7 +7,7 @@ use yieldwall_drives::cia402::OperationMode;
 
 use super::keeping::back_up;
 use super::od::sheet;
-use super::place::Place;
+use super::place::BusArguments;
 use super::reached::DeviceHandle;
 use super::words::{mode_words, name, titled};
 use crate::failure::{Exit, Failure};
@@ -47,7 +47,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     replace: Replace,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {

@@ -2,7 +2,7 @@
 
 use serde_json::json;
 
-use super::place::Place;
+use super::place::BusArguments;
 use super::segment::{Device, SegmentSession};
 use super::sii::{Asking, overwrite};
 use crate::failure::{Exit, Failure};
@@ -18,7 +18,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     asking: Asking,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::place::Place;
+use super::place::BusArguments;
 use super::segment::{Device, SegmentSession};
 use super::words::{table, wrapped};
 use crate::failure::Failure;
@@ -14,7 +14,7 @@ pub(crate) struct Arguments {
     /// A position, or the name of a device in the rig; all unless one is named
     node: Option<String>,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 /// A device, and its clock if it has one.

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::place::{DeviceSession, Entry, Node, Place};
+use super::place::{BusArguments, DeviceSession, Entry, Node};
 pub(crate) use super::segment::second_opinion;
 use super::segment::second_opinion::Consent;
 use super::segment::{self, SegmentSession};
@@ -32,7 +32,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_enum, conflicts_with = "bus")]
     fault: Option<Fault>,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 /// A trouble of a simulated node.
@@ -170,7 +170,7 @@ fn simulated_bit_rate(desk: &DeviceSession) -> Result<Option<u32>, Failure> {
 }
 
 /// The bit rate of the rig's bus in bit/s, where there is a rig.
-fn of_rig(place: &Place) -> Result<Option<u32>, Failure> {
+fn of_rig(place: &BusArguments) -> Result<Option<u32>, Failure> {
     let (Some(rig), Some(bus)) = (&place.rig, &place.bus) else { return Ok(None) };
     // Its warnings are told when the devices are asked.
     let rig = config::load_rig(Source::named(rig))?.value;
@@ -188,7 +188,7 @@ pub(crate) fn on_segment(
     consent: Option<&Consent>,
     output: &mut Output,
 ) -> Result<(Vec<Section>, Option<Value>), Failure> {
-    let place = Place { bus: Some(argument.to_owned()), rig: rig.map(str::to_owned) };
+    let place = BusArguments { bus: Some(argument.to_owned()), rig: rig.map(str::to_owned) };
     let examined = SegmentSession::only(&place, output)
         .and_then(|mut desk| segment::doctor::sections(&mut desk, None).map(|sections| (desk, sections)));
     let (mut desk, mut sections) = match examined {

@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::keeping::back_up;
-use super::place::{DeviceSession, Node, Place};
+use super::place::{BusArguments, DeviceSession, Node};
 use super::reached::DeviceHandle;
 use super::segment::{self, SegmentSession};
 use crate::explain;
@@ -25,7 +25,7 @@ pub(crate) struct Arguments {
     #[arg(long, requires = "clear")]
     dry_run: bool,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 /// Number of stored errors.

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::place::Place;
+use super::place::BusArguments;
 use super::segment::{Device, SegmentSession};
 use super::words::{table, wrapped};
 use crate::failure::Failure;
@@ -17,7 +17,7 @@ pub(crate) struct Arguments {
     #[arg(long)]
     clear: bool,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {

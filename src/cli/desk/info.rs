@@ -3,7 +3,7 @@
 use serde_json::{Map, Value, json};
 use yieldwall_drives::scaling::AxisScaling;
 
-use super::place::{DeviceSession, Place};
+use super::place::{BusArguments, DeviceSession};
 use super::scan::{fit, kind};
 use super::segment::{self, SegmentSession};
 use super::words::{self, nmt_words, table};
@@ -18,7 +18,7 @@ pub(crate) struct Arguments {
     /// A node id, on EtherCAT a position, or the name of a device in the rig
     node: String,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 /// Whose heartbeat is watched.

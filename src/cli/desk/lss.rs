@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
-use super::place::{DeviceSession, Place};
+use super::place::{BusArguments, DeviceSession};
 use super::words::wrapped;
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
@@ -24,7 +24,7 @@ pub(crate) enum Command {
 #[derive(Debug, clap::Args)]
 pub(crate) struct Find {
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 #[derive(Debug, clap::Args)]
@@ -41,7 +41,7 @@ pub(crate) struct SetId {
     #[arg(long)]
     dry_run: bool,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 /// How long a device may take to answer. Of a search silence is an answer: 133 of them.

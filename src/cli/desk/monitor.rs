@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
-use super::place::{DeviceSession, Entry, Place};
+use super::place::{BusArguments, DeviceSession, Entry};
 use super::words::{nmt_words, spaced};
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
@@ -22,7 +22,7 @@ pub(crate) struct Arguments {
     #[arg(long)]
     services: bool,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 /// Most frames of one JSON document.
@@ -233,12 +233,13 @@ fn document(time_s: f64, arrival: &Arrival, what: &str) -> Value {
 
 #[cfg(test)]
 mod tests {
-    use super::super::place::{DeviceSession, Place};
+    use super::super::place::{BusArguments, DeviceSession};
     use super::*;
 
     #[test]
     fn frames_are_told_in_words() {
-        let entries = DeviceSession::open(&Place::default(), &mut Output::new(true, false, false)).unwrap().entries;
+        let entries =
+            DeviceSession::open(&BusArguments::default(), &mut Output::new(true, false, false)).unwrap().entries;
         for (id, data, words) in [
             (0x000, &[0x80, 1][..], "NMT: Enter Pre Operational to node 1"),
             (0x080, &[], "SYNC"),

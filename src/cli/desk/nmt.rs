@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::place::{DeviceSession, Node, Place};
+use super::place::{BusArguments, DeviceSession, Node};
 use super::words::{nmt_words, wrapped};
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
@@ -23,7 +23,7 @@ pub(crate) struct Arguments {
     #[arg(long)]
     dry_run: bool,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]

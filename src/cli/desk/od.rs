@@ -10,7 +10,7 @@ use serde_json::{Value as Json, json};
 use yieldwall_drives::eds::{Eds, Value, is_concise, read_concise};
 
 use super::keeping::{back_up, store};
-use super::place::Place;
+use super::place::BusArguments;
 use super::reached::DeviceHandle;
 use super::state::refuse_powered;
 use super::words::{self, object, table, titled};
@@ -45,7 +45,7 @@ pub(crate) struct Read {
     #[arg(long, value_name = "FILE.eds")]
     eds: Option<PathBuf>,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 #[derive(Debug, clap::Args)]
@@ -66,7 +66,7 @@ pub(crate) struct Write {
     #[command(flatten)]
     saving: Saving,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 /// Whether a device keeps what it was told.
@@ -478,7 +478,7 @@ mod tests {
     #[test]
     fn writes_that_end_half_way_say_how_far_they_came() {
         let mut output = Output::new(true, false, false);
-        let mut reached = DeviceHandle::open(&Place::default(), "left", &mut output).unwrap();
+        let mut reached = DeviceHandle::open(&BusArguments::default(), "left", &mut output).unwrap();
         let steps = [
             step(0x6072, 6, &[0xe8, 3], &[0x84, 3]),
             step(0x605a, 3, &[2, 0], &[99, 0]),
@@ -512,7 +512,7 @@ mod tests {
     #[test]
     fn all_that_was_written_can_be_stored() {
         let mut output = Output::new(true, false, false);
-        let mut reached = DeviceHandle::open(&Place::default(), "left", &mut output).unwrap();
+        let mut reached = DeviceHandle::open(&BusArguments::default(), "left", &mut output).unwrap();
         let steps = [step(0x6072, 6, &[0xe8, 3], &[0x84, 3])];
         let done = write_all(&mut reached, &steps, None, &mut output).unwrap();
         let saved = done.saved(Saving { save: true, yes: true }, &mut reached, &mut output);

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::place::{DeviceSession, Node, Place};
+use super::place::{BusArguments, DeviceSession, Node};
 use super::segment::{self, SegmentSession};
 use super::words::mapped;
 use crate::failure::Failure;
@@ -21,7 +21,7 @@ pub(crate) struct Arguments {
     /// A node id, on EtherCAT a position, or the name of a device in the rig
     node: String,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 /// PDOs of each direction are looked for up to the first that is missing, so many at most.

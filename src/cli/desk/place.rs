@@ -24,7 +24,7 @@ const USUAL_RIG: &str = "builtin:paper-admittance.yaml";
 
 /// Where the devices are.
 #[derive(Clone, Debug, Default, clap::Args)]
-pub(crate) struct Place {
+pub(crate) struct BusArguments {
     /// The interface of the bus; without it the devices of the rig's simulation are asked, and nothing is kept
     #[arg(long, value_name = "INTERFACE")]
     pub(super) bus: Option<String>,
@@ -33,7 +33,7 @@ pub(crate) struct Place {
     pub(super) rig: Option<String>,
 }
 
-impl Place {
+impl BusArguments {
     /// What any other command needs to come to the same devices, with a space before.
     pub(super) fn arguments(&self) -> String {
         arguments(self.bus.as_deref(), self.rig.as_deref())
@@ -98,12 +98,12 @@ impl Node {
 
 impl DeviceSession {
     /// A bus on which something will be sent: no master is on it. Or the simulation.
-    pub(super) fn open(place: &Place, output: &mut Output) -> Result<Self, Failure> {
+    pub(super) fn open(place: &BusArguments, output: &mut Output) -> Result<Self, Failure> {
         Self::of(place, false, output)
     }
 
     /// A bus on which nothing will be sent.
-    pub(super) fn only_listening(place: &Place, output: &mut Output) -> Result<Self, Failure> {
+    pub(super) fn only_listening(place: &BusArguments, output: &mut Output) -> Result<Self, Failure> {
         Self::of(place, true, output)
     }
 
@@ -114,7 +114,7 @@ impl DeviceSession {
         Ok(Self { arguments: arguments(Some(argument), None), ..desk })
     }
 
-    fn of(place: &Place, is_silent: bool, output: &mut Output) -> Result<Self, Failure> {
+    fn of(place: &BusArguments, is_silent: bool, output: &mut Output) -> Result<Self, Failure> {
         let rig = match (&place.rig, &place.bus) {
             (None, Some(_)) => None,
             (named, _) => {

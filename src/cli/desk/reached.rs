@@ -6,7 +6,7 @@ use serde_json::Value as Json;
 use yieldwall_drives::scaling::AxisScaling;
 
 use super::keeping::Named;
-use super::place::{DeviceSession, Node, Place, placed};
+use super::place::{BusArguments, DeviceSession, Node, placed};
 use super::segment::{Device, SegmentSession};
 use crate::failure::Failure;
 use crate::output::Output;
@@ -23,7 +23,7 @@ pub(super) enum DeviceHandle {
 }
 
 impl DeviceHandle {
-    pub(super) fn open(place: &Place, word: &str, output: &mut Output) -> Result<Self, Failure> {
+    pub(super) fn open(place: &BusArguments, word: &str, output: &mut Output) -> Result<Self, Failure> {
         match SegmentSession::open(place, output)? {
             Some(desk) => Self::on_segment(desk, word, output),
             None => {

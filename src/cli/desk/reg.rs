@@ -2,7 +2,7 @@
 
 use serde_json::json;
 
-use super::place::Place;
+use super::place::BusArguments;
 use super::segment::{Device, SegmentSession};
 use super::words::{hexadecimal, table};
 use crate::failure::{Exit, Failure};
@@ -31,7 +31,7 @@ pub(crate) struct Read {
     #[arg(long, value_name = "BYTES", value_parser = clap::value_parser!(u16).range(1..=1024), requires = "registers")]
     length: Option<u16>,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 #[derive(Debug, clap::Args)]
@@ -49,7 +49,7 @@ pub(crate) struct Write {
     #[arg(long)]
     dry_run: bool,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 /// Bytes of a register that has no name.

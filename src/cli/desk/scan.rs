@@ -5,7 +5,7 @@ use std::time::Duration;
 use serde_json::{Value, json};
 use yieldwall_drives::profiles::{DeviceProfile, Identity as Wanted};
 
-use super::place::{DeviceSession, Place};
+use super::place::{BusArguments, DeviceSession};
 use super::segment::{self, SegmentSession};
 use super::words::{nmt_words, table};
 use crate::failure::Failure;
@@ -17,7 +17,7 @@ use yieldwall_service::{FoundDevice, scan};
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
     /// Send nothing: list those that are heard within 3 s; the way beside a master that runs
     #[arg(long)]
     listen: bool,

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::keeping::keep_image;
-use super::place::Place;
+use super::place::BusArguments;
 use super::scan::{fit_of, identity_words};
 use super::segment::{Device, SegmentSession};
 use super::words::{mapped, table, wrapped_behind};
@@ -36,7 +36,7 @@ pub(crate) struct Read {
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 #[derive(Debug, clap::Args)]
@@ -52,7 +52,7 @@ pub(crate) struct Write {
     #[command(flatten)]
     asking: Asking,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 /// How a memory chip is written.
@@ -71,7 +71,7 @@ pub(crate) struct Check {
     /// A position, or the name of a device in the rig; all unless one is named
     node: Option<String>,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {

@@ -5,7 +5,7 @@ use std::time::Duration;
 use serde_json::json;
 use yieldwall_drives::cia402::{Command, State, Statusword};
 
-use super::place::{DeviceSession, Place};
+use super::place::{BusArguments, DeviceSession};
 use super::reached::DeviceHandle;
 use super::segment::state::Target;
 use super::segment::{self, SegmentSession};
@@ -38,7 +38,7 @@ pub(crate) struct Arguments {
     #[arg(long, requires = "change")]
     dry_run: bool,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 const STATUSWORD: Address = Address::new(0x6041, 0);

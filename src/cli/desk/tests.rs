@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::place::{DeviceSession, Place};
+use super::place::{BusArguments, DeviceSession};
 use super::reached::DeviceHandle;
 use super::state::{disable_voltage, refuse_powered, reset_fault, statusword};
 use crate::failure::Exit;
@@ -13,7 +13,7 @@ use yieldwall_run::explanation::{self, Explanation};
 
 fn desk() -> (DeviceSession, Output) {
     let mut output = Output::new(true, false, false);
-    (DeviceSession::open(&Place::default(), &mut output).unwrap(), output)
+    (DeviceSession::open(&BusArguments::default(), &mut output).unwrap(), output)
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
 
-use super::Seen;
+use super::LoopTimes;
 use crate::ending::{bus_names, devices_text};
 use crate::interfaces::Interfaces;
 use crate::keep::RunFiles;
@@ -15,15 +15,15 @@ use crate::run::Arguments;
 use yieldwall_config as config;
 use yieldwall_rig::report::measures::Measures;
 use yieldwall_run::Played;
-use yieldwall_run::host::{Histogram, Outcome, ProvenTiming};
+use yieldwall_run::host::{Histogram, HostedRun, ProvenTiming};
 
 /// All of it.
 pub(super) struct Facts<'a> {
     pub(super) interfaces: &'a Interfaces,
     pub(super) arguments: &'a Arguments,
     pub(super) rig: &'a config::Rig,
-    pub(super) outcome: &'a Outcome,
-    pub(super) seen: &'a Seen,
+    pub(super) outcome: &'a HostedRun,
+    pub(super) seen: &'a LoopTimes,
     pub(super) played: &'a Played,
     pub(super) measures: &'a Measures,
     pub(super) kept: &'a RunFiles,
@@ -41,7 +41,7 @@ impl Facts<'_> {
 
     /// For a person.
     pub(super) fn lines(&self, time_s: f64) -> Vec<String> {
-        let (counts, Seen { stages, skipped }) = (self.outcome.counts, self.seen);
+        let (counts, LoopTimes { stages, skipped }) = (self.outcome.counts, self.seen);
         let period_ms = f64::from(self.rig.cycle.period_us) * 1e-3;
         let mut lines = vec![
             format!("rig       {}: {}, {period_ms} ms", self.rig.rig.name, mode_text(self.rig.rig.command_mode)),
@@ -96,7 +96,7 @@ impl Facts<'_> {
 
     /// As data.
     pub(super) fn json(&self, time_s: f64) -> Value {
-        let (counts, Seen { stages, skipped }) = (self.outcome.counts, self.seen);
+        let (counts, LoopTimes { stages, skipped }) = (self.outcome.counts, self.seen);
         let times = |times: &Histogram| {
             let us = |share| 1e6 * times.quantile(share).as_secs_f64();
             json!({ "p50_us": us(0.5), "p99_us": us(0.99), "p999_us": us(0.999), "max_us": us(1.0) })

@@ -104,7 +104,7 @@ impl Kind {
     pub const COUNT: usize = Kind::HiddenRegisterWrite as usize + 1;
 
     /// The row of [`CATALOGUE`] that describes this kind.
-    pub fn row(self) -> &'static Row {
+    pub fn row(self) -> &'static CatalogueRow {
         &CATALOGUE[self as usize]
     }
 
@@ -264,7 +264,7 @@ pub struct Expected {
 
 /// One kind of injection with all that is known of it.
 #[derive(Clone, Copy, Debug)]
-pub struct Row {
+pub struct CatalogueRow {
     /// The kind.
     pub kind: Kind,
     /// Short name, unique, as it stands in files and arguments.
@@ -287,7 +287,7 @@ pub struct Row {
     pub on_ethercat: Option<&'static Expected>,
 }
 
-impl Row {
+impl CatalogueRow {
     /// Whether a fault may show on some kind of bus.
     pub fn brings(&self, fault: Fault) -> bool {
         self.media.iter().any(|medium| self.expected_on(*medium).faults.contains(&fault))
@@ -310,7 +310,7 @@ pub struct Injection {
     pub start_s: f64,
     /// How long it lasts in s; `None` if it stays. Of no meaning for what happens once.
     pub duration_s: Option<f64>,
-    /// How strong it is, in the unit of [`Row::size`]; of no meaning without one.
+    /// How strong it is, in the unit of [`CatalogueRow::size`]; of no meaning without one.
     pub size: f64,
 }
 

@@ -69,7 +69,7 @@ pub fn lead_in(period_s: f64) -> usize {
 /// [`NotIdentified::TooFew`], [`NotIdentified::NotFinite`]; [`NotIdentified::NoHandle`] for a mass that is too small against the noise to tell
 /// the age; [`NotIdentified::NoDelay`] for an age beyond what is looked for.
 pub fn handle(passages: &[Shaken], excitation: &Excitation, period_s: f64) -> Result<Handle, NotIdentified> {
-    let mut seen = Seen::of(passages, excitation, period_s)?;
+    let mut seen = Spectra::of(passages, excitation, period_s)?;
     let longest = LONGEST_S / period_s;
     let steps = ((longest - YOUNGEST) * STEPS_PER_CYCLE) as u32;
     let ages = (0..=steps).map(|step| YOUNGEST + f64::from(step) / STEPS_PER_CYCLE);
@@ -99,7 +99,7 @@ pub fn handle(passages: &[Shaken], excitation: &Excitation, period_s: f64) -> Re
 }
 
 /// Forces and accelerations at the lines of the excitation. Times are in cycles.
-struct Seen<'a> {
+struct Spectra<'a> {
     passages: &'a [Shaken],
     /// Frequencies, rad per cycle.
     turns: Vec<f64>,
@@ -123,7 +123,7 @@ struct Fit {
     slope: Vector3<f64>,
 }
 
-impl<'a> Seen<'a> {
+impl<'a> Spectra<'a> {
     fn of(passages: &'a [Shaken], excitation: &Excitation, period_s: f64) -> Result<Self, NotIdentified> {
         let before = lead_in(period_s);
         let length = passages.first().map_or(0, |passage| passage.tips_m.len());

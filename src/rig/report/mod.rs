@@ -9,5 +9,5 @@ pub mod replay;
 mod run;
 
 pub use judgement::Shortcoming;
-pub use run::{Overrides, RunReport, Seen, Stage, measured, measured_device, run_device, run_rig};
+pub use run::{Overrides, RunLog, RunReport, Stage, measured, measured_device, run_device, run_rig};
 pub use yieldwall_run::Watch;

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::measures::Measures;
-use super::run::{Overrides, Seen, measured, measured_device};
+use super::run::{Overrides, RunLog, measured, measured_device};
 use crate::{ImpedanceLoop, RigError};
 use yieldwall_config::{self as config, Report, Source};
 use yieldwall_motion::guard::Request;
@@ -231,7 +231,7 @@ pub fn recorded<R: Read>(recording: &mut Recording<R>) -> Result<(Trace, Measure
     match recording {
         Recording::Rig(reader) => {
             let rig = rig(reader.about())?;
-            let mut seen = Seen::default();
+            let mut seen = RunLog::default();
             while let Some(record) = reader.next_record()? {
                 // From the begin of the scene to the stop at its end; after a fault that stopped the rig, all there is.
                 let is_asked = record.inputs.request != Request::None && !seen.is_stopped();

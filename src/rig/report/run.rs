@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::time::Duration;
 
-pub use self::seen::Seen;
+pub use self::seen::RunLog;
 use self::seen::trace;
 use super::measures::{Context, Measures, measure};
 use crate::{EmbeddedRig, ImpedanceRig, RigError};
@@ -125,7 +125,7 @@ pub fn run_rig(
     let period_s = f64::from(rig.cycle.period_us) * 1e-6;
     let end_s = overrides.duration_s.unwrap_or(scene.duration_s.get());
     let cycles = ((end_s / period_s).round() as usize).max(1);
-    let mut seen = Seen::default();
+    let mut seen = RunLog::default();
     let mut state = machine.state();
     let mut held: BTreeMap<usize, (Fault, f64)> = BTreeMap::new();
     for _ in 0..cycles {
@@ -180,7 +180,7 @@ pub fn run_rig(
 }
 
 /// What was seen of a rig with this fixture: its trace, and the measures up to the fault that stopped it, if one did.
-pub fn measured(rig: &config::Rig, fixture: &config::Fixture, seen: impl Into<Seen>) -> (Trace, Measures) {
+pub fn measured(rig: &config::Rig, fixture: &config::Fixture, seen: impl Into<RunLog>) -> (Trace, Measures) {
     let trace = trace(rig.rig.name.clone(), fixture, ForceMeaning::HandOnTool, seen);
     let is_torque = rig.rig.command_mode == config::CommandMode::Torque;
     let context = Context {

@@ -149,7 +149,7 @@ pub struct Homed {
 }
 
 /// Measurements of a joint while it homes.
-struct Seen<'a> {
+struct HomingProgress<'a> {
     /// Greatest distance of each joint from its start, rad.
     farthest: &'a mut [f64; 2],
     /// Cycles since the rig was enabled.
@@ -215,7 +215,7 @@ fn home_all(
     let (mut ended, mut failed, mut cycles, mut homed) = (Ended::Whole, None, 0, [false; 2]);
     let traced = traces.iter_mut().enumerate().filter(|(joint, _)| plan.joints.get(*joint) == Some(&true));
     for (joint, trace) in traced {
-        let seen = Seen { farthest: &mut farthest, cycles: &mut cycles, trace };
+        let seen = HomingProgress { farthest: &mut farthest, cycles: &mut cycles, trace };
         match home_one(runner, joint, plan, &mut watch, seen, is_interrupted) {
             Ok(()) => homed.iter_mut().skip(joint).take(1).for_each(|homed| *homed = true),
             Err((end, why)) => {
@@ -288,7 +288,7 @@ fn home_one(
     joint: usize,
     plan: &HomePlan,
     watch: &mut PushWatch,
-    Seen { farthest, cycles, trace }: Seen<'_>,
+    HomingProgress { farthest, cycles, trace }: HomingProgress<'_>,
     is_interrupted: &AtomicBool,
 ) -> Result<(), (Ended, Option<NotHome>)> {
     let of = |values: [f64; 2]| values.get(joint).copied().unwrap_or_default();

@@ -27,7 +27,7 @@ use yieldwall_fieldbus::canopen::EmcyCode;
 use yieldwall_fieldbus::ethercat::AlStatusCode;
 use yieldwall_fieldbus::objects::AbortCode;
 use yieldwall_motion::guard::Fault;
-use yieldwall_motion::guard::fault::Row;
+use yieldwall_motion::guard::fault::FaultRow;
 
 pub use status::state_name;
 
@@ -62,7 +62,7 @@ impl fmt::Display for Explanation {
 
 /// A fault of the rig.
 pub fn fault(fault: Fault) -> Explanation {
-    let Row { name, meaning, cause, next, .. } = *fault.row();
+    let FaultRow { name, meaning, cause, next, .. } = *fault.row();
     Explanation {
         what: "a fault of the rig",
         code: None,

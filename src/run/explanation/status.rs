@@ -3,7 +3,7 @@
 use yieldwall_drives::cia402::{State, Statusword};
 
 /// What is said of a state.
-pub(super) struct Row {
+pub(super) struct StateText {
     pub(super) meaning: &'static str,
     pub(super) cause: &'static str,
     pub(super) next: &'static str,
@@ -40,8 +40,8 @@ pub(super) fn bits(word: Statusword) -> Vec<&'static str> {
     BITS.iter().filter(|(bit, _)| word.has(*bit)).map(|(_, says)| *says).collect()
 }
 
-pub(super) fn row(state: Option<State>) -> Row {
-    let row = |meaning, cause, next| Row { meaning, cause, next };
+pub(super) fn row(state: Option<State>) -> StateText {
+    let row = |meaning, cause, next| StateText { meaning, cause, next };
     match state {
         Some(State::NotReadyToSwitchOn) => row(
             "the drive starts or tests itself, and has no torque",

@@ -14,8 +14,8 @@ pub use histogram::Histogram;
 pub use latency::{Latency, Lateness, PROBE, PROVING_CYCLES, STOCK_CYCLES, Tier, measure_latency};
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
 pub use on_bus::{
-    BringUp, DrillOutcome, Evidence, News, NotRun, OpenError, Operation, Outcome, Person, RigOnBus, Terms, ThreadError,
-    open_buses,
+    BringUp, DrillOutcome, Evidence, HostedRun, News, NotRun, OpenError, Operation, Person, RigOnBus, Terms,
+    ThreadError, open_buses,
 };
 pub use stages::StageTimes;
 pub use timing::{Computer, Measured, ProvenTiming, REDUCED_FORCE_N, REDUCED_SPEED_M_PER_S, Stored, Untimely};

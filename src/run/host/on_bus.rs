@@ -136,7 +136,7 @@ pub enum NotRun {
         /// Its name.
         bus: String,
     },
-    /// Priority or locked memory was demanded and not granted ([`Outcome::priority`], [`Outcome::memory`]). Nothing was sent.
+    /// Priority or locked memory was demanded and not granted ([`HostedRun::priority`], [`HostedRun::memory`]). Nothing was sent.
     #[error("this computer does not grant what the loop needs to be in time")]
     NotGranted,
 }
@@ -163,7 +163,7 @@ pub enum ThreadError {
 
 /// What a run leaves, or a jog.
 #[derive(Debug)]
-pub struct Outcome<T = Played> {
+pub struct HostedRun<T = Played> {
     /// How it ended.
     pub played: Result<T, NotRun>,
     /// What this computer has proved; nothing where nothing has to be in time.
@@ -296,7 +296,7 @@ impl RigOnBus {
         is_interrupted: &Arc<AtomicBool>,
         each: impl FnMut(&CycleRecord) + Send,
         tell: impl FnMut(News),
-    ) -> Result<Outcome, ThreadError> {
+    ) -> Result<HostedRun, ThreadError> {
         let orders = self.orders.clone();
         self.under(terms, is_interrupted, tell, |runner, rig, news| {
             let play = Play::on_bus(rig, duration_s);
@@ -327,7 +327,7 @@ impl RigOnBus<BringUp> {
         bounds: Bounds,
         is_interrupted: &Arc<AtomicBool>,
         tell: impl FnMut(News),
-    ) -> Result<Outcome<Jogged>, ThreadError> {
+    ) -> Result<HostedRun<Jogged>, ThreadError> {
         self.under(terms, is_interrupted, tell, |runner, rig, news| {
             runner.boot()?;
             let permit = runner.prove_for_bring_up(rig, &terms.proof(), bounds)?;
@@ -348,7 +348,7 @@ impl RigOnBus<BringUp> {
         bounds: Bounds,
         is_interrupted: &Arc<AtomicBool>,
         tell: impl FnMut(News),
-    ) -> Result<Outcome<Repeated>, ThreadError> {
+    ) -> Result<HostedRun<Repeated>, ThreadError> {
         self.under(terms, is_interrupted, tell, |runner, rig, news| {
             let mut prove = |runner: &mut Runner<dyn Place>, rig: &config::Rig, bounds: Bounds| {
                 runner.prove_for_bring_up(rig, &terms.proof(), bounds)
@@ -369,7 +369,7 @@ impl RigOnBus<BringUp> {
         plans: &[LoopPlan],
         is_interrupted: &Arc<AtomicBool>,
         tell: impl FnMut(News),
-    ) -> Result<Outcome<Vec<LoopTraced>>, ThreadError> {
+    ) -> Result<HostedRun<Vec<LoopTraced>>, ThreadError> {
         self.under(terms, is_interrupted, tell, |runner, rig, _| {
             let proof = terms.proof();
             let mut prove = |runner: &mut Runner<dyn Place>, rig: &config::Rig, bounds: Bounds| {
@@ -398,7 +398,7 @@ impl RigOnBus<BringUp> {
         person: &mut (dyn Person + Send),
         is_interrupted: &Arc<AtomicBool>,
         tell: impl FnMut(News),
-    ) -> Result<Outcome<Commissioned>, ThreadError> {
+    ) -> Result<HostedRun<Commissioned>, ThreadError> {
         self.under(terms, is_interrupted, tell, |runner, rig, news| {
             let mut attendant = OnTheBench { person, proof: terms.proof() };
             // Somebody listens for as long as this thread lives.
@@ -418,7 +418,7 @@ impl RigOnBus<BringUp> {
         [time_s, row_s]: [f64; 2],
         is_interrupted: &Arc<AtomicBool>,
         tell: impl FnMut(News),
-    ) -> Result<Outcome<Wrenches>, ThreadError> {
+    ) -> Result<HostedRun<Wrenches>, ThreadError> {
         self.under(terms, is_interrupted, tell, |runner, rig, news| {
             runner.boot()?;
             let told = |from_s, wrenches| drop(news.send(News::Sensed(from_s, Box::new(wrenches))));
@@ -436,7 +436,7 @@ impl RigOnBus<BringUp> {
         most_n: config::Positive,
         is_interrupted: &Arc<AtomicBool>,
         tell: impl FnMut(News),
-    ) -> Result<Outcome<Wrench>, ThreadError> {
+    ) -> Result<HostedRun<Wrench>, ThreadError> {
         self.under(terms, is_interrupted, tell, |runner, rig, _| {
             runner.boot()?;
             Ok(runner.tare(rig, most_n, is_interrupted)?)
@@ -454,7 +454,7 @@ impl RigOnBus<BringUp> {
         help: &mut (dyn FnMut(Task) -> bool + Send),
         is_interrupted: &Arc<AtomicBool>,
         tell: impl FnMut(News),
-    ) -> Result<Outcome<Vec<Pulled>>, ThreadError> {
+    ) -> Result<HostedRun<Vec<Pulled>>, ThreadError> {
         self.under(terms, is_interrupted, tell, |runner, rig, _| {
             Ok(bringup::pulls(runner, rig, force_n, &mut |_, task| help(task), is_interrupted)?)
         })
@@ -472,7 +472,7 @@ impl RigOnBus<BringUp> {
         help: &mut (dyn FnMut(Task) -> bool + Send),
         is_interrupted: &Arc<AtomicBool>,
         tell: impl FnMut(News),
-    ) -> Result<Outcome<Vec<JointAngles>>, ThreadError> {
+    ) -> Result<HostedRun<Vec<JointAngles>>, ThreadError> {
         self.under(terms, is_interrupted, tell, |runner, _, _| {
             Ok(bringup::visit(runner, points, &mut |_, task| help(task), is_interrupted)?)
         })
@@ -487,7 +487,7 @@ impl<For> RigOnBus<For> {
         is_interrupted: &Arc<AtomicBool>,
         tell: impl FnMut(News),
         act: impl FnOnce(&mut OnInterfaces, &config::Rig, &Sender<News>) -> Result<T, NotRun> + Send,
-    ) -> Result<Outcome<T>, ThreadError> {
+    ) -> Result<HostedRun<T>, ThreadError> {
         let (news, told) = channel();
         let Self { rig, mut runner, memory, overfull, kept, .. } = self;
         let mut kept = kept.written();
@@ -509,7 +509,7 @@ impl<For> RigOnBus<For> {
             };
             let master = runner.master();
             let standstill = if played.is_ok() { runner.standstill_before_fault() } else { runner.standstill() };
-            Outcome {
+            HostedRun {
                 played,
                 timing,
                 priority,
@@ -526,7 +526,7 @@ impl<For> RigOnBus<For> {
         });
         // The interfaces are closed, also after a panic.
         let restored = kept.restore();
-        outcome.map(|outcome| Outcome { restored, ..outcome })
+        outcome.map(|outcome| HostedRun { restored, ..outcome })
     }
 }
 

@@ -80,7 +80,7 @@ pub struct BenchParameters {
 
 /// What a cycle saw at its begin, and what came of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seen {
+pub struct CycleView {
     /// Time in s.
     pub time_s: f64,
     /// Tool in m.
@@ -165,7 +165,7 @@ impl Bench {
         &mut self,
         sample: u64,
         mut hand: impl FnMut(f64, TipPoint) -> HandLoad<2>,
-    ) -> Result<Seen, BenchError> {
+    ) -> Result<CycleView, BenchError> {
         let time_s = self.cycle as f64 * self.period_s;
         let posture = self.arm.posture()?;
         let tip = self.arm.tip_in(&posture);
@@ -189,7 +189,7 @@ impl Bench {
         let end_s = self.cycle as f64 * self.period_s;
         self.arm.advance_to(end_s, self.plant_step_s, applied, hand)?;
         let (tool_m, tool_velocity_m_per_s) = (tip.position.0, tip.velocity.0);
-        Ok(Seen { time_s, tool_m, tool_velocity_m_per_s, force_n, step, torques })
+        Ok(CycleView { time_s, tool_m, tool_velocity_m_per_s, force_n, step, torques })
     }
 
     /// Passes a new sample through the low pass; the same one again changes nothing.

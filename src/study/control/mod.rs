@@ -340,7 +340,7 @@ impl Study for Control {
 mod tests {
     use super::*;
 
-    fn outcome(setting: Setting) -> (yieldwall_motion::control::Tuned, trial::Outcome) {
+    fn outcome(setting: Setting) -> (yieldwall_motion::control::Tuned, trial::CircleTrial) {
         let machine = Machine::shipped();
         let tuned = tune(&machine, setting.is_cartesian, setting.period_s, setting.delay_cycles as f64).unwrap();
         (tuned, run(&machine, setting, tuned.gains).unwrap())

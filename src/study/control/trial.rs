@@ -7,7 +7,7 @@ use nalgebra::Vector2;
 use super::super::sweep::Clock;
 use super::RADIUS_M;
 use super::machine::Machine;
-use crate::bench::{Bench, BenchError, BenchParameters, Computer, Seen};
+use crate::bench::{Bench, BenchError, BenchParameters, Computer, CycleView};
 use yieldwall_motion::control::{FeedForwardParameters, Gains, Law};
 use yieldwall_motion::cycle::TorqueServoParameters;
 use yieldwall_motion::fixture::{
@@ -72,7 +72,7 @@ impl Setting {
 
 /// What came out. Lengths in m.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Outcome {
+pub(super) struct CircleTrial {
     /// How far proxy and tool get beyond the circle at the impact, without a hold.
     pub proxy_depth_m: f64,
     pub tool_depth_m: f64,
@@ -89,8 +89,8 @@ pub(super) struct Outcome {
 
 /// Two runs: one without a hold for the impact, and one with the automatic hold that traces, since a proxy that has
 /// broken through at the impact would trace off the circle.
-pub(super) fn run(machine: &Machine, setting: Setting, gains: Gains) -> Result<Outcome, BenchError> {
-    let mut outcome = Outcome::default();
+pub(super) fn run(machine: &Machine, setting: Setting, gains: Gains) -> Result<CircleTrial, BenchError> {
+    let mut outcome = CircleTrial::default();
     let impact = fixture(setting.period_s)?;
     simulate(machine, setting, gains, impact, APPROACH_S + REST_S, |seen| {
         outcome.proxy_depth_m = outcome.proxy_depth_m.max(beyond_m(seen.step.proxy));
@@ -124,7 +124,7 @@ fn simulate(
     gains: Gains,
     fixture: Fixture<Shape2, 2>,
     for_s: f64,
-    mut watch: impl FnMut(&Seen),
+    mut watch: impl FnMut(&CycleView),
 ) -> Result<(), BenchError> {
     let start = Vector2::new(START_M, 0.0);
     let mut hand = hand(machine, start)?;

@@ -2,7 +2,7 @@
 
 use super::super::chart::{Axis, Chart, Color, Estimate, Mark, Panel, Series};
 use super::super::sweep::Table;
-use super::trial::{GRIPS, PLACES, Place, RULES, Rule};
+use super::trial::{GRIPS, PLACES, RULES, Rule, StruckSurface};
 use super::{CASES, ONSETS_MS, impacts_of, of_rule, pushes_of};
 
 /// The push of the curve begins this long after the impact, in ms.
@@ -48,7 +48,7 @@ fn window(impacts: &Table, pushes: &Table) -> Chart {
         for name in ["N_wait", "automatic"] {
             let (mut points, mut default) = (Vec::new(), Vec::new());
             for rule in rules(name) {
-                let row = of_rule(impacts_of(impacts, Place::Wall, grips), rule);
+                let row = of_rule(impacts_of(impacts, StruckSurface::Wall, grips), rule);
                 let Some((row, push)) = row.zip(of_rule(pushes_of(pushes, grips, ONSET_MS), rule)) else { continue };
                 let x = 1e3 * push.number("delay_s");
                 if !x.is_finite() {

@@ -13,7 +13,9 @@ mod trial;
 
 use serde_json::Value;
 
-use self::trial::{GRIPS, Grips, Hand, Outcome, PLACES, Place, RULES, Rule, Strike, run_all, wall_of_case};
+use self::trial::{
+    GRIPS, Grips, Hand, PLACES, RULES, Rule, Strike, StrikeResult, StruckSurface, run_all, wall_of_case,
+};
 use super::sweep::{Clock, Report, Row, Study, Sweep, Table, median, wilson};
 
 /// Hands of a row.
@@ -47,7 +49,7 @@ struct Setting {
 }
 
 impl Setting {
-    fn of(rule: Rule, place: Place, grips: Grips) -> Self {
+    fn of(rule: Rule, place: StruckSurface, grips: Grips) -> Self {
         Self { variant: "", strike: Strike::at(rule, place), grips, seed: SEED, is_moving: false }
     }
 
@@ -59,7 +61,7 @@ impl Setting {
         (Strike { wall_m_per_s, ..self.strike }, hand)
     }
 
-    fn outcomes(&self, cases: u64) -> Vec<Outcome> {
+    fn outcomes(&self, cases: u64) -> Vec<StrikeResult> {
         run_all((0..cases).map(|case| self.case(case)))
     }
 }
@@ -80,7 +82,7 @@ impl Impacts {
             }
         }
         for rule in [Rule::Fixed(0), Rule::Automatic(100), Rule::Automatic(200)] {
-            let setting = Setting::of(rule, Place::Wall, GRIPS[0]);
+            let setting = Setting::of(rule, StruckSurface::Wall, GRIPS[0]);
             settings.push(Setting { variant: "moving wall", is_moving: true, ..setting });
         }
         Self { name: "impacts", settings }
@@ -91,7 +93,7 @@ impl Impacts {
         let mut settings = Vec::new();
         for grips in GRIPS {
             for rule in RULES {
-                let setting = Setting::of(rule, Place::Wall, grips);
+                let setting = Setting::of(rule, StruckSurface::Wall, grips);
                 settings.push(Setting { variant: "other hands", seed: OTHER_SEED, ..setting });
                 if let Rule::Automatic(_) = rule {
                     let strike = Strike { finer: 2, ..setting.strike };
@@ -105,12 +107,12 @@ impl Impacts {
     /// The cells of a row, of the first `cases` hands.
     fn with_cases(&self, index: u64, cases: u64) -> Vec<Value> {
         let setting = self.settings[index as usize];
-        let outcomes: Vec<Outcome> = setting.outcomes(cases);
+        let outcomes: Vec<StrikeResult> = setting.outcomes(cases);
         let met = outcomes.iter().filter(|outcome| outcome.is_met).count() as u64;
         let through = outcomes.iter().filter(|outcome| outcome.is_through()).count() as u64;
-        let first = outcomes.iter().position(Outcome::is_through);
+        let first = outcomes.iter().position(StrikeResult::is_through);
         let [low, high] = wilson(through, met);
-        let deepest = |of: fn(&Outcome) -> f64| outcomes.iter().map(of).fold(0.0, f64::max);
+        let deepest = |of: fn(&StrikeResult) -> f64| outcomes.iter().map(of).fold(0.0, f64::max);
         let mut cells = asked(&setting);
         cells.extend([
             cases.into(),
@@ -180,13 +182,13 @@ impl Pushes {
         let (rest, onset) = (index as usize / ONSETS_MS.len(), index as usize % ONSETS_MS.len());
         let (grips, rule) = (GRIPS[rest / RULES.len()], RULES[rest % RULES.len()]);
         let onset_s = 1e-3 * f64::from(ONSETS_MS[onset]);
-        let setting = Setting::of(rule, Place::Wall, grips);
+        let setting = Setting::of(rule, StruckSurface::Wall, grips);
         (Setting { strike: Strike { onset_s: Some(onset_s), ..setting.strike }, ..setting }, onset_s)
     }
 
     fn with_cases(index: u64, cases: u64) -> Vec<Value> {
         let (setting, onset_s) = Self::setting(index);
-        let outcomes: Vec<Outcome> = setting.outcomes(cases);
+        let outcomes: Vec<StrikeResult> = setting.outcomes(cases);
         let early = outcomes.iter().filter(|outcome| outcome.is_through()).count() as u64;
         // Of those who were held until the push.
         let mut delays_s: Vec<f64> =
@@ -245,7 +247,7 @@ fn of_rule<'a>(mut rows: impl Iterator<Item = Row<'a>>, rule: Rule) -> Option<Ro
 }
 
 /// The rows of impacts of one place and grip, the walls at rest.
-fn impacts_of<'a>(impacts: &'a Table, place: Place, grips: &'a Grips) -> impl Iterator<Item = Row<'a>> {
+fn impacts_of<'a>(impacts: &'a Table, place: StruckSurface, grips: &'a Grips) -> impl Iterator<Item = Row<'a>> {
     impacts.rows().filter(move |row| {
         row.word("place") == place.name() && row.word("grip") == grips.name && row.word("variant").is_empty()
     })
@@ -290,7 +292,7 @@ impl Study for Hold {
                 rule.name() == row.word("rule") && f64::from(rule.window_ms()) == row.number("window_ms")
             };
             let rule = RULES.iter().find(is_rule).unwrap_or(&RULES[0]);
-            of_rule(impacts_of(impacts, Place::Wall, grips), *rule).is_some_and(|before| {
+            of_rule(impacts_of(impacts, StruckSurface::Wall, grips), *rule).is_some_and(|before| {
                 row.number("share_low") > before.number("share_high")
                     || row.number("share_high") < before.number("share_low")
             })
@@ -339,7 +341,7 @@ mod tests {
         table.rows().next().unwrap().json()
     }
 
-    fn impacts(variant: &str, place: Place, grips: &Grips, rule: Rule) -> Value {
+    fn impacts(variant: &str, place: StruckSurface, grips: &Grips, rule: Rule) -> Value {
         let all = Impacts::all();
         let index = all.settings.iter().position(|setting| {
             (setting.variant, setting.strike.place, setting.grips.name, setting.strike.rule)
@@ -362,9 +364,9 @@ mod tests {
     /// A wall that comes or goes is met at the speed at which it is met.
     #[test]
     fn beside_a_wall_that_moves_a_hand_with_mass_is_held() {
-        let held = impacts("moving wall", Place::Wall, &GRIPS[0], Rule::Automatic(200));
+        let held = impacts("moving wall", StruckSurface::Wall, &GRIPS[0], Rule::Automatic(200));
         assert_eq!((&held["met"], &held["through"]), (&FEW.into(), &0.into()), "{held}");
-        let free = impacts("moving wall", Place::Wall, &GRIPS[0], Rule::Fixed(0));
+        let free = impacts("moving wall", StruckSurface::Wall, &GRIPS[0], Rule::Fixed(0));
         assert!(free["through"].as_u64().unwrap() > FEW / 2, "{free}");
     }
 

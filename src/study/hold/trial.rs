@@ -83,11 +83,11 @@ impl Rule {
         window_ms
     }
 
-    fn fixture(self, place: Place) -> Fixture<Shape2, 2> {
+    fn fixture(self, place: StruckSurface) -> Fixture<Shape2, 2> {
         let parameters = Parameters {
             coupling: Coupling::Admittance(Admittance { mass_kg: PROXY_KG }),
             limits: Limits { friction_n: FRICTION_N, yield_n: YIELD_N },
-            side: if place == Place::Guide { Side::Bilateral } else { Side::Unilateral },
+            side: if place == StruckSurface::Guide { Side::Bilateral } else { Side::Unilateral },
             hold_steps: if let Self::Fixed(steps) = self { steps } else { 0 },
             rearm: Rearm::OffSurface,
             curvature: Curvature::Tangent,
@@ -107,7 +107,7 @@ impl Rule {
 
 /// What the hand strikes. It comes along the negative x axis, and the surface is met at the origin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Place {
+pub(super) enum StruckSurface {
     /// A plane wall, head-on.
     Wall,
     /// A wall round the hand's room, at an angle.
@@ -118,9 +118,10 @@ pub(super) enum Place {
     Guide,
 }
 
-pub(super) const PLACES: [Place; 4] = [Place::Wall, Place::Circle, Place::Corner, Place::Guide];
+pub(super) const PLACES: [StruckSurface; 4] =
+    [StruckSurface::Wall, StruckSurface::Circle, StruckSurface::Corner, StruckSurface::Guide];
 
-impl Place {
+impl StruckSurface {
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Wall => "wall",
@@ -221,7 +222,7 @@ pub(super) fn wall_of_case(grips: &Grips, seed: u64, case: u64) -> (f64, Hand) {
 
 /// What came of one hand.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Outcome {
+pub(super) struct StrikeResult {
     /// Whether the surface was met at all.
     pub(super) is_met: bool,
     /// Greatest depth of the proxy beyond the surface before a push, in m.
@@ -232,7 +233,7 @@ pub(super) struct Outcome {
     pub(super) delay_s: Option<f64>,
 }
 
-impl Outcome {
+impl StrikeResult {
     /// Whether the proxy went through with the impact.
     pub(super) fn is_through(&self) -> bool {
         self.depth_m > THROUGH_M
@@ -243,7 +244,7 @@ impl Outcome {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Strike {
     pub(super) rule: Rule,
-    pub(super) place: Place,
+    pub(super) place: StruckSurface,
     /// From the impact to a push of 1.5 R, in s; `None` for none.
     pub(super) onset_s: Option<f64>,
     /// Greatest speed of the surface towards the hand, in m/s; zero for one at rest.
@@ -254,7 +255,7 @@ pub(super) struct Strike {
 
 impl Strike {
     /// At rest, without a push.
-    pub(super) fn at(rule: Rule, place: Place) -> Self {
+    pub(super) fn at(rule: Rule, place: StruckSurface) -> Self {
         Self { rule, place, onset_s: None, wall_m_per_s: 0.0, finer: 1 }
     }
 
@@ -266,7 +267,7 @@ impl Strike {
 /// Runs hands against surfaces, each until 1 s after its impact, or until its push is through; their outcomes, in the same order.
 ///
 /// A step waits for the last one of the same hand. So several hands take turns, and the processor goes on with the others meanwhile.
-pub(super) fn run_all(strikes: impl IntoIterator<Item = (Strike, Hand)>) -> Vec<Outcome> {
+pub(super) fn run_all(strikes: impl IntoIterator<Item = (Strike, Hand)>) -> Vec<StrikeResult> {
     const HANDS: usize = 8;
     let mut waiting = strikes.into_iter();
     let mut outcomes = Vec::new();
@@ -285,7 +286,7 @@ pub(super) fn run_all(strikes: impl IntoIterator<Item = (Strike, Hand)>) -> Vec<
             let mut run = Run::new(strike, hand);
             run.begin_cycle();
             running.push((outcomes.len(), run));
-            outcomes.push(Outcome::default());
+            outcomes.push(StrikeResult::default());
         }
         let Some(substeps) = running.iter().map(|(_, run)| run.strike.substeps()).max() else { return outcomes };
         for substep in 0..substeps {
@@ -306,15 +307,15 @@ struct Run {
     targets: [(Vector2<f64>, Vector2<f64>); 2],
     before: Vector2<f64>,
     impact_s: Option<f64>,
-    outcome: Outcome,
+    outcome: StrikeResult,
 }
 
 impl Run {
     fn new(strike: Strike, hand: Hand) -> Self {
         let mut fixture = strike.rule.fixture(strike.place);
-        let angle = if strike.place == Place::Wall { 0.0 } else { ASKEW_RAD * hand.askew };
+        let angle = if strike.place == StruckSurface::Wall { 0.0 } else { ASKEW_RAD * hand.askew };
         let aim = -Vector2::new(elementary::cos(angle), elementary::sin(angle));
-        let mut start = aim * -(if strike.place == Place::Wall { RUN_UP_M } else { RUN_UP_WITHIN_M });
+        let mut start = aim * -(if strike.place == StruckSurface::Wall { RUN_UP_M } else { RUN_UP_WITHIN_M });
         if strike.wall_m_per_s != 0.0 {
             let amplitude_m = Vector2::x() * (strike.wall_m_per_s * SWING_S / std::f64::consts::PI);
             fixture =
@@ -335,7 +336,7 @@ impl Run {
             targets: [(start, Vector2::zeros()); 2],
             before: start,
             impact_s: None,
-            outcome: Outcome::default(),
+            outcome: StrikeResult::default(),
         }
     }
 

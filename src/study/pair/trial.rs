@@ -70,7 +70,7 @@ pub(super) struct Case {
 
 /// What is found.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Outcome {
+pub(super) struct PairTrial {
     /// Greatest force that the hand felt.
     pub(super) peak_n: f64,
     /// Mean force of the hand at the end.
@@ -88,9 +88,9 @@ pub(super) struct Outcome {
 }
 
 /// Runs one case.
-pub(super) fn run(case: &Case) -> Result<Outcome, RigError> {
+pub(super) fn run(case: &Case) -> Result<PairTrial, RigError> {
     let mut pair = pair(case)?;
-    let mut outcome = Outcome::default();
+    let mut outcome = PairTrial::default();
     let (mut running_j, mut squares, mut forces, mut counted) = (0.0_f64, 0.0, 0.0, 0.0_f64);
     let mut last: Option<(f64, f64)> = None;
     for _ in 0..(END_S / PERIOD_S).round() as usize {

@@ -46,7 +46,7 @@ const fn mujoco(integrator: &'static str, softness: Softness) -> Contestant {
 
 /// What came of a scene.
 #[derive(Clone, Debug)]
-pub(super) struct Outcome {
+pub(super) struct SceneRun {
     /// Tool point at the end of each cycle, as far as it went, in m.
     pub(super) tips: Vec<Vector2<f64>>,
     /// Time of one run of the scene on the core, in s; NaN if it stopped.
@@ -73,19 +73,19 @@ impl Contestant {
     }
 
     /// Runs a scene once, untimed. Without the program MuJoCo stops at once and says so.
-    pub(super) fn run(&self, program: Option<&Path>, scene: &Scene, step_s: f64) -> Outcome {
+    pub(super) fn run(&self, program: Option<&Path>, scene: &Scene, step_s: f64) -> SceneRun {
         let still: Clock<'_> = &|| std::time::Duration::ZERO;
         self.timed(program, scene, step_s, Effort { warm: 0, repeats: 1 }, still)
     }
 
     /// Runs a scene as often as a measurement needs.
-    pub(super) fn measured(&self, program: Option<&Path>, scene: &Scene, step_s: f64, clock: Clock<'_>) -> Outcome {
+    pub(super) fn measured(&self, program: Option<&Path>, scene: &Scene, step_s: f64, clock: Clock<'_>) -> SceneRun {
         let steps = scene.cycles as f64 * (CYCLE_S / step_s).round();
         let repeats = (LEAST_STEPS / steps).ceil() as usize;
         self.timed(program, scene, step_s, Effort { warm: WARM, repeats }, clock)
     }
 
-    fn timed(&self, program: Option<&Path>, scene: &Scene, step_s: f64, effort: Effort, clock: Clock<'_>) -> Outcome {
+    fn timed(&self, program: Option<&Path>, scene: &Scene, step_s: f64, effort: Effort, clock: Clock<'_>) -> SceneRun {
         match self {
             Self::Ours(method) => ours(*method, scene, step_s, effort, clock),
             Self::Mujoco(settings) => {
@@ -94,11 +94,11 @@ impl Contestant {
                     |program| mujoco::run(program, *settings, scene, step_s, effort),
                 );
                 match found {
-                    Ok(mujoco::Outcome { tips, on_core_s: seconds, loop_gap_m, .. }) => {
-                        Outcome { tips, seconds, loop_gap_m, stopped: None }
+                    Ok(mujoco::MujocoRun { tips, on_core_s: seconds, loop_gap_m, .. }) => {
+                        SceneRun { tips, seconds, loop_gap_m, stopped: None }
                     }
                     Err(why) => {
-                        Outcome { tips: Vec::new(), seconds: f64::NAN, loop_gap_m: f64::NAN, stopped: Some(why) }
+                        SceneRun { tips: Vec::new(), seconds: f64::NAN, loop_gap_m: f64::NAN, stopped: Some(why) }
                     }
                 }
             }
@@ -106,7 +106,7 @@ impl Contestant {
     }
 }
 
-fn ours(method: Method, scene: &Scene, step_s: f64, effort: Effort, clock: Clock<'_>) -> Outcome {
+fn ours(method: Method, scene: &Scene, step_s: f64, effort: Effort, clock: Clock<'_>) -> SceneRun {
     let mut run = Run::new(scene);
     let mut stopped = run.run(method, step_s, effort.warm).err();
     let before = clock();
@@ -114,7 +114,7 @@ fn ours(method: Method, scene: &Scene, step_s: f64, effort: Effort, clock: Clock
         stopped = stopped.or(run.run(method, step_s, scene.cycles).err());
     }
     let seconds = clock().saturating_sub(before).as_secs_f64() / effort.repeats as f64;
-    Outcome {
+    SceneRun {
         tips: run.tips(),
         seconds: if stopped.is_some() { f64::NAN } else { seconds },
         loop_gap_m: f64::NAN,

@@ -23,7 +23,7 @@ mod tests;
 pub use events::Events;
 pub use machine::{Motion, STUDY_ARM, StudyArm};
 pub use method::{Method, Run};
-pub use mujoco::{Effort, Outcome, Settings, Softness, run as run_mujoco};
+pub use mujoco::{Effort, MujocoRun, Settings, Softness, run as run_mujoco};
 pub use scene::{Aim, CYCLE_S, Gains, HOLD, Plant, STUDY, Scene, Spring, Way, lock, stiff};
 
 use std::path::{Path, PathBuf};

@@ -46,7 +46,7 @@ impl Settings {
 
 /// What MuJoCo made of a scene.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Outcome {
+pub struct MujocoRun {
     /// Version of the library.
     pub version: String,
     /// Time that its thread had a core, for one repeat, in s.
@@ -70,7 +70,13 @@ pub struct Effort {
 ///
 /// # Errors
 /// What the program said, or that it cannot be started or understood, in words.
-pub fn run(program: &Path, settings: Settings, scene: &Scene, step_s: f64, effort: Effort) -> Result<Outcome, String> {
+pub fn run(
+    program: &Path,
+    settings: Settings,
+    scene: &Scene,
+    step_s: f64,
+    effort: Effort,
+) -> Result<MujocoRun, String> {
     let said = |error: &dyn std::fmt::Display| format!("{}: {error}", program.display());
     let mut child = Command::new(program)
         .stdin(Stdio::piped())
@@ -187,7 +193,7 @@ fn request(settings: Settings, scene: &Scene, step_s: f64, effort: Effort) -> St
     text
 }
 
-fn read(text: &str, cycles: usize) -> Option<Outcome> {
+fn read(text: &str, cycles: usize) -> Option<MujocoRun> {
     let mut lines = text.lines();
     let version = lines.next()?.strip_prefix("version ")?.to_owned();
     let on_core_ns: f64 = lines.next()?.strip_prefix("on_core_ns ")?.parse().ok()?;
@@ -199,5 +205,5 @@ fn read(text: &str, cycles: usize) -> Option<Outcome> {
         tips.push(Vector2::new(next()?, next()?));
         loop_gap_m = loop_gap_m.max(next()?);
     }
-    (tips.len() == cycles).then_some(Outcome { version, on_core_s: on_core_ns * 1e-9, tips, loop_gap_m })
+    (tips.len() == cycles).then_some(MujocoRun { version, on_core_s: on_core_ns * 1e-9, tips, loop_gap_m })
 }

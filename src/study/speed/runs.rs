@@ -7,7 +7,7 @@ use serde_json::Value;
 use super::super::sweep::{Clock, Sweep, median, median_interval, wilson};
 use super::super::task::{Aid, GRIPS, Grip};
 use super::track::Track;
-use super::trial::{Outcome, Trial};
+use super::trial::{Trial, UserRun};
 use super::user::Policy;
 
 /// Widths of the band, in m.
@@ -188,15 +188,15 @@ impl Group {
             Err(error) => Err(error.clone()),
         };
         let ready = self.trial.ready();
-        let runs: Vec<Outcome> = users
-            .map(|user| run(&ready, user).unwrap_or_else(|error| Outcome { ended: Some(error), ..Outcome::default() }))
+        let runs: Vec<UserRun> = users
+            .map(|user| run(&ready, user).unwrap_or_else(|error| UserRun { ended: Some(error), ..UserRun::default() }))
             .collect();
         let count = runs.len() as u64;
         let finished = runs.iter().filter(|run| run.ended.is_none()).count() as u64;
         let [low, high] = wilson(finished, count);
         let mut cells = vec![finished.into(), low.into(), high.into()];
         cells.push(runs.iter().find_map(|run| run.ended.clone()).into());
-        let with_interval = |of: fn(&Outcome) -> f64| {
+        let with_interval = |of: fn(&UserRun) -> f64| {
             let interval = median_interval(runs.iter().map(of));
             [median(runs.iter().map(of)).into(), interval.map(|it| it[0]).into(), interval.map(|it| it[1]).into()]
         };

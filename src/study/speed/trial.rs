@@ -37,7 +37,7 @@ pub(super) struct Trial {
 
 /// What came of one user.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Outcome {
+pub(super) struct UserRun {
     /// Why the end was not reached; `None` if it was.
     pub(super) ended: Option<String>,
     /// From the start signal to the end of the way, in s; [`LIMIT_S`] for a user who did not come there.
@@ -90,12 +90,12 @@ impl Ready {
     ///
     /// # Errors
     /// If a number is refused.
-    pub(super) fn run(&self, number: u64) -> Result<Outcome, String> {
+    pub(super) fn run(&self, number: u64) -> Result<UserRun, String> {
         let Trial { policy, track, width_m, .. } = self.trial;
         let mut user = User::new(policy, self.errand, number).map_err(|error| error.to_string())?;
         let mut bench = Bench::new(&self.bench, self.fixture.clone()).map_err(|error| error.to_string())?;
         let mut tool_m = self.bench.start_m;
-        let mut run = Outcome { time_s: LIMIT_S, ended: Some("not at the end".to_owned()), ..Outcome::default() };
+        let mut run = UserRun { time_s: LIMIT_S, ended: Some("not at the end".to_owned()), ..UserRun::default() };
         let (mut square, mut outside, mut count) = (0.0, 0_u32, 0_u32);
         for cycle in 0..((BEFORE_S + LIMIT_S) / PERIOD_S) as u64 {
             let time_s = cycle as f64 * PERIOD_S;

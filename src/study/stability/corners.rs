@@ -32,7 +32,7 @@ const ROAM_M: f64 = 2.5 * REACH_M;
 const RULE: f64 = 0.1;
 
 #[derive(Clone, Copy)]
-enum Place {
+enum Region {
     Center,
     GuideCorner,
     WallCorner,
@@ -41,16 +41,16 @@ enum Place {
     TwoGuides,
 }
 
-const PLACES: [(Place, &str); 6] = [
-    (Place::Center, "centre of a small circle"),
-    (Place::GuideCorner, "corner of a guide"),
-    (Place::WallCorner, "inner corner of a wall"),
-    (Place::WallEdge, "outer corner of a wall"),
-    (Place::TwoWalls, "two walls that cross"),
-    (Place::TwoGuides, "two guides that cross"),
+const PLACES: [(Region, &str); 6] = [
+    (Region::Center, "centre of a small circle"),
+    (Region::GuideCorner, "corner of a guide"),
+    (Region::WallCorner, "inner corner of a wall"),
+    (Region::WallEdge, "outer corner of a wall"),
+    (Region::TwoWalls, "two walls that cross"),
+    (Region::TwoGuides, "two guides that cross"),
 ];
 
-impl Place {
+impl Region {
     fn shape(self) -> Option<Shape2> {
         let square = |forbidden| {
             let corners = [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]].map(Vector2::from);
@@ -116,7 +116,7 @@ fn on_speed(index: u64) -> f64 {
 
 /// How often the proxy was kept from a jump, its longest step, and by how much a step was longer than that of the input
 /// position, at most.
-fn roam(place: Place, speed_m_per_s: f64, seed: u64) -> Option<(u32, f64, f64)> {
+fn roam(place: Region, speed_m_per_s: f64, seed: u64) -> Option<(u32, f64, f64)> {
     let parameters = Parameters {
         coupling: Coupling::Impedance(Impedance { stiffness_n_per_m: STIFFNESS_N_PER_M, damping_n_s_per_m: 0.0 }),
         limits: LIMITS,
@@ -207,7 +207,7 @@ mod tests {
 
     #[test]
     fn the_inner_corner_of_a_wall_makes_no_jump() {
-        for place in [Place::WallCorner, Place::TwoWalls] {
+        for place in [Region::WallCorner, Region::TwoWalls] {
             for seed in 0..5 {
                 let (_, longest, excess) = roam(place, 0.1, seed).unwrap();
                 assert!(excess <= RULE * REACH_M && longest > 0.0, "{excess} {longest}");
@@ -218,7 +218,7 @@ mod tests {
     /// Guides that jumped by 1.4 R/kappa before the proxy stayed with its own edge.
     #[test]
     fn guides_keep_the_rule_to_a_tenth_of_it() {
-        for place in [Place::Center, Place::GuideCorner, Place::TwoGuides] {
+        for place in [Region::Center, Region::GuideCorner, Region::TwoGuides] {
             for seed in 0..5 {
                 for speed in [0.02, 0.5] {
                     let (jumps, _, excess) = roam(place, speed, seed).unwrap();

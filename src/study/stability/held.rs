@@ -121,7 +121,7 @@ pub(super) const PLAIN: Setting = Setting {
 
 /// What became of the nudge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Outcome {
+pub(super) enum NudgeEffect {
     /// The loop came to rest, or was on the way.
     Dies,
     /// It goes on within bounds or grows slowly.
@@ -132,7 +132,7 @@ pub(super) enum Outcome {
     Refused,
 }
 
-impl Outcome {
+impl NudgeEffect {
     /// As in the tables and the legends.
     pub(super) fn word(self) -> &'static str {
         match self {
@@ -217,8 +217,8 @@ impl Setting {
     }
 
     /// Runs for `duration_s` with this hand and virtual mass.
-    pub(super) fn run(&self, hand_n_per_m: f64, mass_kg: f64, duration_s: f64) -> Outcome {
-        let Some(mut bench) = self.bench(mass_kg) else { return Outcome::Refused };
+    pub(super) fn run(&self, hand_n_per_m: f64, mass_kg: f64, duration_s: f64) -> NudgeEffect {
+        let Some(mut bench) = self.bench(mass_kg) else { return NudgeEffect::Refused };
         let cycles = (duration_s / PERIOD_S).round() as u64;
         let window_cycles = cycles.div_ceil(WINDOWS);
         let mut energies = [0.0_f64; WINDOWS as usize];
@@ -237,12 +237,12 @@ impl Setting {
             });
             let seen = match seen {
                 Ok(seen) => seen,
-                Err(BenchError::Arm(ArmError::NotFinite { .. })) => return Outcome::Lost,
-                Err(_) => return Outcome::Refused,
+                Err(BenchError::Arm(ArmError::NotFinite { .. })) => return NudgeEffect::Lost,
+                Err(_) => return NudgeEffect::Refused,
             };
             let away = seen.tool_m - self.start_m;
             if away.norm() > LOST_M {
-                return Outcome::Lost;
+                return NudgeEffect::Lost;
             }
             if cycle >= cycles / 4 * 3 {
                 swing.add(&seen.tool_m);
@@ -255,14 +255,14 @@ impl Setting {
             fastest = fastest.max(velocity.norm()).max(seen.tool_velocity_m_per_s.norm());
             if (cycle + 1) % window_cycles == 0 {
                 if fastest < REST_M_PER_S {
-                    return Outcome::Dies;
+                    return NudgeEffect::Dies;
                 }
                 fastest = 0.0;
             }
         }
         let [.., a, b, _, _, c, d] = energies;
         let is_still = self.coulomb_n_m > 0.0 && swing.amplitude_m() < STILL_M;
-        if is_still || c.max(d) < DYING * a.max(b) { Outcome::Dies } else { Outcome::Lasts }
+        if is_still || c.max(d) < DYING * a.max(b) { NudgeEffect::Dies } else { NudgeEffect::Lasts }
     }
 
     /// The arm of the study with these links, the same masses and this hand.
@@ -345,8 +345,8 @@ mod tests {
     fn a_proxy_that_creeps_behind_dry_joints_is_at_rest_and_one_that_hunts_is_not() {
         let dry = Setting { delay: 1, coulomb_n_m: 10.0, nudge_n: 30.0, ..PLAIN };
         let creeps = Setting { damping_n_s_per_m: 30.0, ..dry };
-        assert_eq!(creeps.run(300.0, 2.046, 4.0), Outcome::Dies);
-        assert_eq!(dry.run(500.0, 1.376, 4.0), Outcome::Lasts);
+        assert_eq!(creeps.run(300.0, 2.046, 4.0), NudgeEffect::Dies);
+        assert_eq!(dry.run(500.0, 1.376, 4.0), NudgeEffect::Lasts);
     }
 
     /// Theory and simulation meet within 5 % on both sides, at delays, with a slow sensor and behind a low pass.
@@ -370,8 +370,8 @@ mod tests {
                     continue;
                 }
                 let outcome = |factor: f64| setting.run(hand_n_per_m, factor * least, 4.0);
-                assert_eq!(outcome(1.05), Outcome::Dies, "{setting:?} {hand_n_per_m} N/m above {least} kg");
-                assert_ne!(outcome(0.95), Outcome::Dies, "{setting:?} {hand_n_per_m} N/m below {least} kg");
+                assert_eq!(outcome(1.05), NudgeEffect::Dies, "{setting:?} {hand_n_per_m} N/m above {least} kg");
+                assert_ne!(outcome(0.95), NudgeEffect::Dies, "{setting:?} {hand_n_per_m} N/m below {least} kg");
             }
         }
     }

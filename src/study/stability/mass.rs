@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use super::held::{Outcome, PLAIN, Setting};
+use super::held::{NudgeEffect, PLAIN, Setting};
 use super::{Agreement, STUDY, cell, cells_below, on_grid};
 use crate::chart::{Axis, Chart, Color, Mark, Panel, Series};
 use crate::sweep::{Clock, Report, Row, Sweep, Table};
@@ -152,7 +152,7 @@ impl Sweep for Rows {
         let mut place = ROW_MASSES;
         while place > 0 {
             let mass_kg = on_grid(place - 1, ROW_MASSES, ROW_MASSES_KG);
-            if setting.run(hand_n_per_m, mass_kg, ROW_DURATION_S) != Outcome::Dies {
+            if setting.run(hand_n_per_m, mass_kg, ROW_DURATION_S) != NudgeEffect::Dies {
                 break;
             }
             place -= 1;
@@ -222,7 +222,7 @@ fn map_agreement(points: &[Row<'_>], bound: &[(f64, f64)]) -> Agreement {
     let mut agreement = Agreement::default();
     for &(hand_n_per_m, least_kg) in bound {
         let column: Vec<_> = points.iter().filter(|row| row.number("hand_n_per_m") == hand_n_per_m).collect();
-        let unstable = column.iter().rposition(|row| row.word("outcome") != Outcome::Dies.word());
+        let unstable = column.iter().rposition(|row| row.word("outcome") != NudgeEffect::Dies.word());
         let measured = unstable.map_or(0, |last| last as u64 + 1);
         let computed = if least_kg.is_nan() { MAP_MASSES } else { cells_below(least_kg, MAP_MASSES, MASSES_KG) };
         agreement.add(measured, computed, || {
@@ -235,7 +235,7 @@ fn map_agreement(points: &[Row<'_>], bound: &[(f64, f64)]) -> Agreement {
 }
 
 fn panel(title: &str, points: &[Row<'_>], sampled: Vec<(f64, f64)>, by_crossover: Vec<(f64, f64)>) -> Panel {
-    let cells = |outcomes: &[Outcome], color| Series {
+    let cells = |outcomes: &[NudgeEffect], color| Series {
         name: outcomes.iter().map(|outcome| outcome.word()).collect::<Vec<_>>().join(" or "),
         points: points
             .iter()
@@ -247,9 +247,9 @@ fn panel(title: &str, points: &[Row<'_>], sampled: Vec<(f64, f64)>, by_crossover
     };
     let line = |name: &str, points, mark, color| Series { name: name.to_owned(), points, mark, color };
     let mut series = vec![
-        cells(&[Outcome::Dies], Color::Pale),
-        cells(&[Outcome::Lasts], Color::Orange),
-        cells(&[Outcome::Lost, Outcome::Refused], Color::Vermilion),
+        cells(&[NudgeEffect::Dies], Color::Pale),
+        cells(&[NudgeEffect::Lasts], Color::Orange),
+        cells(&[NudgeEffect::Lost, NudgeEffect::Refused], Color::Vermilion),
         line("sampled loop, no dry friction", sampled, Mark::Line, Color::Black),
     ];
     if !by_crossover.is_empty() {

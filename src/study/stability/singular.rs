@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 use serde_json::Value;
 
-use super::held::{Links, Outcome, PLAIN, Setting};
+use super::held::{Links, NudgeEffect, PLAIN, Setting};
 use super::{Agreement, STUDY, cell, cells_below};
 use crate::chart::{Axis, Chart, Color, Mark, Panel, Series};
 use crate::sweep::{Clock, Report, Row, Sweep, Table};
@@ -136,14 +136,14 @@ pub(super) fn report(map: &Table, report: &mut Report) {
             .map(|gap| cell(gap, GAPS, GAPS_M))
             .map(|gap_m| (gap_m, case.at(gap_m).least_mass_kg(HAND_N_PER_M)))
             .collect();
-        let is_dead = |row: &&Row<'_>| row.word("outcome") == Outcome::Dies.word();
+        let is_dead = |row: &&Row<'_>| row.word("outcome") == NudgeEffect::Dies.word();
         if case.setting.coulomb_n_m == 0.0 {
             let mut agreement = Agreement::default();
             let mut refused = Vec::new();
             for &(gap_m, least_kg) in &bound {
                 let column: Vec<_> = points.iter().filter(|row| row.number("gap_m") == gap_m).collect();
                 // Where the arm is refused at every mass there is no boundary to compare.
-                if column.iter().all(|row| row.word("outcome") == Outcome::Refused.word()) {
+                if column.iter().all(|row| row.word("outcome") == NudgeEffect::Refused.word()) {
                     refused.extend(column.first().map(|row| row.command(STUDY)));
                     continue;
                 }
@@ -185,7 +185,7 @@ pub(super) fn report(map: &Table, report: &mut Report) {
 }
 
 fn panel(case: &Case, points: &[Row<'_>], bound: Vec<(f64, f64)>) -> Panel {
-    let cells = |outcome: Outcome, color| Series {
+    let cells = |outcome: NudgeEffect, color| Series {
         name: outcome.word().to_owned(),
         points: points
             .iter()
@@ -201,10 +201,10 @@ fn panel(case: &Case, points: &[Row<'_>], bound: Vec<(f64, f64)>) -> Panel {
         x: Axis::logarithmic("gap to the singularity (mm)").over(GAPS_M[0] * 1e3, GAPS_M[1] * 1e3),
         y: Axis::logarithmic("virtual mass (kg)").over(MASSES_KG[0], MASSES_KG[1]),
         series: vec![
-            cells(Outcome::Dies, Color::Pale),
-            cells(Outcome::Lasts, Color::Orange),
-            cells(Outcome::Lost, Color::Vermilion),
-            cells(Outcome::Refused, Color::Blue),
+            cells(NudgeEffect::Dies, Color::Pale),
+            cells(NudgeEffect::Lasts, Color::Orange),
+            cells(NudgeEffect::Lost, Color::Vermilion),
+            cells(NudgeEffect::Refused, Color::Blue),
             Series { name: "theory, no dry friction".to_owned(), points: line, mark: Mark::Line, color: Color::Black },
         ],
     }
@@ -219,7 +219,7 @@ mod tests {
     #[test]
     fn an_arm_whose_elbows_almost_meet_is_refused() {
         let case = CASES.iter().find(|case| case.kind == Kind::DistalFolded).unwrap();
-        assert_eq!(case.at(5e-3).run(HAND_N_PER_M, PAPER_KG, DURATION_S), Outcome::Refused);
+        assert_eq!(case.at(5e-3).run(HAND_N_PER_M, PAPER_KG, DURATION_S), NudgeEffect::Refused);
     }
 
     #[test]
@@ -255,8 +255,18 @@ mod tests {
             for gap_m in [if case.kind == Kind::DistalFolded { 9e-3 } else { 0.5e-3 }, 12e-3] {
                 let setting = case.at(gap_m);
                 let least = setting.least_mass_kg(HAND_N_PER_M);
-                assert_eq!(setting.run(HAND_N_PER_M, 1.1 * least, DURATION_S), Outcome::Dies, "{} {gap_m}", case.name);
-                assert_ne!(setting.run(HAND_N_PER_M, 0.9 * least, DURATION_S), Outcome::Dies, "{} {gap_m}", case.name);
+                assert_eq!(
+                    setting.run(HAND_N_PER_M, 1.1 * least, DURATION_S),
+                    NudgeEffect::Dies,
+                    "{} {gap_m}",
+                    case.name
+                );
+                assert_ne!(
+                    setting.run(HAND_N_PER_M, 0.9 * least, DURATION_S),
+                    NudgeEffect::Dies,
+                    "{} {gap_m}",
+                    case.name
+                );
             }
         }
     }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 use yieldwall_drives::eds::{Eds, Entry, Value};
 
-use super::super::place::Place;
+use super::super::place::BusArguments;
 use super::super::reached::DeviceHandle;
 use super::super::words::{self, COLUMNS, titled};
 use super::dump::objects;
@@ -28,7 +28,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE.eds")]
     eds: Option<PathBuf>,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 use yieldwall_drives::eds::{DeviceInfo, Eds, Node as Of, concise};
 
-use super::super::place::{DeviceSession, Node, Place};
+use super::super::place::{BusArguments, DeviceSession, Node};
 use super::super::reached::DeviceHandle;
 use super::super::segment::scan::name;
 use super::super::segment::{Device, SegmentSession};
@@ -36,7 +36,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     replace: Replace,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {

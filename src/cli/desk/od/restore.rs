@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::super::place::Place;
+use super::super::place::BusArguments;
 use super::super::reached::DeviceHandle;
 use super::super::state::refuse_powered;
 use super::super::words::{spaced, titled, wrapped};
@@ -30,7 +30,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     saving: Saving,
     #[command(flatten)]
-    place: Place,
+    place: BusArguments,
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {

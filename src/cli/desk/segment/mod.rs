@@ -22,7 +22,7 @@ use yieldwall_drives::codes::ErrorCodes;
 use yieldwall_drives::profiles::DeviceProfile;
 use yieldwall_drives::scaling::AxisScaling;
 
-use super::place::{Place, object_failure, placed};
+use super::place::{BusArguments, object_failure, placed};
 use super::scan::DeviceKind;
 use crate::ending::rig_failure;
 use crate::failure::{Exit, Failure};
@@ -98,21 +98,25 @@ impl Device {
 
 impl SegmentSession {
     /// The devices of a segment, if the place is one: an Ethernet interface, or a rig on EtherCAT.
-    pub(super) fn open(place: &Place, output: &mut Output) -> Result<Option<Self>, Failure> {
+    pub(super) fn open(place: &BusArguments, output: &mut Output) -> Result<Option<Self>, Failure> {
         Self::taking_over(place, false, output)
     }
 
     /// The same; where `is_forced`, though frames of another master are heard.
-    pub(super) fn taking_over(place: &Place, is_forced: bool, output: &mut Output) -> Result<Option<Self>, Failure> {
+    pub(super) fn taking_over(
+        place: &BusArguments,
+        is_forced: bool,
+        output: &mut Output,
+    ) -> Result<Option<Self>, Failure> {
         Self::at_place(place, Opening { is_forced, ..Opening::default() }, output)
     }
 
     /// The same for whoever sends nothing, also beside a master that runs.
-    pub(super) fn only_listening(place: &Place, output: &mut Output) -> Result<Option<Self>, Failure> {
+    pub(super) fn only_listening(place: &BusArguments, output: &mut Output) -> Result<Option<Self>, Failure> {
         Self::at_place(place, Opening { is_silent: true, ..Opening::default() }, output)
     }
 
-    fn at_place(place: &Place, opening: Opening, output: &mut Output) -> Result<Option<Self>, Failure> {
+    fn at_place(place: &BusArguments, opening: Opening, output: &mut Output) -> Result<Option<Self>, Failure> {
         let rig = match &place.rig {
             None => None,
             Some(named) => {
@@ -137,7 +141,7 @@ impl SegmentSession {
     }
 
     /// The same for a command that is for EtherCAT alone.
-    pub(super) fn only(place: &Place, output: &mut Output) -> Result<Self, Failure> {
+    pub(super) fn only(place: &BusArguments, output: &mut Output) -> Result<Self, Failure> {
         let opening = Opening { is_for_segments: true, ..Opening::default() };
         Self::at_place(place, opening, output)?.ok_or_else(|| {
             let help =

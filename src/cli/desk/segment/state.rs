@@ -38,7 +38,7 @@ impl Target {
 }
 
 /// What became of a device.
-pub(super) struct Seen {
+pub(super) struct StateChange {
     pub(super) device: Device,
     pub(super) before: AlStatus,
     pub(super) now: AlStatus,
@@ -80,7 +80,7 @@ pub(super) fn change(
     desk: &mut SegmentSession,
     device: Device,
     target: Option<Target>,
-) -> Result<(Seen, Result<(), Failure>), Failure> {
+) -> Result<(StateChange, Result<(), Failure>), Failure> {
     let position = device.position;
     let (before, _) =
         desk.service.state(position).map_err(|error| desk.failure(&device, "reading its state", error))?;
@@ -95,12 +95,12 @@ pub(super) fn change(
     let end = asked.map(|_| ()).map_err(|error| desk.failure(&device, &doing, error));
     let (now, code) =
         desk.service.state(position).map_err(|error| desk.failure(&device, "reading its state", error))?;
-    Ok((Seen { device, before, now, code }, end))
+    Ok((StateChange { device, before, now, code }, end))
 }
 
-pub(super) fn text(seen: &[Seen], more: Option<&str>) -> String {
+pub(super) fn text(seen: &[StateChange], more: Option<&str>) -> String {
     let mut text = String::new();
-    for Seen { device, before, now, code } in seen {
+    for StateChange { device, before, now, code } in seen {
         text.push_str(&format!("{}\n", device.words()));
         let state = if before == now { now.to_string() } else { format!("{before} -> {now}") };
         text.push_str(&explain::line(0, "state", &state));
@@ -115,7 +115,7 @@ pub(super) fn text(seen: &[Seen], more: Option<&str>) -> String {
     text
 }
 
-fn document(seen: &Seen) -> Value {
+fn document(seen: &StateChange) -> Value {
     json!({
         "position": seen.device.position,
         "rig_entry": seen.device.entry.as_ref().map(|entry| entry.name.clone()),

@@ -4,12 +4,12 @@ use super::super::Ending::NotEnabled;
 use super::super::Lasts::FromBoot;
 use super::super::Recovery::{Reset, Restart};
 use super::super::Target::{LeftDrive, Link, RightDrive, Sensor};
-use super::super::{Kind, Row};
+use super::super::{CatalogueRow, Kind};
 use super::{ONE_DRIVE, on_any, row, sized};
 use yieldwall_motion::guard::Fault as F;
 use yieldwall_motion::guard::Reaction::{Count, QuickStop};
 
-pub(super) const ROWS: [Row; 6] = [
+pub(super) const ROWS: [CatalogueRow; 6] = [
     row(
         (Kind::IdentityMismatch, "identity-mismatch"),
         &[36],

@@ -4,12 +4,12 @@ use super::super::Ending::GoesOn;
 use super::super::Lasts::{For, Once};
 use super::super::Recovery::{None as Nothing, Reset, Restart};
 use super::super::Target::{Bus, LeftDrive, RightDrive, Sensor};
-use super::super::{Kind, Row};
+use super::super::{CatalogueRow, Kind};
 use super::{ANY, LOST, ONE_DRIVE, STOPPED, cut_off_on_ethercat, on_any, row, sized};
 use yieldwall_motion::guard::Fault as F;
 use yieldwall_motion::guard::Reaction::{Count, QuickStop, StopRamp};
 
-pub(super) const ROWS: [Row; 20] = [
+pub(super) const ROWS: [CatalogueRow; 20] = [
     row(
         (Kind::PdoLost, "pdo-lost"),
         &[11],

@@ -4,7 +4,7 @@ use super::super::Ending::DrivesStop;
 use super::super::Lasts::{For, Once, Stays};
 use super::super::Recovery::{NewProcess, Reset, Restart};
 use super::super::Target::{Drives, Host, LeftDrive, Link, Operator, RightDrive, Sensor};
-use super::super::{Kind, Row, Target};
+use super::super::{CatalogueRow, Kind, Target};
 use super::{DISABLED, LOST, STOPPED, cut_off_on_ethercat, on_any, row, sized};
 use yieldwall_motion::guard::Fault as F;
 use yieldwall_motion::guard::Reaction::{QuickStop, Silence, StopRamp};
@@ -12,7 +12,7 @@ use yieldwall_motion::guard::Reaction::{QuickStop, Silence, StopRamp};
 /// The master's interfaces: all, or those to the bus of a device.
 const LINKS: [Target; 5] = [Link, LeftDrive, RightDrive, Drives, Sensor];
 
-pub(super) const ROWS: [Row; 14] = [
+pub(super) const ROWS: [CatalogueRow; 14] = [
     on_any(row(
         (Kind::StopRequest, "stop-request"),
         &[],

@@ -9,7 +9,7 @@ mod sensor;
 
 use super::Ending::Latched;
 use super::Target::{LeftDrive, RightDrive};
-use super::{Ending, Expected, Kind, Lasts, Medium, Recovery, Row, Size, Target};
+use super::{CatalogueRow, Ending, Expected, Kind, Lasts, Medium, Recovery, Size, Target};
 use yieldwall_motion::guard::Fault as F;
 use yieldwall_motion::guard::Reaction;
 use yieldwall_motion::guard::State::{Disabled, Lost, Stopped};
@@ -30,19 +30,30 @@ const fn row(
     meaning: &'static str,
     faults: &'static [F],
     (reaction, ending, recovery): (Reaction, Ending, Recovery),
-) -> Row {
+) -> CatalogueRow {
     let expected = Expected { faults, reaction, ending, recovery };
-    Row { kind, name, meaning, matrix, targets, media: &[Medium::Can], lasts, size: None, expected, on_ethercat: None }
+    CatalogueRow {
+        kind,
+        name,
+        meaning,
+        matrix,
+        targets,
+        media: &[Medium::Can],
+        lasts,
+        size: None,
+        expected,
+        on_ethercat: None,
+    }
 }
 
 /// The same on a segment too.
-const fn on_any(row: Row) -> Row {
-    Row { media: &[Medium::Can, Medium::Ethercat], ..row }
+const fn on_any(row: CatalogueRow) -> CatalogueRow {
+    CatalogueRow { media: &[Medium::Can, Medium::Ethercat], ..row }
 }
 
 /// The same on a segment too, where all that is behind a device or a cable goes missing.
-const fn cut_off_on_ethercat(row: Row) -> Row {
-    Row { on_ethercat: Some(CUT_OFF), ..on_any(row) }
+const fn cut_off_on_ethercat(row: CatalogueRow) -> CatalogueRow {
+    CatalogueRow { on_ethercat: Some(CUT_OFF), ..on_any(row) }
 }
 
 const CUT_OFF: &Expected = &Expected {
@@ -52,15 +63,15 @@ const CUT_OFF: &Expected = &Expected {
     recovery: Recovery::Restart,
 };
 
-const fn sized(row: Row, what: &'static str, usual: f64, (least, most): (f64, f64)) -> Row {
-    Row { size: Some(Size { what, usual, least, most }), ..row }
+const fn sized(row: CatalogueRow, what: &'static str, usual: f64, (least, most): (f64, f64)) -> CatalogueRow {
+    CatalogueRow { size: Some(Size { what, usual, least, most }), ..row }
 }
 
 /// All injections, in the order of [`Kind`].
-pub const CATALOGUE: [Row; Kind::COUNT] =
+pub const CATALOGUE: [CatalogueRow; Kind::COUNT] =
     joined(&[&sensor::ROWS, &bus::ROWS, &motion::ROWS, &host::ROWS, &boot::ROWS, &segment::ROWS]);
 
-const fn joined(parts: &[&[Row]]) -> [Row; Kind::COUNT] {
+const fn joined(parts: &[&[CatalogueRow]]) -> [CatalogueRow; Kind::COUNT] {
     let mut rows = [sensor::ROWS[0]; Kind::COUNT];
     let (mut at, mut part) = (0, 0);
     while part < parts.len() {

@@ -4,12 +4,12 @@ use super::super::Ending::GoesOn;
 use super::super::Lasts::{For, Once};
 use super::super::Recovery::{None as Nothing, Reset};
 use super::super::Target::{Drives, Hand, LeftDrive, RightDrive};
-use super::super::{Kind, Row};
+use super::super::{CatalogueRow, Kind};
 use super::{ANY, DISABLED, ONE_DRIVE, STOPPED, on_any, row, sized};
 use yieldwall_motion::guard::Fault as F;
 use yieldwall_motion::guard::Reaction::{Count, Freeze, QuickStop, StopRamp};
 
-pub(super) const ROWS: [Row; 16] = [
+pub(super) const ROWS: [CatalogueRow; 16] = [
     on_any(sized(
         row(
             (Kind::DriveFault, "drive-fault"),

@@ -3,7 +3,7 @@
 use super::super::Ending::{self, GoesOn};
 use super::super::Lasts::{For, Once};
 use super::super::Target::{Bus, LeftDrive, RightDrive, Sensor};
-use super::super::{Expected, Kind, Lasts, Medium, Recovery, Row, Target};
+use super::super::{CatalogueRow, Expected, Kind, Lasts, Medium, Recovery, Target};
 use super::{ANY, LOST, STOPPED, STOPPED_OR_LOST, sized};
 use Recovery::{Reset, Restart};
 use yieldwall_motion::guard::Fault as F;
@@ -26,13 +26,13 @@ const fn row(
     meaning: &'static str,
     faults: &'static [F],
     (reaction, ending, recovery): (Reaction, Ending, Recovery),
-) -> Row {
+) -> CatalogueRow {
     let expected = Expected { faults, reaction, ending, recovery };
     let media = &[Medium::Ethercat];
-    Row { kind, name, meaning, matrix: &[], targets, media, lasts, size: None, expected, on_ethercat: None }
+    CatalogueRow { kind, name, meaning, matrix: &[], targets, media, lasts, size: None, expected, on_ethercat: None }
 }
 
-pub(super) const ROWS: [Row; 15] = [
+pub(super) const ROWS: [CatalogueRow; 15] = [
     row(
         (Kind::FrameLost, "frame-lost"),
         &[Bus],

@@ -4,12 +4,12 @@ use super::super::Ending::GoesOn;
 use super::super::Lasts::For;
 use super::super::Recovery::{None as Nothing, Reset};
 use super::super::Target::Sensor;
-use super::super::{Kind, Row};
+use super::super::{CatalogueRow, Kind};
 use super::{STOPPED, on_any, row, sized};
 use yieldwall_motion::guard::Fault as F;
 use yieldwall_motion::guard::Reaction::{Count, Freeze, StopRamp};
 
-pub(super) const ROWS: [Row; 8] = [
+pub(super) const ROWS: [CatalogueRow; 8] = [
     on_any(row(
         (Kind::SensorStuck, "sensor-stuck"),
         &[1],

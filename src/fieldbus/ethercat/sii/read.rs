@@ -28,7 +28,7 @@ pub struct Category<'a> {
 }
 
 /// The content of a place where a category may begin.
-enum Place {
+enum CategoryWord {
     /// The header of a category: its word, type and length in words.
     Header(usize, u16, usize),
     /// The end of the list.
@@ -44,18 +44,18 @@ fn word_at(image: &[u8], word: usize) -> Option<u16> {
 }
 
 /// Looks at a word at which a category may begin. A filler of two zero words or more is passed over.
-fn place(image: &[u8], from: usize) -> Place {
+fn place(image: &[u8], from: usize) -> CategoryWord {
     let zeros = (from..from + MOST_ZEROS).take_while(|word| word_at(image, *word) == Some(0)).count();
     let word = match zeros {
-        MOST_ZEROS.. => return Place::Zeros(from),
+        MOST_ZEROS.. => return CategoryWord::Zeros(from),
         2.. => from + zeros,
         _ => from,
     };
     match (word_at(image, word), word_at(image, word + 1)) {
-        (None, _) => Place::Missing(word),
-        (Some(category::END), _) => Place::End(word),
-        (_, None) => Place::Missing(word + 1),
-        (Some(kind), Some(words)) => Place::Header(word, kind, words.into()),
+        (None, _) => CategoryWord::Missing(word),
+        (Some(category::END), _) => CategoryWord::End(word),
+        (_, None) => CategoryWord::Missing(word + 1),
+        (Some(kind), Some(words)) => CategoryWord::Header(word, kind, words.into()),
     }
 }
 
@@ -63,7 +63,7 @@ fn place(image: &[u8], from: usize) -> Place {
 pub fn categories(image: &[u8]) -> impl Iterator<Item = Category<'_>> {
     let mut next = FIRST_CATEGORY;
     std::iter::from_fn(move || {
-        let Place::Header(word, kind, words) = place(image, next) else { return None };
+        let CategoryWord::Header(word, kind, words) = place(image, next) else { return None };
         let (first, end) = (word + 2, word + 2 + words);
         let bytes = image.get(2 * first..2 * end).or_else(|| image.get(2 * first..)).unwrap_or_default();
         next = end;
@@ -82,10 +82,10 @@ pub fn words_needed(image: &[u8]) -> usize {
     let mut word = FIRST_CATEGORY;
     while word < most {
         match place(image, word) {
-            Place::Header(at, _, words) => word = at + 2 + words,
-            Place::End(at) => return at + 1,
-            Place::Zeros(at) => return at + MOST_ZEROS,
-            Place::Missing(at) => return (at + 1).min(most),
+            CategoryWord::Header(at, _, words) => word = at + 2 + words,
+            CategoryWord::End(at) => return at + 1,
+            CategoryWord::Zeros(at) => return at + MOST_ZEROS,
+            CategoryWord::Missing(at) => return (at + 1).min(most),
         }
     }
     // A category that leaves the chip is cut off: the reader says which.
@@ -168,8 +168,8 @@ impl<'a> Reader<'a> {
         }
         match place(image, end) {
             _ if 2 * end > image.len() => {}
-            Place::Zeros(word) | Place::Missing(word) => self.flaws.add(SiiWarning::NoEnd { word }),
-            Place::Header(..) | Place::End(_) => {}
+            CategoryWord::Zeros(word) | CategoryWord::Missing(word) => self.flaws.add(SiiWarning::NoEnd { word }),
+            CategoryWord::Header(..) | CategoryWord::End(_) => {}
         }
         if !has_general {
             self.flaws.add(SiiWarning::NoGeneral { word: FIRST_CATEGORY });

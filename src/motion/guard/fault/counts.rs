@@ -1,6 +1,6 @@
 //! What was seen of every fault, how often and where.
 
-use super::{DeviceSet, Fault, Rate, Reaction, Row, TABLE};
+use super::{DeviceSet, Fault, FaultRow, Rate, Reaction, TABLE};
 
 /// A fault that led to a state of the rig, and the devices that showed it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -169,7 +169,7 @@ impl FaultCounts {
         let mut suspects = self.suspects;
         while let Some(row) = TABLE.get(suspects.trailing_zeros() as usize) {
             suspects &= suspects - 1;
-            let rank = |row: &Row, reaction| (reaction, row.final_state(reaction).severity());
+            let rank = |row: &FaultRow, reaction| (reaction, row.final_state(reaction).severity());
             if let Some(reaction) = self.reaction(row.fault)
                 && worst.is_none_or(|(cause, known)| rank(row, reaction) > rank(cause.fault.row(), known))
             {

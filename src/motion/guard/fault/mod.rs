@@ -137,7 +137,7 @@ impl Fault {
     /// The row of [`TABLE`] that describes this fault.
     ///
     /// Real-time: yes.
-    pub fn row(self) -> &'static Row {
+    pub fn row(self) -> &'static FaultRow {
         &TABLE[self as usize]
     }
 
@@ -216,7 +216,7 @@ pub struct Step {
 
 /// One fault with all that is known of it.
 #[derive(Clone, Copy, Debug)]
-pub struct Row {
+pub struct FaultRow {
     /// The fault.
     pub fault: Fault,
     /// Short name, unique, as it stands in reports.
@@ -235,7 +235,7 @@ pub struct Row {
     pub latched: State,
 }
 
-impl Row {
+impl FaultRow {
     /// The state in which the rig ends by `reaction` to this fault, once it is at rest.
     ///
     /// Real-time: yes.

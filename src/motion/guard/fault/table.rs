@@ -3,7 +3,7 @@
 use super::Bound::{Cycles, HeartbeatTime, Samples};
 use super::Rate::{InARow, Within};
 use super::Reaction::{self, Count, Freeze, QuickStop, Silence, StopRamp};
-use super::{Fault, Row, Stage, Step};
+use super::{Fault, FaultRow, Stage, Step};
 use crate::guard::State;
 
 const fn in_a_row(times: u16, reaction: Reaction) -> Step {
@@ -24,8 +24,8 @@ const fn within(count: u16, cycles: u16, reaction: Reaction) -> Step {
 }
 
 /// All faults, in the order of [`Fault`].
-pub const TABLE: [Row; Fault::COUNT] = [
-    Row {
+pub const TABLE: [FaultRow; Fault::COUNT] = [
+    FaultRow {
         fault: Fault::StopRequested,
         name: "stop-requested",
         stage: Stage::Operator,
@@ -35,7 +35,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(StopRamp)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::SensorInvalid,
         name: "sensor-invalid",
         stage: Stage::Sensing,
@@ -45,7 +45,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[sample(1, Freeze), sample(3, StopRamp)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::SensorSaturated,
         name: "sensor-saturated",
         stage: Stage::Sensing,
@@ -55,7 +55,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[sample(1, Freeze), sample(5, StopRamp)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::SensorStuck,
         name: "sensor-stuck",
         stage: Stage::Sensing,
@@ -68,7 +68,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         ],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::SensorStale,
         name: "sensor-stale",
         stage: Stage::Sensing,
@@ -78,7 +78,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[Step { rate: InARow(1), reaction: Freeze, bound: Samples(3) }],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::SensorLost,
         name: "sensor-lost",
         stage: Stage::Sensing,
@@ -88,7 +88,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[Step { rate: InARow(1), reaction: StopRamp, bound: Samples(11) }],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::ForceStep,
         name: "force-step",
         stage: Stage::Sensing,
@@ -98,7 +98,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[sample(1, Freeze)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::ForceLimit,
         name: "force-limit",
         stage: Stage::Sensing,
@@ -108,7 +108,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[sample(1, Freeze), sample(20, StopRamp)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::ForceImplausible,
         name: "force-implausible",
         stage: Stage::Arm,
@@ -118,7 +118,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[Step { rate: InARow(20), reaction: StopRamp, bound: Cycles(21) }],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::EnergyLimit,
         name: "energy-limit",
         stage: Stage::Motion,
@@ -128,7 +128,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(Freeze)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::Chatter,
         name: "chatter",
         stage: Stage::Motion,
@@ -138,7 +138,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(Freeze), Step { rate: Within { count: 3, cycles: 2000 }, reaction: StopRamp, bound: Cycles(50) }],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::PdoMissed,
         name: "pdo-missed",
         stage: Stage::Bus,
@@ -148,7 +148,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[in_a_row(2, Freeze), in_a_row(5, QuickStop)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::PdoLength,
         name: "pdo-length",
         stage: Stage::Bus,
@@ -158,7 +158,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[in_a_row(2, QuickStop)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::PdoDuplicated,
         name: "pdo-duplicated",
         stage: Stage::Bus,
@@ -168,7 +168,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(Count), within(10, 1000, StopRamp)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::PdoLate,
         name: "pdo-late",
         stage: Stage::Bus,
@@ -178,7 +178,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(Count), within(10, 1000, StopRamp)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::NodeReset,
         name: "node-reset",
         stage: Stage::Bus,
@@ -188,7 +188,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(QuickStop)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::HeartbeatLost,
         name: "heartbeat-lost",
         stage: Stage::Bus,
@@ -198,7 +198,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[Step { rate: InARow(1), reaction: QuickStop, bound: HeartbeatTime }],
         latched: State::Lost,
     },
-    Row {
+    FaultRow {
         fault: Fault::DuplicateNode,
         name: "duplicate-node",
         stage: Stage::Bus,
@@ -208,7 +208,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(QuickStop)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::Intruder,
         name: "intruder",
         stage: Stage::Bus,
@@ -218,7 +218,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(QuickStop)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::Emergency,
         name: "emergency",
         stage: Stage::Bus,
@@ -228,7 +228,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(QuickStop)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::EmergencyWarning,
         name: "emergency-warning",
         stage: Stage::Bus,
@@ -238,7 +238,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(Count)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::DriveFault,
         name: "drive-fault",
         stage: Stage::Drives,
@@ -248,7 +248,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(QuickStop)],
         latched: State::Disabled,
     },
-    Row {
+    FaultRow {
         fault: Fault::DriveVoltageOff,
         name: "drive-voltage-off",
         stage: Stage::Drives,
@@ -258,7 +258,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(QuickStop)],
         latched: State::Disabled,
     },
-    Row {
+    FaultRow {
         fault: Fault::DriveLeftOperation,
         name: "drive-left-operation",
         stage: Stage::Drives,
@@ -268,7 +268,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(QuickStop)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::DriveWarning,
         name: "drive-warning",
         stage: Stage::Drives,
@@ -278,7 +278,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(Count), in_a_row(2000, StopRamp)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::DriveIgnoresCommand,
         name: "drive-ignores-command",
         stage: Stage::Drives,
@@ -288,7 +288,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[in_a_row(3, QuickStop)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::FollowingError,
         name: "following-error",
         stage: Stage::Arm,
@@ -298,7 +298,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(StopRamp)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::Runaway,
         name: "runaway",
         stage: Stage::Arm,
@@ -308,7 +308,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(QuickStop)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::EncoderJump,
         name: "encoder-jump",
         stage: Stage::Arm,
@@ -318,7 +318,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(QuickStop)],
         latched: State::Disabled,
     },
-    Row {
+    FaultRow {
         fault: Fault::Posture,
         name: "posture",
         stage: Stage::Arm,
@@ -328,7 +328,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(QuickStop)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::WorkspaceEdge,
         name: "workspace-edge",
         stage: Stage::Motion,
@@ -338,7 +338,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(Count)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::WorkspaceLeft,
         name: "workspace-left",
         stage: Stage::Arm,
@@ -348,7 +348,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(StopRamp)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::OverSpeed,
         name: "over-speed",
         stage: Stage::Motion,
@@ -358,7 +358,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(StopRamp)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::NotFinite,
         name: "not-finite",
         stage: Stage::Motion,
@@ -368,7 +368,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(QuickStop)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::EnablingTimeout,
         name: "enabling-timeout",
         stage: Stage::Drives,
@@ -378,7 +378,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(QuickStop)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::SyncJitter,
         name: "sync-jitter",
         stage: Stage::Host,
@@ -388,7 +388,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(Count), within(10, 100, StopRamp)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::Overrun,
         name: "overrun",
         stage: Stage::Host,
@@ -398,7 +398,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(Count), within(3, 100, Freeze), within(10, 1000, StopRamp)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::Stalled,
         name: "stalled",
         stage: Stage::Host,
@@ -408,7 +408,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(QuickStop)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::Suspended,
         name: "suspended",
         stage: Stage::Host,
@@ -418,7 +418,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(StopRamp)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::CyclePanicked,
         name: "cycle-panicked",
         stage: Stage::Host,
@@ -428,7 +428,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(QuickStop)],
         latched: State::Disabled,
     },
-    Row {
+    FaultRow {
         fault: Fault::TransmitStalled,
         name: "transmit-stalled",
         stage: Stage::Link,
@@ -438,7 +438,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(Count), in_a_row(2, Silence)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::ErrorPassive,
         name: "error-passive",
         stage: Stage::Link,
@@ -448,7 +448,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(Count), in_a_row(5, Silence)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::BusOff,
         name: "bus-off",
         stage: Stage::Link,
@@ -458,7 +458,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(Silence)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::LinkDown,
         name: "link-down",
         stage: Stage::Link,
@@ -468,7 +468,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(Silence)],
         latched: State::Stopped,
     },
-    Row {
+    FaultRow {
         fault: Fault::DeviceState,
         name: "device-state",
         stage: Stage::Bus,
@@ -478,7 +478,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         steps: &[once(QuickStop)],
         latched: State::Lost,
     },
-    Row {
+    FaultRow {
         fault: Fault::ClockLost,
         name: "clock-lost",
         stage: Stage::Bus,
@@ -489,7 +489,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         latched: State::Lost,
     },
     // A lost link is seen in every cycle, a counter in the one in which it was read.
-    Row {
+    FaultRow {
         fault: Fault::PortErrors,
         name: "port-errors",
         stage: Stage::Bus,

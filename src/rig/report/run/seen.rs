@@ -18,7 +18,7 @@ const MOST_FAULTS: usize = 64;
 
 /// The rows of a run as they come, and when faults held or stopped it.
 #[derive(Clone, Debug)]
-pub struct Seen {
+pub struct RunLog {
     rows: Vec<Row>,
     after: Vec<Row>,
     faults: Vec<FaultMark>,
@@ -27,7 +27,7 @@ pub struct Seen {
     most_rows: usize,
 }
 
-impl Seen {
+impl RunLog {
     /// Room for this many rows, and no more; what comes later is left out. It is set aside at once.
     pub fn with_room(rows: usize) -> Self {
         Self { rows: Vec::with_capacity(rows), most_rows: rows, ..Self::default() }
@@ -62,7 +62,7 @@ impl Seen {
     }
 }
 
-impl Default for Seen {
+impl Default for RunLog {
     /// With room for whatever comes.
     fn default() -> Self {
         Self {
@@ -76,7 +76,7 @@ impl Default for Seen {
     }
 }
 
-impl From<Vec<Row>> for Seen {
+impl From<Vec<Row>> for RunLog {
     /// Of a machine without faults.
     fn from(rows: Vec<Row>) -> Self {
         Self { rows, ..Self::default() }
@@ -88,9 +88,9 @@ pub(in crate::report) fn trace(
     title: String,
     fixture: &config::Fixture,
     force_meaning: ForceMeaning,
-    seen: impl Into<Seen>,
+    seen: impl Into<RunLog>,
 ) -> Trace {
-    let Seen { rows, after, faults, .. } = seen.into();
+    let RunLog { rows, after, faults, .. } = seen.into();
     let mut trace = Trace {
         title,
         references: fixture.surfaces().map(|(_, surface)| reference(surface)).collect(),

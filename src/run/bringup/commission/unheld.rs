@@ -31,7 +31,7 @@ const CURVE_POINTS: usize = 2000;
 
 /// What is seen in a cycle.
 #[derive(Clone, Copy, Debug)]
-struct Seen {
+struct HandleSample {
     time_s: f64,
     tool: TipPoint,
     reference: TipPoint,
@@ -44,7 +44,7 @@ struct Alone {
     state: State,
     cause: Option<Cause>,
     is_led_away: bool,
-    seen: Vec<Seen>,
+    seen: Vec<HandleSample>,
 }
 
 /// What becomes of a point.
@@ -161,7 +161,7 @@ impl Bench<'_> {
                 break;
             }
             let time_s = f64::from(cycle) * period_s;
-            seen.extend(record.map(|record| record.signals).map(|signals| Seen {
+            seen.extend(record.map(|record| record.signals).map(|signals| HandleSample {
                 time_s,
                 tool: signals.tool,
                 reference: signals.proxy,
@@ -181,10 +181,10 @@ impl Bench<'_> {
     }
 
     fn judge_alone(&self, alone: &Alone, torque_n_m: f64, settling_s: f64, found: &mut Found) -> Result<(), Halt> {
-        let settled: Vec<Seen> = alone.seen.iter().copied().filter(|seen| seen.time_s >= settling_s).collect();
+        let settled: Vec<HandleSample> = alone.seen.iter().copied().filter(|seen| seen.time_s >= settling_s).collect();
         // One that was stopped before is looked at as a whole.
         let seen = if settled.is_empty() { &alone.seen } else { &settled };
-        let of = |point: fn(&Seen) -> TipPoint| {
+        let of = |point: fn(&HandleSample) -> TipPoint| {
             Way::of(&seen.iter().map(|seen| (seen.time_s, point(seen))).collect::<Vec<_>>())
         };
         let (tool, reference) = (of(|seen| seen.tool), of(|seen| seen.reference));
@@ -268,10 +268,10 @@ impl Bench<'_> {
 }
 
 /// Where the tool was.
-fn curve(seen: &[Seen]) -> Curve {
+fn curve(seen: &[HandleSample]) -> Curve {
     let Some(first) = seen.first().copied() else { return Curve::default() };
     let every = seen.len().div_ceil(CURVE_POINTS).max(1);
-    let line = |axis: fn(&Seen, &Seen) -> f64| {
+    let line = |axis: fn(&HandleSample, &HandleSample) -> f64| {
         seen.iter().step_by(every).map(|seen| [seen.time_s, 1e3 * axis(seen, &first)]).collect()
     };
     Curve {

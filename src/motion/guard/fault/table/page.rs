@@ -74,7 +74,7 @@ fn rendered() -> String {
                 format!("{rate}: **{reaction}**, {bound}, {state:?}")
             };
             let steps: Vec<String> = row.steps.iter().map(each).collect();
-            let Row { name, meaning, cause, next, .. } = row;
+            let FaultRow { name, meaning, cause, next, .. } = row;
             let _ = writeln!(text, "| `{name}` | {} | {meaning} | {cause} | {next} |", steps.join("<br>"));
         }
     }
