@@ -16,6 +16,7 @@ use super::failure::{Exit, Failure, both};
 use super::interrupt::on_interrupt;
 use super::output::Output;
 use super::replace::Replace;
+use super::unsafe_drives;
 use earlier::Earlier;
 use yieldwall_config::injection::{DEFECTS, Defect, DefectError};
 use yieldwall_config::{self as config, Source};
@@ -277,7 +278,7 @@ fn end(
     #[cfg(not(target_os = "linux"))]
     let is_on_bus = false;
     let judged = both(
-        judge(commissioned, arguments.resume.is_some(), is_on_bus, output).map_err(with_emergencies),
+        judge(commissioned, rig, (arguments.resume.is_some(), is_on_bus), output).map_err(with_emergencies),
         both(given_back, page),
     );
     if output.is_json() {
@@ -292,7 +293,12 @@ fn end(
     judged
 }
 
-fn judge(commissioned: &Commissioned, is_resumed: bool, is_on_bus: bool, output: &Output) -> Result<(), Failure> {
+fn judge(
+    commissioned: &Commissioned,
+    rig: &config::Rig,
+    (is_resumed, is_on_bus): (bool, bool),
+    output: &Output,
+) -> Result<(), Failure> {
     let Some(failed) = commissioned.steps.iter().find(|step| step.verdict == Verdict::Fail) else {
         let message = "interrupted: the rig is stopped, and no drive makes torque";
         let interrupted = |step: Step| {
@@ -317,8 +323,15 @@ fn judge(commissioned: &Commissioned, is_resumed: bool, is_on_bus: bool, output:
         Step::Identity if is_resumed => {
             "begin anew, without --resume: what passed before was of other drives".to_owned()
         }
-        _ => format!("mend it, and begin again with --from {again}; docs/bringup.md says more of each step"),
+        _ => format!("fix it, and begin again with --from {again}; docs/bringup.md says more of each step"),
     };
+    if let (Step::Watchdogs, Some(drilled)) = (failed.step, &commissioned.drilled) {
+        let named = |mut failure: Failure| {
+            failure.report.diagnostics.iter_mut().for_each(|one| one.message = format!("{name}: {}", one.message));
+            failure
+        };
+        unsafe_drives::judge(drilled, rig, &help).map_err(named)?;
+    }
     Err(Failure::new(Exit::OutOfTolerance, format!("{name}: {why}"), help))
 }
 

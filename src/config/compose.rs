@@ -19,6 +19,9 @@ use super::yaml;
 /// The key of a rig that has its simulation, or names the file of it.
 const SIMULATION: &str = "simulation";
 
+/// Files that a variant is like, one through the other, at most.
+const MOST_BASES: usize = 8;
+
 /// A value and where it is from.
 struct Piece {
     key: Option<Spot>,
@@ -46,18 +49,11 @@ pub(super) fn open(source: &Source) -> Result<(Locator, Option<Source>), Report>
     }
     let mut parts = Parts { files: vec![file] };
     let mut whole = parts.expand(&outline)?;
-    let base = match like {
-        Some((base, like)) => {
-            if let Shape::Map(entries) = &mut whole.content {
-                entries.retain(|(key, _)| key != LIKE);
-            }
-            whole = parts.merge_with_base(whole, &base, &like)?;
-            Some(base)
-        }
-        None => None,
-    };
+    if let Some((base, like)) = &like {
+        whole = parts.merge_with_base(whole, base, (0, like), MOST_BASES)?;
+    }
     parts.include_simulation(&mut whole, source)?;
-    Ok((parts.locate(&whole)?, base))
+    Ok((parts.locate(&whole)?, like.map(|(base, _)| base)))
 }
 
 /// Reads a file, and where its values stand.
@@ -163,29 +159,48 @@ impl Parts {
         self.files[file].finding(place, key, format!("`{key}`: {message}"), help.to_owned())
     }
 
-    /// A variant in its base.
-    fn merge_with_base(&mut self, own: Piece, base: &Source, like: &Node) -> Result<Piece, Report> {
-        let at = (0, like.place());
-        let outline = self.open(base, LIKE, at)?;
-        if outline.top_keys().any(|key| key == LIKE) {
-            let help = "variants have one level: name the file that the other one is like, and write the keys that differ from \
-                        that";
-            return Err(self.refuse(LIKE, at, &format!("{base} is itself a variant"), help).into());
+    /// A variant in its base, which may be a variant itself; `like` is the number of the variant's file and the value that names the base.
+    fn merge_with_base(
+        &mut self,
+        mut own: Piece,
+        source: &Source,
+        (number, like): (usize, &Node),
+        levels: usize,
+    ) -> Result<Piece, Report> {
+        let at = (number, like.place());
+        if levels == 0 || self.files.iter().any(|file| file.name == source.to_string()) {
+            let message = if levels == 0 {
+                format!("{source} is the variant of a variant at the {MOST_BASES}th level")
+            } else {
+                format!("{source} is itself a variant of this file")
+            };
+            return Err(self.refuse(LIKE, at, &message, "name a rig that is written whole").into());
         }
+        if let Shape::Map(entries) = &mut own.content {
+            entries.retain(|(key, _)| key != LIKE);
+        }
+        let outline = self.open(source, LIKE, at)?;
+        let base_number = self.files.len() - 1;
+        let next = base(&self.files[base_number], &outline, source)?;
         let kind = match Kind::detect(outline.top_keys()) {
             Some(kind) if kind.has_variants() => kind,
             Some(kind) => {
-                let message = format!("{base} is {}, and only a rig has variants", kind.with_article());
+                let message = format!("{source} is {}, and only a rig has variants", kind.with_article());
                 return Err(self.refuse(LIKE, at, &message, "name a rig, or write the document whole").into());
             }
-            None => return Err(self.refuse(LIKE, at, &format!("{base} is not a configuration"), "name a rig").into()),
+            None if next.is_some() => Kind::Rig,
+            None => {
+                return Err(self.refuse(LIKE, at, &format!("{source} is not a configuration"), "name a rig").into());
+            }
         };
-        let base_number = self.files.len() - 1;
         let mut piece = self.expand(&outline)?;
-        self.include_simulation(&mut piece, base)?;
+        if let Some((base, like)) = &next {
+            piece = self.merge_with_base(piece, base, (base_number, like), levels - 1)?;
+        }
+        self.include_simulation(&mut piece, source)?;
         move_paths(&mut piece, "", kind, names_file(like).unwrap_or_default());
         let guide = Guide::new(kind);
-        let merger = Merger { own: &self.files[0], base: &self.files[base_number], guide: &guide };
+        let merger = Merger { number, own: &self.files[number], base: &self.files[base_number], guide: &guide };
         merger.merge("", piece, own)
     }
 
@@ -304,6 +319,8 @@ fn move_paths(piece: &mut Piece, at: &str, kind: Kind, like: &str) {
 }
 
 struct Merger<'a> {
+    /// Number of the variant's file.
+    number: usize,
     own: &'a File,
     base: &'a File,
     guide: &'a Guide,
@@ -368,7 +385,7 @@ impl Merger<'_> {
                 let message = format!("`{here}.name` is `{name}`, and `{at}` of {} has no such entry", self.base.name);
                 return Err(self.own.finding(place, &format!("{here}.name"), message, help).into());
             };
-            if of_base.value.0 == 0 {
+            if of_base.value.0 == self.number {
                 let first = of_base.name().map(|(_, place)| Related {
                     file: String::new(),
                     place,

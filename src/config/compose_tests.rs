@@ -41,6 +41,46 @@ fn a_variant_is_its_base_with_its_own_keys_in_place() {
 }
 
 #[test]
+fn a_variant_of_a_variant_is_merged_from_the_bottom_up() {
+    let rig = |path: &str, text: &str| (PathBuf::from(path), Arc::<str>::from(text));
+    let files = [
+        rig("a/rig.yaml", "like: ../b/rig.yaml\nfixture: {yield_n: 26.0}\n"),
+        rig(
+            "b/rig.yaml",
+            "like: builtin:paper-ethercat.yaml\nrig: {name: b}\nfixture: {yield_n: 25.0, friction_n: 4.0}\ndrives: [{name: left, profile: own.yaml}]\n",
+        ),
+        rig("b/own.yaml", &builtin("profiles/simulated-servo.yaml").read().unwrap()),
+    ];
+    let loaded = load_rig(Source::among("a/rig.yaml", files)).unwrap_or_else(|report| panic!("{report}"));
+    let fixture = &loaded.value.fixture;
+    assert_eq!((fixture.yield_n.get(), fixture.friction_n.get()), (26.0, 4.0));
+    assert_eq!(loaded.value.rig.name, "b");
+    // Buses are those of the lowest but one, and the path starts where it stands.
+    assert!(loaded.value.is_on_ethercat());
+    assert!(
+        loaded.value.drives[0].profile.as_str().ends_with("b/own.yaml"),
+        "{}",
+        loaded.value.drives[0].profile.as_str()
+    );
+}
+
+#[test]
+fn variants_in_a_circle_and_without_end_are_refused_where_they_name_each_other() {
+    let rig = |path: String, like: String| {
+        (PathBuf::from(path), Arc::<str>::from(format!("like: {like}\nrig: {{name: x}}\n")))
+    };
+    let circle = [rig("a.yaml".into(), "b.yaml".into()), rig("b.yaml".into(), "a.yaml".into())];
+    let report = load_rig(Source::among("a.yaml", circle)).unwrap_err();
+    assert!(
+        report.to_string().contains("b.yaml:1:7: error: `like`: a.yaml is itself a variant of this file"),
+        "{report}"
+    );
+    let chain = (0..20).map(|level| rig(format!("{level}.yaml"), format!("{}.yaml", level + 1)));
+    let report = load_rig(Source::among("0.yaml", chain)).unwrap_err();
+    assert!(report.to_string().contains("the variant of a variant at the 8th level"), "{report}");
+}
+
+#[test]
 fn a_choice_is_merged_with_itself_and_replaced_by_another() {
     let Coupling::Admittance { mass_kg } = is("fixture: {coupling: {admittance: {mass_kg: 3.0}}}").fixture.coupling
     else {

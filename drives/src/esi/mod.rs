@@ -64,8 +64,18 @@ pub struct Device {
     pub pre_op_ms: Option<u32>,
     /// Time to SAFE-OP or OP, in ms.
     pub safe_op_ms: Option<u32>,
+    /// Whether its mailboxes carry EoE.
+    pub has_eoe: bool,
+    /// Whether its mailboxes carry FoE.
+    pub has_foe: bool,
+    /// Current that it takes from the E-bus, mA.
+    pub e_bus_ma: Option<i32>,
     /// Size of its SII, in bytes.
     pub eeprom_bytes: Option<u32>,
+    /// The first bytes of its SII, which configure the controller, in hexadecimal digits as the file has them. Empty if it has none.
+    pub config_data: String,
+    /// Words 14h to 17h of its SII, the mailboxes in BOOT, likewise.
+    pub bootstrap: String,
 }
 
 /// A sync manager.

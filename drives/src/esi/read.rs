@@ -249,6 +249,8 @@ impl Builder {
                     segmented: flag("SegmentedSdo")?,
                 });
             }
+            ["Mailbox", "EoE"] => device.has_eoe = true,
+            ["Mailbox", "FoE"] => device.has_foe = true,
             ["Dc", "OpMode"] => device.op_modes.push(OpMode::default()),
             ["Dc", "OpMode", "CycleTimeSync0"] => {
                 let factor = get("Factor")?;
@@ -288,6 +290,11 @@ impl Builder {
                 device.mailbox_response_ms = Some(place.u32("ResponseTimeout", content)?);
             }
             ["Eeprom", "ByteSize"] => device.eeprom_bytes = Some(place.u32("ByteSize", content)?),
+            ["Eeprom", "ConfigData"] => device.config_data = text(),
+            ["Eeprom", "BootStrap"] => device.bootstrap = text(),
+            ["Info", "Electrical", "EBusCurrent"] => {
+                device.e_bus_ma = Some(place.number("EBusCurrent", content, i32::MAX as u64)?);
+            }
             [direction @ ("RxPdo" | "TxPdo"), inside @ ..] => {
                 let pdos = if *direction == "RxPdo" { &mut device.rx_pdos } else { &mut device.tx_pdos };
                 if let Some(pdo) = pdos.last_mut() {

@@ -90,7 +90,10 @@ fn expected() -> Esi {
             mailbox_response_ms: Some(2000),
             pre_op_ms: Some(3000),
             safe_op_ms: Some(10_000),
+            has_foe: true,
             eeprom_bytes: Some(2048),
+            config_data: text("080C"),
+            ..Device::default()
         }],
     }
 }

@@ -102,8 +102,12 @@ fn write(lines: &mut Lines, device: &Device) {
         }
         device.rx_pdos.iter().for_each(|pdo| write_pdo(lines, pdo, "RxPdo"));
         device.tx_pdos.iter().for_each(|pdo| write_pdo(lines, pdo, "TxPdo"));
-        if let Some(coe) = device.coe {
+        if device.coe.is_some() || device.has_eoe || device.has_foe {
             lines.inside("Mailbox DataLinkLayer=\"1\"", "Mailbox", |lines| {
+                for (is_there, line) in [(device.has_eoe, "<EoE/>"), (device.has_foe, "<FoE/>")] {
+                    is_there.then(|| lines.line(line));
+                }
+                let Some(coe) = device.coe else { return };
                 let mut line = "<CoE".to_owned();
                 for (name, is_set) in [
                     ("SdoInfo", coe.information),
@@ -135,17 +139,25 @@ fn write(lines: &mut Lines, device: &Device) {
             });
         }
         if let Some(bytes) = device.eeprom_bytes {
-            lines.inside("Eeprom", "Eeprom", |lines| lines.element("ByteSize", bytes));
+            lines.inside("Eeprom", "Eeprom", |lines| {
+                lines.element("ByteSize", bytes);
+                for (name, digits) in [("ConfigData", &device.config_data), ("BootStrap", &device.bootstrap)] {
+                    (!digits.is_empty()).then(|| lines.element(name, digits));
+                }
+            });
         }
     });
 }
 
 fn info(lines: &mut Lines, device: &Device) {
     let (pre_op, safe_op) = (device.pre_op_ms, device.safe_op_ms);
-    if pre_op.is_none() && safe_op.is_none() && device.mailbox_response_ms.is_none() {
+    if pre_op.or(safe_op).or(device.mailbox_response_ms).is_none() && device.e_bus_ma.is_none() {
         return;
     }
     lines.inside("Info", "Info", |lines| {
+        if let Some(ma) = device.e_bus_ma {
+            lines.inside("Electrical", "Electrical", |lines| lines.element("EBusCurrent", ma));
+        }
         if pre_op.is_some() || safe_op.is_some() {
             lines.inside("StateMachine", "StateMachine", |lines| {
                 lines.inside("Timeout", "Timeout", |lines| {

@@ -1,5 +1,7 @@
 //! `yieldwall sii`: what devices on EtherCAT keep in their memory chips.
 
+pub(super) mod description;
+
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
@@ -13,6 +15,7 @@ use super::words::{mapped, table, wrapped_behind};
 use crate::confirm::agreed;
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
+use yieldwall_drives::esi::{self, Esi};
 use yieldwall_fieldbus::ethercat::sii::{MOST_WORDS, MailboxArea, Pdo, Sii, categories, changes, chip_words, seal};
 use yieldwall_service::{Present, SegmentError};
 
@@ -20,8 +23,8 @@ use yieldwall_service::{Present, SegmentError};
 pub(crate) enum Command {
     /// Read the SII of a device: identity, mailboxes, sync managers, process data
     Read(Read),
-    /// Write an image into the memory chip of a device, after what it holds was kept in a file; asks before. Text, such as a device
-    /// description (ESI), and an image that the chip has no room for are refused
+    /// Write an image, or one made of the device description (ESI) of the vendor, into the memory chip of a device. The command keeps in
+    /// a file what the chip held, and asks before it writes. Other text, and an image that the chip has no room for, are refused
     Write(Write),
     /// Check the SII of devices: 7 if one is empty or cannot be read, or is of another device than the rig says. A damaged, missing
     /// or unusual part of an image is a warning
@@ -43,9 +46,12 @@ pub(crate) struct Read {
 pub(crate) struct Write {
     /// A position, or the name of a device in the rig
     node: String,
-    /// The image, as `sii read --out` writes it; its checksum is made anew
+    /// The image, as `sii read --out` writes it, with a checksum that is made anew; or a device description (ESI, XML)
     #[arg(value_name = "FILE")]
     file: PathBuf,
+    /// The device in a device description: its type or product code, where the chip does not report it
+    #[arg(long, value_name = "TYPE")]
+    device: Option<String>,
     /// Write the image though it is of another device, or has no category of the standard
     #[arg(long)]
     force: bool,
@@ -138,19 +144,26 @@ pub(super) fn keep(path: &Path, image: &[u8]) -> Result<(), Failure> {
 const MOST_BYTES: u64 = 2 * MOST_WORDS as u64;
 
 fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
-    let image = image_of(&arguments.file, arguments.force)?;
-    let sii = Sii::read(&image).map_err(|error| no_image(&arguments.file, &error.to_string(), OTHER_IMAGE))?;
+    let content = content_of(&arguments.file, arguments.force)?;
+    let mut desk = SegmentSession::only(&arguments.place, output)?;
+    let device = desk.device(&arguments.node)?;
+    let present = desk.service.present(device.position);
+    let present = present.map_err(|error| desk.failure(&device, "reading its SII", error))?;
+    let sealed = match content {
+        Content::Image(mut image) => {
+            seal(&mut image);
+            image
+        }
+        Content::Description(esi) => {
+            description::image(&esi, &device, &present, (&arguments.file, arguments.device.as_deref()), output)?
+        }
+    };
+    let sii = Sii::read(&sealed).map_err(|error| no_image(&arguments.file, &error.to_string(), OTHER_IMAGE))?;
     if !output.is_json() {
         for warning in &sii.warnings {
             output.news(&format!("warning     {warning}"))?;
         }
     }
-    let mut sealed = image;
-    seal(&mut sealed);
-    let mut desk = SegmentSession::only(&arguments.place, output)?;
-    let device = desk.device(&arguments.node)?;
-    let present = desk.service.present(device.position);
-    let present = present.map_err(|error| desk.failure(&device, "reading its SII", error))?;
     refuse_too_long(&mut desk, &device, &sealed, &arguments.file)?;
     if !arguments.force {
         refuse_another_kind(&device, &present, &sii)?;
@@ -164,31 +177,43 @@ fn no_image(path: &Path, message: &str, help: &str) -> Failure {
     Failure::about_file(Exit::ConfigInvalid, path, format!("{message}; nothing was written"), help)
 }
 
-/// The bytes of a file that is an image, by what can be told without the device.
-fn image_of(path: &Path, is_forced: bool) -> Result<Vec<u8>, Failure> {
+/// A file that makes an image.
+enum Content {
+    Image(Vec<u8>),
+    Description(Esi),
+}
+
+/// The content of a file, by what can be told without the device.
+fn content_of(path: &Path, is_forced: bool) -> Result<Content, Failure> {
     let mut image = Vec::new();
-    let read = std::fs::File::open(path).and_then(|file| file.take(MOST_BYTES + 1).read_to_end(&mut image));
+    let most = esi::MAX_BYTES as u64 + 1;
+    let read = std::fs::File::open(path).and_then(|file| file.take(most).read_to_end(&mut image));
     read.map_err(|error| no_image(path, &format!("it cannot be read: {error}"), ""))?;
+    if description::is_one(&image) {
+        let esi =
+            Esi::read(&image).map_err(|error| no_image(path, &error.to_string(), "ask the vendor for a whole file"))?;
+        return Ok(Content::Description(esi));
+    }
     if let Some((is, help)) = text_kind(&image) {
         return Err(no_image(path, &format!("this is {is}, and a memory chip takes a binary image"), help));
     }
     if image.len() as u64 > MOST_BYTES {
         return Err(no_image(path, "this is longer than the largest memory chip (65536 bytes)", OTHER_IMAGE));
     }
-    let is_legible = Sii::read(&image).is_ok();
-    if !is_forced && is_legible && !categories(&image).any(|category| category.is_known()) {
+    Sii::read(&image).map_err(|error| no_image(path, &error.to_string(), OTHER_IMAGE))?;
+    if !is_forced && !categories(&image).any(|category| category.is_known()) {
         let message =
             "no category of the standard (strings, general, sync managers ..) is in it, so it is no whole image";
         let help = format!("{OTHER_IMAGE}; if the device shall have it all the same, add --force");
         return Err(no_image(path, message, &help));
     }
-    Ok(image)
+    Ok(Content::Image(image))
 }
 
+const ASK: &str = "ask the vendor for the SII image of this device, a binary file, or its device description (ESI); or keep the image of a \
+                   device of its kind: `yieldwall sii read NODE --out FILE`";
 /// The kind of text, and the way from it to an image; `None` if it is no text.
 fn text_kind(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
-    const ASK: &str = "ask the vendor for the SII image of this device, a binary file; or keep the image of a device of its kind: \
-                       `yieldwall sii read NODE --out FILE`";
     const FROM_HEX: &str =
         "`objcopy -I ihex -O binary FILE IMAGE` makes an image of it, which `yieldwall sii write` takes";
     // An image has zeros in its head; text in UTF-16 begins with a mark.
@@ -199,7 +224,10 @@ fn text_kind(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
     let is_of = |word: &[u8]| text.windows(word.len()).take(4096).any(|window| window == word);
     let is_obeyed = |byte: &u8| byte.is_ascii_control() && !matches!(byte, b'\t' | b'\n' | b'\r' | 0x0c);
     match text.first()? {
-        b'<' if is_of(b"EtherCATInfo") => Some(("a device description (ESI, XML)", ASK)),
+        b'<' if is_of(b"EtherCATInfo") => Some((
+            "a device description (ESI) in UTF-16",
+            "`iconv -f UTF-16 -t UTF-8 FILE > NEW` makes one that `yieldwall sii write` takes",
+        )),
         b'<' if text.starts_with(b"<?xml") => Some(("XML", ASK)),
         _ if text.iter().any(is_obeyed) => None,
         b':' => Some(("text in Intel HEX", FROM_HEX)),
@@ -482,9 +510,11 @@ mod tests {
     fn text_is_no_image_and_is_called_what_it_is() {
         let esi = "\u{feff}<?xml version=\"1.0\"?>\n<EtherCATInfo>ü</EtherCATInfo>";
         let utf16: Vec<u8> = esi.encode_utf16().flat_map(u16::to_le_bytes).collect();
-        let is_esi = Some("a device description (ESI, XML)");
-        assert_eq!((kind(esi.as_bytes()), kind(&utf16)), (is_esi, is_esi));
-        assert_eq!(kind(b"  <EtherCATInfo>\xfc"), is_esi, "in Latin-1");
+        assert!(
+            description::is_one(esi.as_bytes()) && description::is_one(b"  <EtherCATInfo>\xfc"),
+            "UTF-8 and Latin-1"
+        );
+        assert_eq!(kind(&utf16), Some("a device description (ESI) in UTF-16"));
         assert_eq!(kind(b"<?xml version='1.0'?><svg/>"), Some("XML"));
         assert_eq!(kind(b":10000000080C00000000000000000000000000EF\r\n"), Some("text in Intel HEX"));
         assert_eq!(kind(b"080c 0000 0000\n"), Some("text"));
@@ -496,13 +526,14 @@ mod tests {
         let path = std::env::temp_dir().join(format!("yieldwall-image-{}", std::process::id()));
         let refused = |bytes: &[u8], is_forced| {
             std::fs::write(&path, bytes).unwrap();
-            let image = image_of(&path, is_forced);
-            image.map_err(|failure| failure.report.diagnostics[0].message.clone()).err()
+            content_of(&path, is_forced).map_err(|failure| failure.report.diagnostics[0].message.clone()).err()
         };
         let whole = Sii { order: "servo".to_owned(), ..Sii::default() }.write();
         assert_eq!(refused(&whole, false), None);
         let xml = [&b"<?xml version='1.0'?><EtherCATInfo>"[..], &[b' '; 70_000]].concat();
-        assert!(refused(&xml, true).unwrap().contains("device description (ESI, XML)"));
+        assert!(refused(&xml, true).unwrap().contains("it ends within an element"));
+        let whole_xml = [&xml[..], b"</EtherCATInfo>"].concat();
+        assert_eq!(refused(&whole_xml, false), None);
         assert!(refused(&[&whole[..], &[0; 70_000]].concat(), true).unwrap().contains("longer than the largest"));
         // The head, and categories of a vendor alone.
         let mut foreign = whole[..0x80].to_vec();

@@ -248,7 +248,7 @@ pub(crate) const CASES: &[Case] = &[
     case("figure", "device among the rigs", FIGURE, "cst: rig.yaml", "cst: device.yaml"),
     case("figure", "passivity above the energy limit", FIGURE, "fixture: null", "fixture: {coupling: {admittance: {mass_kg: 2.0}}, friction_n: 3.0, yield_n: 20.0, side: bilateral, hold_steps: 0, passivity: {bound_j: 2.0}, curvature: tangent, surface: {circle: {center_m: [0.0, 0.0], radius_m: 0.12, forbidden: inside}}}"),
     case("figure", "circle that replaces is too large", FIGURE, "fixture: null", "fixture: {coupling: {admittance: {mass_kg: 2.0}}, friction_n: 3.0, yield_n: 20.0, side: bilateral, hold_steps: 0, curvature: tangent, surface: {circle: {center_m: [0.0, 0.0], radius_m: 0.6, forbidden: inside}}}"),
-    case("variant", "of a variant", VARIANT, "like: rig.yaml", "like: variant.yaml"),
+    case("variant", "of itself", VARIANT, "like: rig.yaml", "like: variant.yaml"),
     case("variant", "of no file", VARIANT, "like: rig.yaml", "like: rgi.yaml"),
     case("variant", "of a scene", VARIANT, "like: rig.yaml", "like: scene.yaml"),
     case("variant", "of nothing", VARIANT, "like: rig.yaml", "like:"),

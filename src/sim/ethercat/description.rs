@@ -167,7 +167,7 @@ pub fn sii(od: &ObjectDictionary) -> Sii {
         ],
         tx_pdos,
         rx_pdos,
-        warnings: Vec::new(),
+        ..Sii::default()
     }
 }
 
@@ -232,7 +232,9 @@ pub fn esi(od: &ObjectDictionary, vendor: &str) -> esi::Esi {
         mailbox_response_ms: Some(2000),
         pre_op_ms: Some(3000),
         safe_op_ms: Some(10_000),
+        config_data: sii.pdi.iter().flat_map(|word| word.to_le_bytes()).map(|byte| format!("{byte:02X}")).collect(),
         eeprom_bytes: Some(2048.max(sii.write().len().next_power_of_two() as u32)),
+        ..esi::Device::default()
     };
     esi::Esi { vendor_id: sii.vendor_id, vendor: vendor.to_owned(), devices: vec![device] }
 }

@@ -3,6 +3,7 @@
 use super::*;
 use yieldwall_config::injection::{Injection, Kind, Target};
 use yieldwall_fieldbus::ethercat::AlStatusCode;
+use yieldwall_fieldbus::objects::ServedDevice as _;
 use yieldwall_fieldbus::time::Time;
 use yieldwall_link::{EthernetArrival, EthernetLink, EthernetReceived, SendError};
 use yieldwall_sim::ethercat::{Segment, SimulatedDevice};
@@ -321,6 +322,46 @@ fn an_alias_is_written_with_its_checksum_and_no_other_device_may_have_it() {
     yieldwall_fieldbus::ethercat::sii::seal(&mut image);
     desk.service.write_sii(2, &changes(&held, &image)).unwrap();
     assert!(desk.service.present(2).unwrap().sii.is_ok());
+}
+
+/// The image of a device description reads as the chip of its device, and brings a device with an empty chip back.
+#[test]
+fn a_description_makes_the_image_that_a_chip_lost() {
+    use super::super::sii::description;
+    use std::path::Path;
+    use yieldwall_fieldbus::ethercat::sii::{Sii, changes};
+
+    let mut link = link();
+    let segment = link.server_mut().segment_mut().unwrap();
+    let each = [0, 2].map(|at| segment.controller_mut(at).unwrap().device().od().clone());
+    let mut esi = yieldwall_sim::ethercat::esi(&each[0], "vendor");
+    segment.controller_mut(0).unwrap().sii_mut().fill(0xff);
+    let mut desk = at(link);
+    let (left, right) = (desk.device("left").unwrap(), desk.device("right").unwrap());
+    let output = &mut Output::new(true, false, false);
+    let mut of = |desk: &mut SegmentSession, esi: &_, device: &Device, named: Option<&str>| {
+        let present = desk.service.present(device.position).unwrap();
+        description::image(esi, device, &present, (Path::new("vendor.xml"), named), output)
+    };
+    // The right drive is of the same kind: all that its chip holds is in the image.
+    let image = of(&mut desk, &esi, &right, None).unwrap();
+    assert_eq!(Ok(Sii::read(&image).unwrap()), desk.service.present(1).unwrap().sii);
+    let mut other = yieldwall_sim::ethercat::esi(&each[1], "vendor");
+    esi.devices.append(&mut other.devices);
+    let failure = of(&mut desk, &esi, &left, None).unwrap_err();
+    let finding = &failure.report.diagnostics[0];
+    assert!(finding.message.contains("the chip at 0 does not report a device of this vendor"), "{finding:?}");
+    let (drive, sensor) = (esi.devices[0].type_name.clone(), esi.devices[1].type_name.clone());
+    let help = finding.help.clone().unwrap();
+    assert!(help.contains("add --device TYPE") && help.contains(&drive) && help.contains(&sensor), "{help}");
+    for named in [drive.to_uppercase(), format!("{:#x}", esi.devices[0].product_code)] {
+        let image = of(&mut desk, &esi, &left, Some(&named)).unwrap();
+        let held = desk.service.sii_up_to(0, image.len() / 2).unwrap();
+        desk.service.write_sii(0, &changes(&held, &image)).unwrap();
+        let sii = desk.service.present(0).unwrap().sii.unwrap();
+        assert_eq!((sii.product_code, sii.serial, sii.alias), (esi.devices[0].product_code, 0, 0));
+    }
+    assert!(of(&mut desk, &esi, &left, Some("S7")).unwrap_err().report.diagnostics[0].message.contains("S7"));
 }
 
 #[test]

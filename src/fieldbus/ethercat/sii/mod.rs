@@ -157,6 +157,8 @@ pub struct Sii {
     pub receive_mailbox: MailboxArea,
     /// Mailbox from the device.
     pub send_mailbox: MailboxArea,
+    /// Mailboxes to the device and from it in BOOT (words 14h to 17h).
+    pub bootstrap_mailboxes: [MailboxArea; 2],
     /// What the mailboxes carry: [`protocols`].
     pub protocols: u16,
     /// Name of the group of devices.

@@ -117,6 +117,7 @@ impl Sii {
             serial: double(0x0e),
             receive_mailbox: mailbox(0x18),
             send_mailbox: mailbox(0x1a),
+            bootstrap_mailboxes: [mailbox(0x14), mailbox(0x16)],
             protocols: word(0x1c),
             ..Sii::default()
         };

@@ -103,9 +103,11 @@ impl Sii {
         put(0x0a, &self.product_code.to_le_bytes());
         put(0x0c, &self.revision.to_le_bytes());
         put(0x0e, &self.serial.to_le_bytes());
-        let (receive, send) = (self.receive_mailbox, self.send_mailbox);
-        for (word, value) in [(0x18, receive.start), (0x19, receive.len), (0x1a, send.start), (0x1b, send.len)] {
-            put(word, &value.to_le_bytes());
+        let [boot_receive, boot_send] = self.bootstrap_mailboxes;
+        let areas = [boot_receive, boot_send, self.receive_mailbox, self.send_mailbox];
+        for (word, area) in [0x14, 0x16, 0x18, 0x1a].into_iter().zip(areas) {
+            put(word, &area.start.to_le_bytes());
+            put(word + 1, &area.len.to_le_bytes());
         }
         put(0x1c, &self.protocols.to_le_bytes());
         put(0x3f, &1u16.to_le_bytes());

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::{Attendant, Curve, Figure, Step, StepReport, Verdict};
 use crate::bringup::jog::{Jog, Jogged, jog};
 use crate::conduct::settling_on_bus;
+use crate::drilled::Drilled;
 use crate::error::RunError;
 use crate::permit::{Ask, Bounds};
 use crate::place::Place;
@@ -119,6 +120,8 @@ pub(super) struct Bench<'a> {
     pub(super) wanted: Option<[DriveIdentity; 2]>,
     /// What the drives say that they are.
     pub(super) drives: Option<[DriveIdentity; 2]>,
+    /// What the drill of the watchdogs has shown.
+    pub(super) drilled: Option<Drilled>,
 }
 
 impl<'a> Bench<'a> {
@@ -128,7 +131,8 @@ impl<'a> Bench<'a> {
         attendant: &'a mut dyn Attendant,
         is_interrupted: &'a AtomicBool,
     ) -> Self {
-        Self { runner, rig, attendant, is_interrupted, settling: settling_on_bus(rig), wanted: None, drives: None }
+        let settling = settling_on_bus(rig);
+        Self { runner, rig, attendant, is_interrupted, settling, wanted: None, drives: None, drilled: None }
     }
 
     /// Takes a step; the network is left in the end. Nothing if a person has asked for the end.

@@ -262,6 +262,8 @@ pub struct Commissioned {
     pub interrupted_in: Option<Step>,
     /// What the drives say that they are, if they were asked in a step.
     pub drives: Option<[DriveIdentity; 2]>,
+    /// What the drill of the watchdogs has shown, if it was made.
+    pub drilled: Option<Drilled>,
 }
 
 /// Where a commissioning begins.
@@ -319,7 +321,7 @@ pub fn commission(
         told(&report);
         steps.push(report);
     }
-    Commissioned { steps, interrupted_in, drives: bench.drives }
+    Commissioned { steps, interrupted_in, drives: bench.drives, drilled: bench.drilled }
 }
 
 /// Why steps are skipped after a person has asked for the end.

@@ -92,7 +92,9 @@ impl Bench<'_> {
         if let Some(record) = record {
             found.note("record", record);
         }
-        drilled.judge(demands).map_err(|error| Halt::Failed(error.to_string()))
+        let judged = drilled.judge(demands).map_err(|error| Halt::Failed(error.to_string()));
+        self.drilled = Some(drilled);
+        judged
     }
 
     /// Turns each link, and asks who looks at it by how much.
