@@ -19,7 +19,8 @@ macro_rules! shipped {
 }
 
 /// The tables that come with the program: name and text, in alphabetical order.
-pub const SHIPPED: &[(&str, &str)] = shipped!["elmo-gold", "maxon-epos4", "zeroerr-edriver"];
+pub const SHIPPED: &[(&str, &str)] =
+    shipped!["elmo-gold", "inovance-sv660n", "maxon-epos4", "synapticon-somanet", "zeroerr-edriver"];
 
 /// The error codes of one family of devices.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -187,7 +187,7 @@ fn is_other_device(failure: &BootFailure) -> bool {
     }
 }
 
-/// What to do about a force sensor that its profile is not for.
+/// Advice for a force sensor that its profile is not for.
 fn other_sensor(sensor: &config::Sensor) -> String {
     let known = config::ProfileName::shipped().filter(|(_, profile)| profile.force_sensor().is_some());
     let known: Vec<&str> = known.map(|(name, _)| name).collect();

@@ -41,9 +41,11 @@ pub const SHIPPED: &[(&str, &str)] = shipped![
     "ati-ethercat",
     "ati-ethercat-28-bytes",
     "elmo-gold",
+    "inovance-sv660n",
     "maxon-epos4",
     "simulated-force-sensor",
     "simulated-servo",
+    "synapticon-somanet",
     "zeroerr-edriver",
 ];
 

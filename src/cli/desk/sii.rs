@@ -530,7 +530,7 @@ mod tests {
         };
         let whole = Sii { order: "servo".to_owned(), ..Sii::default() }.write();
         assert_eq!(refused(&whole, false), None);
-        let xml = [&b"<?xml version='1.0'?><EtherCATInfo>"[..], &[b' '; 70_000]].concat();
+        let xml = [&b"<?xml version='1.0'?><EtherCATInfo>"[..], &[b' '; 60_000]].concat();
         assert!(refused(&xml, true).unwrap().contains("it ends within an element"));
         let whole_xml = [&xml[..], b"</EtherCATInfo>"].concat();
         assert_eq!(refused(&whole_xml, false), None);

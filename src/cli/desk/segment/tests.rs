@@ -63,7 +63,7 @@ fn another_vendor_s_sensor_is_another_device() {
         segment.controller_mut(2).unwrap().sii_mut()[2 * 0x08..2 * 0x0a].copy_from_slice(&0x11d_u32.to_le_bytes());
     });
     let found = scanned(&mut desk);
-    assert!(found.contains("wrist is another device (force sensor)"), "{found}");
+    assert!(found.contains("wrist is another device (ati-ethercat)"), "{found}");
 }
 
 #[test]
