@@ -27,7 +27,7 @@ mod setup;
 mod signs;
 
 pub use axis::{Arrived, AxisSetup, DriveOrders, DriveWords, HomingState, words_to_enable};
-pub use can::{BootPlan, NodePlan, PlannedWrite, Waiting, budget};
+pub use can::{BootPlan, NodePlan, Waiting, budget};
 pub use emergency::EmergencyReport;
 pub use error::{BootError, BootFailure, Others, Said};
 pub use ethercat::SEGMENT_LISTENING;
@@ -35,7 +35,7 @@ pub use master::Master;
 pub use network::{Network, Networks};
 pub use phase::Phase;
 pub use sample::SampleCodec;
-pub use script::Written;
+pub use script::{PlannedRefusal, PlannedWrite, ScriptPlan, Written};
 pub use setup::{
     BrakeWords, DriveSetup, HomingOrder, MasterSetup, SensorLink, SensorNode, SensorSetup, SensorStart, Waits,
 };

@@ -1,6 +1,7 @@
 //! The configuration of one device by its objects, as a list of steps: the same on every bus that carries objects.
 
 mod engine;
+mod plan;
 #[cfg(test)]
 mod tests;
 
@@ -16,6 +17,7 @@ use yieldwall_fieldbus::canopen::BusId;
 use yieldwall_fieldbus::objects::Address;
 
 pub(super) use engine::Script;
+pub use plan::{PlannedRefusal, PlannedWrite, ScriptPlan};
 
 /// One step of a script.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -13,8 +13,7 @@ use super::interfaces::Interfaces;
 use super::interrupt::on_interrupt;
 use super::keep::state_folder;
 use super::on_bus::{
-    different, live_failure, only_for_can, point_to_node, point_to_resets, thread_failure, told_before, warn, warn_of,
-    with_told,
+    different, live_failure, point_to_node, point_to_resets, thread_failure, told_before, warn, warn_of, with_told,
 };
 use super::output::Output;
 use super::report_text::{settled_json, settled_text, watchdogs_json, watchdogs_text};
@@ -51,9 +50,6 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<(), Failure> {
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     output.configuration(&rig.warnings)?;
-    if rig.value.is_on_ethercat() {
-        only_for_can(&[("--dry-run", arguments.dry_run, "docs/ethercat.md says what a boot writes")])?;
-    }
     check_buses(&rig, None, output)?;
     if arguments.dry_run {
         let buses = match arguments.bus.as_slice() {

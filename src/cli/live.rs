@@ -15,12 +15,12 @@ use super::interfaces::Interfaces;
 use super::interrupt::{interrupted, on_interrupt};
 use super::keep::{Keep, described};
 use super::on_bus::{
-    after_standstill, different, live_failure, not_in_time, only_for_can, point_to_node, point_to_resets, standing,
-    stood, thread_failure, told_before, warn, warn_of, with_findings, with_told,
+    after_standstill, different, live_failure, not_in_time, point_to_node, point_to_resets, standing, stood,
+    thread_failure, told_before, warn, warn_of, with_findings, with_told,
 };
 use super::output::Output;
 use super::pace::PaceArgument;
-use super::run::{Arguments, check, check_candump, check_loop, draw, dry_run_on_can, view, with_files};
+use super::run::{Arguments, check, check_candump, check_loop, draw, view, with_files};
 use super::tui::Screen;
 use facts::Facts;
 use proof::{check_measured_loop, measured_masses, unproven, untimely};
@@ -54,7 +54,6 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
     let rig = config::load_rig(Source::named(&arguments.rig))?;
-    only_for_can(&[dry_run_on_can(arguments, &rig.value)])?;
     check_candump(arguments, &rig)?;
     output.configuration(&rig.warnings)?;
     check_buses(&rig, Some(arguments.ignore_bus_budget), output)?;

@@ -19,7 +19,7 @@ use super::interrupt::{interrupted, on_interrupt, unless};
 use super::keep::{Keep, described};
 use super::margins::{Margins, has_other_inertia};
 use super::masses::{Masses, advice};
-use super::on_bus::{only_for_can, standing, told_at_boot, with_findings, with_told};
+use super::on_bus::{standing, told_at_boot, with_findings, with_told};
 use super::output::Output;
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
@@ -134,7 +134,6 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     output.configuration(&rig.warnings)?;
     check_buses(&rig, Some(arguments.ignore_bus_budget), output)?;
     let margins = check_loop(&rig, true, output)?;
-    only_for_can(&[dry_run_on_can(arguments, &rig.value)])?;
     check_candump(arguments, &rig)?;
     if arguments.dry_run {
         return plan::run(&rig, &[], Sender::Run, output);
@@ -194,12 +193,6 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
         return end;
     }
     output.end(facts.json(arguments), end)
-}
-
-/// What is for a rig on CAN alone: the argument, whether it is given to another one, and what to do in its place.
-pub(super) fn dry_run_on_can(arguments: &Arguments, rig: &config::Rig) -> (&'static str, bool, &'static str) {
-    let is_given = arguments.dry_run && rig.is_on_ethercat();
-    ("--dry-run", is_given, "docs/ethercat.md says what a boot writes")
 }
 
 /// Refuses a log of CAN frames of a rig that has no CAN.

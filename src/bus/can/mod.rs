@@ -29,7 +29,7 @@ use yieldwall_fieldbus::time::Time;
 use yieldwall_motion::cycle::LinkEvents;
 use yieldwall_motion::guard::{Device, DeviceSet};
 
-pub use plan::{BootPlan, NodePlan, PlannedWrite};
+pub use plan::{BootPlan, NodePlan};
 pub use waiting::Waiting;
 
 /// All CAN buses of a rig.

@@ -2,7 +2,7 @@
 
 use crate::error::BootFailure;
 use crate::sample::SampleCodec;
-use crate::script::{self, Action, Step, unit};
+use crate::script::{self, Action, ScriptPlan, Step, unit};
 use crate::setup::{BrakeWords, HomingOrder, SensorStart, Waits};
 use std::sync::Arc;
 use std::time::Duration;
@@ -262,6 +262,11 @@ impl StationSetup {
             codec: SampleCodec::default(),
             steps: Vec::new(),
         }
+    }
+
+    /// All objects that the boot reads and writes of it.
+    pub fn plan(&self) -> ScriptPlan {
+        ScriptPlan::new(&self.script(), &self.identity)
     }
 
     /// Bytes of process data that it is sent.

@@ -1,10 +1,14 @@
 //! `run --dry-run` and `drill --dry-run`: what boot and start would send to each device, in its order, old -> new. Objects are read; nothing
-//! else is sent, and nothing at all on a bus with a master.
+//! else is sent, and nothing at all on a bus with a master. A device on EtherCAT that is in INIT is brought to PRE-OP and back.
+
+mod segment;
 
 use serde_json::{Value as Json, json};
 use yieldwall_drives::eds::Value;
+use yieldwall_drives::scaling::AxisScaling;
 
-use super::place::{DeviceSession, Entry, Node};
+use super::place::{DeviceSession, Node};
+use super::segment::SegmentSession;
 use super::words::{self, nmt_words};
 use crate::ending::rig_failure;
 use crate::failure::{Exit, Failure};
@@ -37,9 +41,36 @@ pub(crate) enum Sender {
 struct Line {
     part: &'static str,
     bus: BusId,
-    /// Whom it is for; `None` for all.
-    node: Option<(u8, String)>,
+    /// The device that it is for; `None` for all.
+    owner: Option<Owner>,
     what: What,
+}
+
+/// A device by its place on its bus.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Owner {
+    place: Place,
+    name: String,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Place {
+    Node(u8),
+    Position(u16),
+}
+
+impl Owner {
+    fn node(id: u8, name: &str) -> Self {
+        Self { place: Place::Node(id), name: name.to_owned() }
+    }
+
+    /// `node 1 (left)`, `left (position 0)`.
+    fn words(&self) -> String {
+        match self.place {
+            Place::Node(id) => format!("node {id} ({})", self.name),
+            Place::Position(position) => format!("{} (position {position})", self.name),
+        }
+    }
 }
 
 #[derive(Clone, Debug)]
@@ -48,6 +79,8 @@ enum What {
     Command(NmtCommand),
     /// A frame, and what it is.
     Frame(Frame, String),
+    /// What is set of a device on EtherCAT beside its objects.
+    Set(String),
     /// An object.
     Write(PlannedWrite),
     /// A controlword.
@@ -57,39 +90,56 @@ enum What {
 /// Says what a rig's boot and start would send: to its devices on these buses, `NAME=INTERFACE` each, or to the simulated ones.
 pub(crate) fn run(rig: &Loaded<Rig>, buses: &[String], sender: Sender, output: &mut Output) -> Result<(), Failure> {
     let plan = master(&rig.value, &rig.value.fixture).map_err(|error| rig_failure(&error.into()))?;
-    let plan = plan.networks().plan().unwrap_or_default();
-    let mut desks = match buses {
-        [] => vec![DeviceSession::of_rig(rig, None)?],
-        // Listens on each before anything is read on any.
-        several => several.iter().map(|bus| DeviceSession::of_rig(rig, Some(bus))).collect::<Result<_, _>>()?,
+    let plan = plan.networks().plan();
+    let (of_segment, of_can): (Vec<&String>, Vec<&String>) =
+        buses.iter().partition(|bus| segment::is_one(&rig.value, bus));
+    // Listens on each before anything is read on any.
+    let mut segment = match rig.value.is_on_ethercat() {
+        true => Some(SegmentSession::of_rig(rig, of_segment.first().map(|bus| bus.as_str()))?),
+        false => None,
     };
-    let (lines, end) = lines(&rig.value, &plan, &mut desks)?;
-    let places: Vec<&str> = desks.iter().map(|desk| desk.place.as_str()).collect();
-    let place = places.join(", ");
+    let mut desks = match (of_can.as_slice(), &plan) {
+        (_, None) => Vec::new(),
+        ([], Some(_)) => vec![DeviceSession::of_rig(rig, None)?],
+        (several, Some(_)) => {
+            several.iter().map(|bus| DeviceSession::of_rig(rig, Some(bus))).collect::<Result<_, _>>()?
+        }
+    };
+    let (mut lines, mut end) = lines(&rig.value, &plan.unwrap_or_default(), &mut desks)?;
+    if let Some(desk) = &mut segment {
+        let (of_segment, refused) = segment::lines(&rig.value, desk, output)?;
+        end = refused.and(end);
+        lines = segment::joined(of_segment, lines);
+    }
+    let places = segment.iter().map(|desk| desk.place.as_str()).chain(desks.iter().map(|desk| desk.place.as_str()));
+    let place = places.collect::<Vec<_>>().join(", ");
+    let is_simulated = buses.is_empty();
+    let scalings = scalings(&segment, &desks);
     let watchdogs = watchdogs(&rig.value);
     let rounds = if sender == Sender::Drill { watchdogs.len() } else { 1 };
     if output.is_json() {
         let document = json!({
             "dry_run": true, "place": place, "times": rounds,
-            "sends": lines.iter().map(|line| line.to_json(&rig.value, &desks)).collect::<Vec<_>>(),
+            "sends": lines.iter().map(|line| line.to_json(&rig.value, &scalings)).collect::<Vec<_>>(),
             "motion": motion_json(&rig.value, sender),
         });
         return output.end(document, end);
     }
-    let is_simulated = desks.iter().any(|desk| desk.is_simulated);
     let asked = if is_simulated { format!("simulated devices of {}", rig.value.rig.name) } else { place };
     let other = if is_simulated { ". With --bus INTERFACE those of a bus are read" } else { "" };
+    // Only CAN is reset.
+    let unless = if desks.is_empty() { "" } else { ", unless the reset changes it" };
     let mut text = words::wrapped(&format!(
-        "Nothing was written. Old values were read from the {asked}{other}. An object that stands already is not written, unless the reset changes it."
+        "Nothing was written. Old values were read from the {asked}{other}. An object that stands already is not written{unless}."
     ));
     let (mut part, mut of) = ("", None);
     for (number, line) in lines.iter().enumerate() {
-        let begins = line.part != part || (part == CONFIGURE && line.node != of);
+        let begins = line.part != part || (part == CONFIGURE && line.owner != of);
         if begins {
             text.push_str(&heading(line, &rig.value, sender));
         }
-        (part, of) = (line.part, line.node.clone());
-        text.push_str(&format!("{:4}  {}\n", number + 1, line.words(&rig.value, &desks)));
+        (part, of) = (line.part, line.owner.clone());
+        text.push_str(&format!("{:4}  {}\n", number + 1, line.words(&rig.value, &scalings)));
     }
     text.push_str(&motion_text(&rig.value, sender));
     if rounds > 1 {
@@ -109,11 +159,11 @@ fn lines(rig: &Rig, plan: &BootPlan, desks: &mut [DeviceSession]) -> Result<(Vec
     let mut lines = Vec::new();
     let named = |id: u8, bus: BusId| {
         let node = plan.nodes.iter().find(|node| node.bus == bus && node.id.raw() == id);
-        node.map(|node| (id, node.name.clone()))
+        node.map(|node| Owner::node(id, &node.name))
     };
     let of_frames = |part: &'static str, frames: &[Frame], lines: &mut Vec<Line>| {
         for frame in frames {
-            let (node, what) = match (nmt::decode_command(frame), nmt::decode_heartbeat(frame)) {
+            let (owner, what) = match (nmt::decode_command(frame), nmt::decode_heartbeat(frame)) {
                 (Some((command, node)), _) => {
                     (node.and_then(|node| named(node.raw(), frame.bus())), What::Command(command))
                 }
@@ -123,7 +173,7 @@ fn lines(rig: &Rig, plan: &BootPlan, desks: &mut [DeviceSession]) -> Result<(Vec
                 }
                 _ => (None, What::Frame(*frame, format!("order to {}", rig.sensor.name))),
             };
-            lines.push(Line { part, bus: frame.bus(), node, what });
+            lines.push(Line { part, bus: frame.bus(), owner, what });
         }
     };
     of_frames("boot", &plan.reset, &mut lines);
@@ -131,11 +181,11 @@ fn lines(rig: &Rig, plan: &BootPlan, desks: &mut [DeviceSession]) -> Result<(Vec
     for node in &plan.nodes {
         let (writes, refused) = ask(node, desks)?;
         end = end.and(refused);
-        let of = Some((node.id.raw(), node.name.clone()));
+        let owner = Some(Owner::node(node.id.raw(), &node.name));
         lines.extend(writes.into_iter().map(|write| Line {
             part: CONFIGURE,
             bus: node.bus,
-            node: of.clone(),
+            owner: owner.clone(),
             what: What::Write(write),
         }));
     }
@@ -144,18 +194,17 @@ fn lines(rig: &Rig, plan: &BootPlan, desks: &mut [DeviceSession]) -> Result<(Vec
     let mut old = None;
     for new in words_to_enable() {
         for node in &drives {
-            let of = Some((node.id.raw(), node.name.clone()));
-            lines.push(Line { part: "enable", bus: node.bus, node: of, what: What::Controlword { old, new } });
+            let owner = Some(Owner::node(node.id.raw(), &node.name));
+            lines.push(Line { part: "enable", bus: node.bus, owner, what: What::Controlword { old, new } });
         }
         old = Some(new);
     }
     of_frames("leave", &plan.leave, &mut lines);
     let (at, never) = END_OF_WATCH;
     for node in drives {
+        let owner = Owner::node(node.id.raw(), &node.name);
         let told = lines.iter().rev().find_map(|line| match &line.what {
-            What::Write(write)
-                if line.node.as_ref().is_some_and(|(id, _)| *id == node.id.raw()) && line.bus == node.bus =>
-            {
+            What::Write(write) if line.owner.as_ref() == Some(&owner) && line.bus == node.bus => {
                 (write.at == at).then(|| write.new.clone()).flatten()
             }
             _ => None,
@@ -167,8 +216,7 @@ fn lines(rig: &Rig, plan: &BootPlan, desks: &mut [DeviceSession]) -> Result<(Vec
             new: Some(never.to_le_bytes().to_vec()),
             stands: false,
         };
-        let of = Some((node.id.raw(), node.name.clone()));
-        lines.push(Line { part: "leave", bus: node.bus, node: of, what: What::Write(write) });
+        lines.push(Line { part: "leave", bus: node.bus, owner: Some(owner), what: What::Write(write) });
     }
     Ok((lines, end))
 }
@@ -208,24 +256,33 @@ fn desk_of(bus: BusId, desks: &mut [DeviceSession]) -> Option<(&mut DeviceSessio
 
 fn heading(line: &Line, rig: &Rig, sender: Sender) -> String {
     let period_ms = f64::from(rig.cycle.period_us) * 1e-3;
-    match (line.part, &line.node) {
+    match (line.part, &line.owner) {
+        (segment::PART, _) => segment::HEADING.to_owned(),
         ("boot", _) => words::wrapped(&format!(
             "\nReset, if no other master is heard before or within {} ms after the first heartbeat; more heartbeats follow every {} ms",
             ANNOUNCED.as_millis(),
             rig.own_node().map_or(0, |own| own.heartbeat_ms)
         )),
-        (CONFIGURE, Some((id, name))) => {
+        (CONFIGURE, Some(owner @ Owner { place: Place::Position(_), .. })) => {
+            words::wrapped(&format!("\nThe objects of {} by CoE in PRE-OP; old values are those of now", owner.words()))
+        }
+        (CONFIGURE, Some(Owner { place: Place::Node(id), name })) => {
             let bus = rig.buses.keys().nth(line.bus.index()).filter(|_| rig.buses.len() > 1);
             let bus = bus.map_or(String::new(), |bus| format!(" on {bus}"));
             words::wrapped(&format!(
                 "\nNode {id} ({name}){bus} by SDO, at the same time as the others; old values are those before the reset"
             ))
         }
+        ("start", Some(Owner { place: Place::Position(_), .. })) => {
+            "\nClocks and process data, then SAFE-OP and OP\n".to_owned()
+        }
         ("start", _) => "\nStart\n".to_owned(),
         ("enable", _) => {
             let proof = if sender == Sender::Run { ", with a watchdog drill on record" } else { "" };
+            let with = if rig.has_drives_on_ethercat() { "process data" } else { "SYNC" };
+            let behind = if rig.has_drives_on_ethercat() { "in them" } else { "and behind it" };
             words::wrapped(&format!(
-                "\nEnable: from here on SYNC every {period_ms} ms, and behind it set-points with these controlwords; past 0006h on a bus \
+                "\nEnable: from here on {with} every {period_ms} ms, {behind} set-points with these controlwords; past 0006h on a bus \
                  after {} cycles{proof}, and each when the drive has followed the one before",
                 settling_on_bus(rig)
             ))
@@ -235,21 +292,23 @@ fn heading(line: &Line, rig: &Rig, sender: Sender) -> String {
 }
 
 impl Line {
-    fn entry<'a>(&self, desks: &'a [DeviceSession]) -> Option<&'a Entry> {
-        let (id, name) = self.node.as_ref()?;
-        desks.iter().flat_map(|desk| &desk.entries).find(|entry| entry.node.raw() == *id && entry.name == *name)
+    /// The scaling of the drive that it is for.
+    fn scaling<'a>(&self, scalings: &'a Scalings) -> Option<&'a AxisScaling> {
+        let name = &self.owner.as_ref()?.name;
+        scalings.iter().find(|(known, _)| known == name).map(|(_, scaling)| scaling)
     }
 
-    fn words(&self, rig: &Rig, desks: &[DeviceSession]) -> String {
+    fn words(&self, rig: &Rig, scalings: &Scalings) -> String {
         // Where there is one bus, its name says nothing.
         let bus = match rig.buses.keys().nth(self.bus.index()).filter(|_| rig.buses.len() > 1) {
             Some(name) => format!("{name}: "),
             None => String::new(),
         };
-        let who = self.node.as_ref().map_or("all".to_owned(), |(id, name)| format!("node {id} ({name})"));
+        let who = self.owner.as_ref().map_or("all".to_owned(), Owner::words);
         match &self.what {
             What::Command(command) => format!("{bus}NMT, {who}: {}", command_words(*command)),
             What::Frame(frame, what) => format!("{bus}{:03X}h {}  {what}", frame.id(), hexadecimal(frame.data())),
+            What::Set(what) => format!("{bus}{who}: {what}"),
             What::Controlword { old, new } => {
                 let old = old.map_or("-".to_owned(), |old| format!("{old:04X}h"));
                 format!("{bus}{who}: controlword {old} -> {new:04X}h")
@@ -263,7 +322,7 @@ impl Line {
                 let wide = if before.is_empty() { 28 } else { 20 };
                 let change = if write.stands { format!("{new} stands") } else { format!("{old} -> {new}") };
                 let line = format!("{before}{:8}  {name:wide$}  {change}", write.at.to_string());
-                let scaling = self.entry(desks).and_then(|entry| entry.scaling.as_ref());
+                let scaling = self.scaling(scalings);
                 let means = write
                     .new
                     .as_ref()
@@ -276,21 +335,26 @@ impl Line {
         }
     }
 
-    fn to_json(&self, rig: &Rig, desks: &[DeviceSession]) -> Json {
+    fn to_json(&self, rig: &Rig, scalings: &Scalings) -> Json {
+        let place = self.owner.as_ref().map(|owner| owner.place);
         let mut document = json!({
             "part": self.part,
             "bus": rig.buses.keys().nth(self.bus.index()),
-            "node_id": self.node.as_ref().map(|(id, _)| id),
-            "device": self.node.as_ref().map(|(_, name)| name),
+            "node_id": match place { Some(Place::Node(id)) => Some(id), _ => None },
+            "device": self.owner.as_ref().map(|owner| &owner.name),
         });
+        if let (Json::Object(all), Some(Place::Position(position))) = (&mut document, place) {
+            all.insert("position".to_owned(), position.into());
+        }
         let more = match &self.what {
             What::Command(command) => json!({ "nmt": command_words(*command) }),
             What::Frame(frame, what) => {
                 json!({ "frame": format!("{:03X}#{}", frame.id(), hexadecimal(frame.data())), "what": what })
             }
+            What::Set(what) => json!({ "set": what }),
             What::Controlword { old, new } => json!({ "controlword": { "old": old, "new": new } }),
             What::Write(write) => {
-                let scaling = self.entry(desks).and_then(|entry| entry.scaling.as_ref());
+                let scaling = self.scaling(scalings);
                 let shown = |bytes: &Option<Vec<u8>>| {
                     bytes.as_ref().map(|bytes| {
                         let shown = words::value(write.at, data_type(write.at, bytes), bytes, scaling);
@@ -315,9 +379,22 @@ impl Line {
     }
 }
 
+/// Scalings of drives, by their names.
+type Scalings = Vec<(String, AxisScaling)>;
+
+fn scalings(segment: &Option<SegmentSession>, desks: &[DeviceSession]) -> Scalings {
+    let of_segment = segment.iter().flat_map(|desk| &desk.entries);
+    let of_segment = of_segment.map(|entry| (&entry.name, &entry.scaling));
+    let of_can = desks.iter().flat_map(|desk| &desk.entries).map(|entry| (&entry.name, &entry.scaling));
+    of_segment.chain(of_can).filter_map(|(name, scaling)| Some((name.clone(), scaling.clone()?))).collect()
+}
+
 fn data_type(at: Address, bytes: &[u8]) -> Option<u16> {
     known(at, None).map(|known| known.data_type).or_else(|| type_by_length(bytes.len()))
 }
+
+/// Objects that hold the indices of other objects.
+const ASSIGNMENTS: std::ops::Range<u16> = 0x1c10..0x1c30;
 
 /// A value in few letters: identifiers, mappings and watched nodes as 32 bits in hexadecimal, all else as a number.
 fn short(at: Address, bytes: Option<&[u8]>) -> String {
@@ -326,6 +403,7 @@ fn short(at: Address, bytes: Option<&[u8]>) -> String {
         Some(Value::Integer(_)) if at.index < 0x2000 && bytes.len() == 4 => {
             format!("{:08X}h", yieldwall_service::number(bytes))
         }
+        Some(Value::Integer(value)) if ASSIGNMENTS.contains(&at.index) && bytes.len() == 2 => format!("{value:04X}h"),
         Some(Value::Integer(value)) => value.to_string(),
         _ => hexadecimal(bytes),
     }
@@ -380,7 +458,9 @@ mod tests {
 
     use super::*;
     use yieldwall_config::{Source, load_rig};
+    use yieldwall_fieldbus::Packet;
     use yieldwall_fieldbus::canopen::cob;
+    use yieldwall_fieldbus::ethercat::frame::{Command, DatagramHeader, Datagrams};
     use yieldwall_fieldbus::time::Time;
     use yieldwall_link::{Arrival, CanLink, SendError};
     use yieldwall_rig::EmbeddedRig;
@@ -422,6 +502,13 @@ mod tests {
         lines
     }
 
+    fn node_of(line: &Line) -> Option<u8> {
+        match line.owner.as_ref()?.place {
+            Place::Node(id) => Some(id),
+            Place::Position(_) => None,
+        }
+    }
+
     /// The frames of the master of a rig that is booted, enabled, stopped and left on the embedded simulation.
     fn sent(rig: &Loaded<Rig>) -> Vec<Frame> {
         let frames = Arc::new(Mutex::new(Vec::new()));
@@ -454,7 +541,7 @@ mod tests {
             let told: Vec<_> = of_boot
                 .iter()
                 .filter_map(|line| match line.what {
-                    What::Command(command) => Some((line.bus, command, line.node.as_ref().map(|(id, _)| *id))),
+                    What::Command(command) => Some((line.bus, command, node_of(line))),
                     _ => None,
                 })
                 .collect();
@@ -466,12 +553,12 @@ mod tests {
             let sent_commands = by_bus(sent.iter().filter_map(commands).collect());
             assert_eq!(by_bus(told), sent_commands, "{name}: network management");
             let mut nodes: Vec<(BusId, u8)> =
-                of_boot.iter().filter_map(|line| Some((line.bus, line.node.as_ref()?.0))).collect();
+                of_boot.iter().filter_map(|line| Some((line.bus, node_of(line)?))).collect();
             nodes.sort();
             nodes.dedup();
             assert!(nodes.len() >= 2);
             for (bus, id) in nodes {
-                let is_of = |line: &&&Line| line.bus == bus && line.node.as_ref().is_some_and(|(node, _)| *node == id);
+                let is_of = |line: &&&Line| line.bus == bus && node_of(line) == Some(id);
                 let told: Vec<_> = of_boot
                     .iter()
                     .filter(is_of)
@@ -513,6 +600,67 @@ mod tests {
             let same = |frame: &Frame| (frame.bus(), frame.id(), frame.data().to_vec());
             let mut rest = sent.iter().map(same);
             assert!(told.iter().all(|frame| rest.any(|sent| sent == same(frame))), "{name}: {told:?}");
+        }
+    }
+
+    /// The expedited SDO downloads in a frame of a segment: station address, object and bytes.
+    fn coe_downloads(bytes: &[u8]) -> Vec<(u16, Address, Vec<u8>)> {
+        let Ok(datagrams) = Datagrams::of(bytes) else { return Vec::new() };
+        let of_mailbox = datagrams.filter_map(Result::ok).filter(|datagram| {
+            let DatagramHeader { command, address, .. } = datagram.header;
+            // The simulated devices have their mailboxes there.
+            command == Command::Fpwr as u8 && address >> 16 == 0x1000 && datagram.data.len() >= 16
+        });
+        let told = of_mailbox.filter_map(|datagram| {
+            let data = datagram.data;
+            // CoE, the service of a request, and an expedited download.
+            let is_download = data[5] & 0x0f == 3 && data[7] >> 4 == 2 && data[8] & 0xe2 == 0x22;
+            let at = Address::new(u16::from_le_bytes([data[9], data[10]]), data[11]);
+            let len = 4 - usize::from(data[8] >> 2 & 3);
+            is_download.then(|| (datagram.header.address as u16, at, data[12..12 + len].to_vec()))
+        });
+        told.collect()
+    }
+
+    #[test]
+    fn of_a_segment_too_what_is_told_is_what_the_boot_sends() {
+        let output = Output::new(true, false, false);
+        for name in
+            ["paper-ethercat", "paper-ethercat-can-sensor", "vendors/ethercat-fixed-assignment", "vendors/float-sensor"]
+        {
+            let rig = load_rig(Source::named(&format!("builtin:{name}.yaml"))).unwrap();
+            let mut desk = SegmentSession::of_rig(&rig, None).unwrap();
+            let (lines, end) = segment::lines(&rig.value, &mut desk, &output).unwrap();
+            assert!(end.is_ok(), "{name}");
+            let told = lines.iter().filter_map(|line| match (&line.what, line.owner.as_ref()?.place) {
+                (What::Write(write), Place::Position(position)) => {
+                    assert!(write.old.is_some(), "{name} {position} {}", write.at);
+                    (!write.stands).then(|| (0x1000 + position, write.at, write.new.clone().unwrap()))
+                }
+                _ => None,
+            });
+            let mut told: Vec<_> = told.collect();
+            let frames = Arc::new(Mutex::new(Vec::new()));
+            let scene = rig.scene().unwrap().value;
+            let mut machine = EmbeddedRig::new(&rig.value, &scene, &rig.value.fixture, 1).unwrap();
+            let taken = Arc::clone(&frames);
+            machine.set_tap(Box::new(move |_, packet| {
+                if let Packet::Ethernet { bytes, .. } = packet {
+                    taken.lock().unwrap().push(bytes.to_vec());
+                }
+            }));
+            machine.enable().unwrap();
+            drop(machine);
+            let frames = Arc::try_unwrap(frames).unwrap().into_inner().unwrap();
+            let mut sent: Vec<_> = frames.iter().flat_map(|bytes| coe_downloads(bytes)).collect();
+            // A frame passes the tap on its way out and back.
+            sent.dedup();
+            // Devices are told at the same time; each has an order of its own.
+            told.sort_by_key(|(station, ..)| *station);
+            sent.sort_by_key(|(station, ..)| *station);
+            sent.dedup();
+            assert_eq!(told, sent, "{name}");
+            assert!(told.len() > 10 || name.contains("fixed"), "{name}: {told:?}");
         }
     }
 

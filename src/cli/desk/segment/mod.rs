@@ -150,6 +150,17 @@ impl SegmentSession {
         })
     }
 
+    /// The segment of a rig on an interface, where no master is; or that of its simulation.
+    pub(super) fn of_rig(rig: &Loaded<Rig>, bus: Option<&str>) -> Result<Self, Failure> {
+        let is_over = on_interrupt()?;
+        let Some(bus) = bus else { return Self::simulated(rig, is_over) };
+        let opening = Opening { is_for_segments: true, ..Opening::default() };
+        let desk = Self::on_interface(bus, Some(rig), opening, is_over)?;
+        let desk =
+            desk.ok_or_else(|| Failure::new(Exit::BusUnavailable, format!("{bus} is no Ethernet interface"), ""))?;
+        Ok(Self { arguments: format!(" --bus {bus}"), ..desk })
+    }
+
     fn simulated(rig: &Loaded<Rig>, is_over: Arc<AtomicBool>) -> Result<Self, Failure> {
         let scene = rig.scene()?.value;
         let link = VirtualSegment::new(&rig.value, &scene, scene.seed).map_err(|error| rig_failure(&error))?;
