@@ -25,6 +25,7 @@ mod sample;
 mod script;
 mod setup;
 mod signs;
+mod turns;
 
 pub use axis::{Arrived, AxisSetup, DriveOrders, DriveWords, HomingState, words_to_enable};
 pub use can::{BootPlan, NodePlan, Waiting, budget};

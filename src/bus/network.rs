@@ -173,7 +173,8 @@ pub trait Network: Send + Sync {
     fn has(&self, device: Device) -> bool;
 
     /// Begins to read or to write an object of a device; [`Network::answer`] returns the outcome. A device takes one request at a time, and
-    /// none during the boot.
+    /// none during the boot. A drive that is an axis of a device names its objects as those of a first axis (6041h), and takes turns with the
+    /// other one.
     ///
     /// # Errors
     /// If the network was not booted, the device has no objects or has not answered the last request, or the value is too long.

@@ -52,8 +52,8 @@ pub(super) enum Action {
     Exponent,
     /// A part of the cycle time, said with that power of ten where it can be.
     CycleTime { period_us: u32, part: CyclePart },
-    /// These bits have to be 0; a device may lack the object.
-    Clear { bits: u32 },
+    /// These bits have to be so; a device may lack the object.
+    Bits { mask: u32, value: u32 },
     /// The type of synchronisation; a device may lack the object, or set it by itself.
     SyncType { value: u32 },
     /// The object has to come to this value within the time that an answer may take.
@@ -147,7 +147,7 @@ impl Step {
         match self.action {
             Action::Expect { value, mask } => (received ^ value) & mask == 0,
             Action::State { value, kept } => differs(value) & !kept == 0,
-            Action::Clear { bits } => received & bits == 0,
+            Action::Bits { mask, value } => (received ^ value) & mask == 0,
             Action::Command { value, .. }
             | Action::SyncType { value }
             | Action::Await { value }
@@ -369,6 +369,12 @@ pub(super) fn limits(servo: &Servo, torque_per_mille: u16, counts_per_s: u32, wi
     if let Some(object) = &servo.limits.following_error {
         steps.push(state("set the following error window", object, window));
     }
+}
+
+/// Adds the steps of another axis of a device. Steps that do the same with an object of the device are there already.
+pub(super) fn add_axis(steps: &mut Vec<Step>, axis: Vec<Step>) {
+    let new: Vec<Step> = axis.into_iter().filter(|step| !steps.contains(step)).collect();
+    steps.extend(new);
 }
 
 /// That the drive has the mode.

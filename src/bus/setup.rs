@@ -80,6 +80,14 @@ pub struct DriveSetup {
     pub homing: Option<HomingOrder>,
 }
 
+impl DriveSetup {
+    /// Whether another drive is another axis of the same device.
+    pub(super) fn shares_device(&self, other: &Self) -> bool {
+        let are_axes = self.profile.axis().zip(other.profile.axis()).is_some_and(|(own, other)| own != other);
+        are_axes && (self.bus, self.node_id) == (other.bus, other.node_id)
+    }
+}
+
 /// The force sensor.
 #[derive(Clone, Debug)]
 pub struct SensorSetup {

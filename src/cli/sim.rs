@@ -187,7 +187,10 @@ fn named(arguments: &Arguments, rig: &config::Rig) -> Result<[bool; 3], Failure>
         return Err(Failure::new(Exit::Usage, message, format!("its devices are {known}")));
     }
     let is_here = |device| arguments.nodes.is_empty() || arguments.nodes.iter().any(|node| is_meant(node, device));
-    Ok(devices.map(is_here))
+    let [left, right, sensor] = devices.map(is_here);
+    // Axes of one device are in one process.
+    let either = rig.has_one_device() && (left || right);
+    Ok([left || either, right || either, sensor])
 }
 
 /// Which of the rig's devices are simulated in this process.
@@ -195,6 +198,10 @@ fn chosen(arguments: &Arguments, rig: &config::Rig) -> Result<[bool; 3], Failure
     let here = named(arguments, rig)?;
     let count = here.iter().filter(|is_here| **is_here).count();
     match (&arguments.attach, &arguments.plant) {
+        (Some(_), _) if rig.has_one_device() && here[0] => {
+            let message = "--attach is for a device of one drive, and both drives of this rig are axes of one device";
+            Err(Failure::new(Exit::Usage, message, "leave the drives in the process with --plant"))
+        }
         (Some(_), _) if count != 1 => {
             let help = "start one process for each device, such as --nodes left";
             Err(Failure::new(Exit::Usage, "--attach is for one device", help))
@@ -241,7 +248,14 @@ impl Own {
             SensorLink::PlainCan(link) => Role::PlainCan(link.protocol.data_ids()[0]),
         };
         let all = drives.chain([(DeviceSet::SENSOR, self.setup.sensor.bus, sensor)]);
-        all.filter(|(device, on, _)| self.devices.contains(*device) && *on == bus).map(|(.., role)| role).collect()
+        let mut roles: Vec<Role> = Vec::new();
+        for (.., role) in all.filter(|(device, on, _)| self.devices.contains(*device) && *on == bus) {
+            // Axes of one node are one.
+            if !roles.contains(&role) {
+                roles.push(role);
+            }
+        }
+        roles
     }
 
     /// Listens for others that are the same devices; `placed` gives a frame its bus.

@@ -6,6 +6,7 @@ use super::far_end::{Actuator, Device, Transducer};
 use yieldwall_drives::cia402;
 use yieldwall_fieldbus::canopen::{Frame, Outbox, cob};
 use yieldwall_fieldbus::time::Time;
+use yieldwall_sim::AxisView;
 
 /// Longest simulated time in which a device elsewhere is not asked whether something has become due: frames that it gets
 /// from the bus change that.
@@ -133,30 +134,21 @@ impl<D: Device> Device for DeviceSlot<D> {
 }
 
 impl<D: Actuator> Actuator for DeviceSlot<D> {
-    fn measure(&mut self, angle_rad: f64, rate_rad_per_s: f64) {
+    fn measure(&mut self, axis: usize, angle_rad: f64, rate_rad_per_s: f64) {
         match self {
-            DeviceSlot::Local(device) => device.measure(angle_rad, rate_rad_per_s),
+            DeviceSlot::Local(device) => device.measure(axis, angle_rad, rate_rad_per_s),
             DeviceSlot::Remote(remote) => remote.felt = [angle_rad, rate_rad_per_s, 0.0, 0.0, 0.0, 0.0],
         }
     }
 
-    fn torque_n_m(&self) -> f64 {
-        match self {
-            DeviceSlot::Local(device) => device.torque_n_m(),
-            DeviceSlot::Remote(remote) => remote.answer.torque_n_m,
-        }
-    }
-
-    fn state(&self) -> cia402::State {
-        match self {
-            DeviceSlot::Local(device) => device.state(),
-            DeviceSlot::Remote(remote) => remote.answer.state,
-        }
-    }
-
     /// Nobody asks a device elsewhere for its brake.
-    fn is_braked(&self) -> bool {
-        self.here().is_some_and(Actuator::is_braked)
+    fn axis(&self, axis: usize) -> AxisView {
+        match self {
+            DeviceSlot::Local(device) => device.axis(axis),
+            DeviceSlot::Remote(RemoteDevice { answer: Answer { torque_n_m, state, .. }, .. }) => {
+                AxisView { torque_n_m: *torque_n_m, state: *state, is_braked: false }
+            }
+        }
     }
 }
 

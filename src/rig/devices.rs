@@ -79,19 +79,35 @@ fn odd_objects(model: &config::DriveModel) -> Vec<OddObject> {
 /// If its profile is not that of a drive.
 pub fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, serial: u32) -> Result<Drive, RigError> {
     let AxisSettings { scaling, position_loop, encoder } = axis(rig, scene, drive)?;
-    let joint = usize::from(drive.name == rig.drives[1].name);
-    let has = |kind| defects::has(scene, kind, joint);
     let odd = simulated(rig)?.drive_model.as_ref();
-    let mut made = Drive::new(DriveSettings {
+    let profile = assembly::profile(odd.map_or(&drive.profile, |odd| &odd.profile))?;
+    let joints = axis_settings(rig, scene, drive, profile.axes())?;
+    let settings = DriveSettings {
         node: node(drive.address.node_id().ok_or(AssemblyError::OnEthercat)?)?,
-        profile: assembly::profile(odd.map_or(&drive.profile, |odd| &odd.profile))?,
+        profile,
         serial,
         scaling,
         position_loop,
         encoder,
         manner: odd.map(manner).unwrap_or_default(),
-    })
-    .map_err(|error| RigError::Device(error.to_string()))?;
+    };
+    let made = Drive::of_axes(&settings, |axis| joints.of(axis));
+    let mut made = made.map_err(|error| RigError::Device(error.to_string()))?;
+    for drive in rig.drives.iter().filter(|other| other.shares_device(drive)) {
+        made.on_axis(axis_of(drive), |made| prepare_on_can(rig, scene, drive, made))?;
+    }
+    Ok(made)
+}
+
+/// What is special of a drive on CAN, or of its encoder.
+fn prepare_on_can(
+    rig: &config::Rig,
+    scene: &config::Scene,
+    drive: &config::Drive,
+    made: &mut Drive,
+) -> Result<(), RigError> {
+    let joint = usize::from(drive.name == rig.drives[1].name);
+    let has = |kind| defects::has(scene, kind, joint);
     if let Some(homing) = drive.homing {
         made.set_incremental(homing.angle_rad.get());
     }
@@ -105,7 +121,7 @@ pub fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, se
         made.ignore(Watchdog::Heartbeat);
     }
     made.set_forgets_torque_limit(has(DefectKind::LimitNotKept)?);
-    Ok(made)
+    Ok(())
 }
 
 /// The simulated force sensor, switched off.
@@ -152,8 +168,13 @@ pub fn segment(
     let [left, right] = &rig.drives;
     let positions = [left.address.position(), right.address.position(), rig.sensor.protocol.position()];
     let mut line: Vec<(u16, Option<usize>)> = Vec::new();
-    for (device, position) in positions.into_iter().enumerate().filter(|(device, _)| here.get(*device) == Some(&true)) {
-        line.extend(position.map(|position| (position, Some(device))));
+    // Axes of one device are here together.
+    let is_here = |device: usize| {
+        here.get(device) == Some(&true) || rig.has_one_device() && device < 2 && here[..2].contains(&true)
+    };
+    for (device, position) in positions.into_iter().enumerate().filter(|(device, _)| is_here(*device)) {
+        let is_new = |position: &u16| !line.iter().any(|(known, _)| known == position);
+        line.extend(position.filter(is_new).map(|position| (position, Some(device))));
     }
     let odd = &simulated(rig)?.segment;
     let beside = odd.iter().map(|odd| odd.position).filter(|position| !positions.contains(&Some(*position)));
@@ -188,8 +209,10 @@ pub fn segment(
         let manner = odd.map(manner_on_segment).unwrap_or_default();
         let settings = ControllerSettings { drift_ppb, manner, ..ControllerSettings::new(image) };
         controllers.push(Controller::new(made, settings));
-        if let Some(known) = device.and_then(|device| places.get_mut(device)) {
-            *known = Some(place);
+        for (device, known) in places.iter_mut().enumerate() {
+            if is_here(device) && positions.get(device) == Some(&Some(position)) {
+                *known = Some(place);
+            }
         }
     }
     Ok((Segment::new(Time(0), controllers), places))
@@ -222,8 +245,22 @@ fn ethercat_drive(
     let odd = simulated(rig)?.drive_model.as_ref();
     let profile = assembly::profile(odd.map_or(&drive.profile, |odd| &odd.profile))?;
     let manner = odd.map(manner).unwrap_or_default();
-    let made = EthercatDrive::odd(&profile, serial, &axis(rig, scene, drive)?, &manner);
+    let joints = axis_settings(rig, scene, drive, profile.axes())?;
+    let made = EthercatDrive::odd(&profile, serial, |axis| joints.of(axis), &manner);
     let mut made = made.map_err(|error| RigError::Device(error.to_string()))?;
+    for drive in rig.drives.iter().filter(|other| other.shares_device(drive)) {
+        made.on_axis(axis_of(drive), |made| prepare(rig, scene, drive, made))?;
+    }
+    Ok(made)
+}
+
+/// What is special of a drive, or of its encoder.
+fn prepare(
+    rig: &config::Rig,
+    scene: &config::Scene,
+    drive: &config::Drive,
+    made: &mut EthercatDrive,
+) -> Result<(), RigError> {
     let joint = usize::from(drive.name == rig.drives[1].name);
     made.set_forgets_torque_limit(defects::has(scene, DefectKind::LimitNotKept, joint)?);
     if let Some(per_mille) = defects::size(scene, DefectKind::StaleParameters, joint)? {
@@ -235,7 +272,38 @@ fn ethercat_drive(
     if let Some(deviation_rad) = defects::size(scene, DefectKind::LooseHome, joint)? {
         made.set_loose_mark(deviation_rad, scene.seed ^ LOOSE_HOME_SEED[joint]);
     }
-    Ok(made)
+    Ok(())
+}
+
+/// The axis of its device that a drive is.
+fn axis_of(drive: &config::Drive) -> usize {
+    drive.address.axis().unwrap_or_default().into()
+}
+
+/// The axes of their devices that the left and the right drive are.
+pub(super) fn axes(rig: &config::Rig) -> [usize; 2] {
+    rig.drives.each_ref().map(axis_of)
+}
+
+/// The joints of the axes of a device.
+struct Joints(Vec<AxisSettings>);
+
+impl Joints {
+    fn of(&self, axis: u8) -> &AxisSettings {
+        &self.0[usize::from(axis).min(self.0.len() - 1)]
+    }
+}
+
+/// The joints of the axes of a drive's device. An axis that the rig does not use is as the drive itself.
+fn axis_settings(
+    rig: &config::Rig,
+    scene: &config::Scene,
+    drive: &config::Drive,
+    axes: u8,
+) -> Result<Joints, RigError> {
+    let at = |number: usize| rig.drives.iter().find(|other| other.shares_device(drive) && axis_of(other) == number);
+    let all = (0..usize::from(axes)).map(|number| axis(rig, scene, at(number).unwrap_or(drive)));
+    Ok(Joints(all.collect::<Result<_, _>>()?))
 }
 
 /// The sensor on the segment, of the rig's model. It says itself how many counts are one N and one N m; the configuration has the same numbers.

@@ -11,7 +11,7 @@ use yieldwall_fieldbus::time::Time;
 use yieldwall_motion::quantity::JointTorques;
 use yieldwall_run::Pace;
 use yieldwall_run::assembly::device_buses;
-use yieldwall_sim::{Drive, ForceSensor};
+use yieldwall_sim::{AxisView, Drive, ForceSensor};
 
 /// How many devices there are.
 pub(super) const DEVICES: usize = 3;
@@ -58,14 +58,10 @@ pub(super) trait Device {
 
 /// A drive on a joint.
 pub(super) trait Actuator: Device {
-    /// The joint's motion at this moment, in rad and rad/s.
-    fn measure(&mut self, angle_rad: f64, rate_rad_per_s: f64);
-    /// Torque on the joint, N m.
-    fn torque_n_m(&self) -> f64;
-    /// State of the state machine.
-    fn state(&self) -> cia402::State;
-    /// Whether its brake is closed.
-    fn is_braked(&self) -> bool;
+    /// The motion of the joint of an axis at this moment, in rad and rad/s.
+    fn measure(&mut self, axis: usize, angle_rad: f64, rate_rad_per_s: f64);
+    /// What an axis does at its joint.
+    fn axis(&self, axis: usize) -> AxisView;
 }
 
 /// A force sensor at the handle.
@@ -100,20 +96,12 @@ simulated!(Drive);
 simulated!(ForceSensor);
 
 impl Actuator for Drive {
-    fn measure(&mut self, angle_rad: f64, rate_rad_per_s: f64) {
-        Drive::measure(self, angle_rad, rate_rad_per_s);
+    fn measure(&mut self, axis: usize, angle_rad: f64, rate_rad_per_s: f64) {
+        self.on_axis(axis, |drive| drive.measure(angle_rad, rate_rad_per_s));
     }
 
-    fn torque_n_m(&self) -> f64 {
-        Drive::torque_n_m(self)
-    }
-
-    fn state(&self) -> cia402::State {
-        Drive::state(self)
-    }
-
-    fn is_braked(&self) -> bool {
-        Drive::is_braked(self)
+    fn axis(&self, axis: usize) -> AxisView {
+        Drive::axis(self, axis)
     }
 }
 
@@ -149,22 +137,14 @@ impl<D: Device> Device for Option<D> {
 }
 
 impl<D: Actuator> Actuator for Option<D> {
-    fn measure(&mut self, angle_rad: f64, rate_rad_per_s: f64) {
+    fn measure(&mut self, axis: usize, angle_rad: f64, rate_rad_per_s: f64) {
         if let Some(drive) = self {
-            drive.measure(angle_rad, rate_rad_per_s);
+            drive.measure(axis, angle_rad, rate_rad_per_s);
         }
     }
 
-    fn torque_n_m(&self) -> f64 {
-        self.as_ref().map_or(0.0, Actuator::torque_n_m)
-    }
-
-    fn state(&self) -> cia402::State {
-        self.as_ref().map_or(cia402::State::NotReadyToSwitchOn, Actuator::state)
-    }
-
-    fn is_braked(&self) -> bool {
-        self.as_ref().is_some_and(Actuator::is_braked)
+    fn axis(&self, axis: usize) -> AxisView {
+        self.as_ref().map(|drive| drive.axis(axis)).unwrap_or_default()
     }
 }
 
@@ -181,8 +161,10 @@ impl<S: Transducer> Transducer for Option<S> {
 /// The machine is integrated up to each moment at which a device samples it or changes its torque.
 #[derive(Debug)]
 pub(super) struct FarEnd<D = Option<Drive>, S = Option<ForceSensor>> {
-    /// The drives on CAN.
+    /// The drives on CAN; of drives that are axes of one device the first one, which is that device.
     pub(super) drives: [D; 2],
+    /// Which of them turns the left and the right joint, and by which axis.
+    pub(super) seats: [(usize, usize); 2],
     /// The sensor on CAN.
     pub(super) sensor: S,
     /// The devices on a segment.
@@ -208,10 +190,13 @@ impl FarEnd {
         };
         let world = devices::world(rig, scene, seed)?;
         let line = rig.is_on_ethercat().then(|| devices::segment(rig, scene, here, pace)).transpose()?;
+        let is_one = rig.has_one_device();
+        let [left_axis, right_axis] = devices::axes(rig);
         Ok(Self {
-            drives: [drive(left, 1)?, drive(right, 2)?],
+            drives: [drive(left, 1)?, if is_one { None } else { drive(right, 2)? }],
+            seats: [(0, left_axis), (usize::from(!is_one), right_axis)],
             sensor: rig.sensor.protocol.position().is_none().then(|| devices::force_sensor(rig)).transpose()?,
-            line: line.map(|line| Line::new(line, world.calibration.clone())),
+            line: line.map(|line| Line::new(line, devices::axes(rig), world.calibration.clone())),
             world,
             buses: device_buses(rig)?,
         })
@@ -334,40 +319,38 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
         let (angles, rates) = self.world.joints();
         let ([left, right], [left_rate, right_rate]) = (angles.to_array(), rates.to_array());
         let motions = [(left, left_rate), (right, right_rate)];
-        for (drive, (angle, rate)) in self.drives.iter_mut().zip(motions) {
-            drive.measure(angle, rate);
+        for ((place, axis), (angle, rate)) in self.seats.into_iter().zip(motions) {
+            if let Some(drive) = self.drives.get_mut(place) {
+                drive.measure(axis, angle, rate);
+            }
         }
         self.line.iter_mut().for_each(|line| line.measure_joints(motions));
     }
 
+    /// What the drive of a joint does there: on a segment, or on CAN.
+    fn at_joint(&self, joint: usize) -> AxisView {
+        match &self.line {
+            Some(line) if line.has(joint) => line.at_joint(joint),
+            _ => {
+                let (place, axis) = self.seats.get(joint).copied().unwrap_or_default();
+                self.drives.get(place).map(|drive| drive.axis(axis)).unwrap_or_default()
+            }
+        }
+    }
+
     /// States of the drives, left and right.
     pub(super) fn drive_states(&self) -> [cia402::State; 2] {
-        let state = |(drive, on_can): (usize, &D)| match &self.line {
-            Some(line) if line.has(drive) => line.state(drive),
-            _ => on_can.state(),
-        };
-        let [left, right] = &self.drives;
-        [state((0, left)), state((1, right))]
+        [0, 1].map(|joint| self.at_joint(joint).state)
     }
 
     /// Torques of the drives on their joints in N m.
     pub(super) fn torques_n_m(&self) -> [f64; 2] {
-        let torque_n_m = |(drive, on_can): (usize, &D)| match &self.line {
-            Some(line) if line.has(drive) => line.torque_n_m(drive),
-            _ => on_can.torque_n_m(),
-        };
-        let [left, right] = &self.drives;
-        [torque_n_m((0, left)), torque_n_m((1, right))]
+        [0, 1].map(|joint| self.at_joint(joint).torque_n_m)
     }
 
     /// Whether the brakes of both joints are closed that the master holds.
     fn are_braked(&self) -> [bool; 2] {
-        let is_braked = |(drive, on_can): (usize, &D)| match &self.line {
-            Some(line) if line.has(drive) => line.is_braked(drive),
-            _ => on_can.is_braked(),
-        };
-        let [left, right] = &self.drives;
-        [is_braked((0, left)), is_braked((1, right))]
+        [0, 1].map(|joint| self.at_joint(joint).is_braked)
     }
 
     /// New torques and brakes act from now on; what was before is settled under the old ones.

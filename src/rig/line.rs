@@ -6,7 +6,6 @@ use super::far_end::{DEVICES, SENSOR};
 use super::frame_faults::register_write;
 use super::misread::{ForceMisread, JointMisread};
 use yieldwall_config::injection::{Injection, Kind};
-use yieldwall_drives::cia402;
 use yieldwall_drives::watchdog::Clock;
 use yieldwall_fieldbus::ethercat::AlStatusCode;
 use yieldwall_fieldbus::ethercat::coe::CoeEmergency;
@@ -14,7 +13,7 @@ use yieldwall_fieldbus::ethercat::frame::SOURCE;
 use yieldwall_fieldbus::time::Time;
 use yieldwall_motion::sensing::Calibration;
 use yieldwall_sim::ethercat::{Controller, EthercatApplication, Segment, SimulatedDevice};
-use yieldwall_sim::{EthercatDrive, ForceTorqueSensor};
+use yieldwall_sim::{AxisView, EthercatDrive, ForceTorqueSensor};
 
 /// Voltage of a drive, hardware of a sensor, a warning: error codes of the emergencies of the catalogue.
 const VOLTAGE: u16 = 0x3210;
@@ -29,17 +28,21 @@ pub(super) struct Line {
     pub(super) segment: Segment<SimulatedDevice>,
     /// Places of the left drive, the right drive and the sensor, where they are here.
     places: [Option<usize>; DEVICES],
+    /// Axes of their devices that the left and the right drive are.
+    axes: [usize; 2],
     joints: [JointMisread; 2],
     force: ForceMisread,
 }
 
 impl Line {
-    /// A segment, and where on it are the left drive, the right drive and the sensor, whose counts mean this.
+    /// A segment, and where on it are the left drive, the right drive and the sensor, whose counts mean this; and the axes of their devices that
+    /// the drives are.
     pub(super) fn new(
         (segment, places): (Segment<SimulatedDevice>, [Option<usize>; DEVICES]),
+        axes: [usize; 2],
         calibration: Calibration,
     ) -> Self {
-        Self { segment, places, joints: Default::default(), force: ForceMisread::none(calibration) }
+        Self { segment, places, axes, joints: Default::default(), force: ForceMisread::none(calibration) }
     }
 
     /// When to poll next.
@@ -61,11 +64,11 @@ impl Line {
 
     /// The motion of each joint at this moment, in rad and rad/s.
     pub(super) fn measure_joints(&mut self, motions: [(f64, f64); 2]) {
-        let Self { segment, places, joints, .. } = self;
-        for ((place, misread), (angle, rate)) in places.iter().zip(joints).zip(motions) {
+        let Self { segment, places, axes, joints, .. } = self;
+        for (((place, axis), misread), (angle, rate)) in places.iter().zip(axes).zip(joints).zip(motions) {
             if let Some(drive) = device(segment, *place).and_then(SimulatedDevice::drive_mut) {
                 let (angle, rate) = misread.motion(angle, rate);
-                drive.measure(angle, rate);
+                drive.on_axis(*axis, |drive| drive.measure(angle, rate));
             }
         }
     }
@@ -105,21 +108,17 @@ impl Line {
         }
     }
 
-    /// State of a drive; as of one that is switched off where it is not here.
-    pub(super) fn state(&self, drive: usize) -> cia402::State {
-        self.drive(drive).map_or(cia402::State::NotReadyToSwitchOn, EthercatDrive::state)
-    }
-
-    /// Torque of a drive on its joint in N m.
-    pub(super) fn torque_n_m(&self, drive: usize) -> f64 {
-        let Some((drive, misread)) = self.drive(drive).zip(self.joints.get(drive)) else { return 0.0 };
-        misread.torque_n_m(drive.torque_n_m(), drive.state())
-    }
-
-    /// Whether the brake of a drive is closed.
-    pub(super) fn is_braked(&self, drive: usize) -> bool {
+    /// What a drive does at its joint; as one that is switched off where it is not here.
+    pub(super) fn at_joint(&self, drive: usize) -> AxisView {
         let controller = self.places.get(drive).copied().flatten().and_then(|place| self.segment.controller(place));
-        controller.and_then(|controller| controller.device().drive()).is_some_and(EthercatDrive::is_braked)
+        let device = controller.and_then(|controller| controller.device().drive());
+        let is_braked = device.zip(self.axes.get(drive)).is_some_and(|(device, axis)| device.axis(*axis).is_braked);
+        let view = self.drive(drive).unwrap_or_default();
+        let misread = self.joints.get(drive);
+        let torque_n_m = misread.map_or(0.0, |misread| misread.torque_n_m(view.torque_n_m, view.state));
+        // One that is switched off makes none, whatever is wrong with it.
+        let torque_n_m = if self.drive(drive).is_some() { torque_n_m } else { 0.0 };
+        AxisView { torque_n_m, is_braked, ..view }
     }
 
     /// Has the drives say what their time follows.
@@ -134,9 +133,11 @@ impl Line {
 
     /// Has both drives be homed already, if their encoders are incremental.
     pub(super) fn refer(&mut self) {
-        let Self { segment, places, .. } = self;
-        for place in places {
-            device(segment, *place).and_then(SimulatedDevice::drive_mut).into_iter().for_each(EthercatDrive::refer);
+        let Self { segment, places, axes, .. } = self;
+        for (place, axis) in places.iter().zip(axes) {
+            if let Some(drive) = device(segment, *place).and_then(SimulatedDevice::drive_mut) {
+                drive.on_axis(*axis, EthercatDrive::refer);
+            }
         }
     }
 
@@ -194,7 +195,7 @@ impl Line {
         is_on: bool,
         (device, place): (usize, usize),
     ) {
-        let segment = &mut self.segment;
+        let (segment, axis) = (&mut self.segment, self.axes.get(device).copied().unwrap_or_default());
         match injection.kind {
             Kind::CableOut => return segment.set_cable(place, !is_on),
             Kind::NodeSilent => return segment.set_power(now, place, !is_on),
@@ -223,14 +224,15 @@ impl Line {
             Kind::Emergency => controller.send_emergency(emergency(device, false)),
             Kind::EmergencyWarning => controller.send_emergency(emergency(device, true)),
             Kind::EmergencyInSdo => controller.interrupt_request(is_on.then(|| emergency(device, false))),
-            kind => in_application(now, kind, injection.size, is_on, controller),
+            kind => in_application(now, kind, (injection.size, is_on), (controller, axis)),
         }
     }
 
     /// A drive, where it is here and switched on: 0 the left, 1 the right.
-    pub(super) fn drive(&self, drive: usize) -> Option<&EthercatDrive> {
+    pub(super) fn drive(&self, drive: usize) -> Option<AxisView> {
         let controller = self.segment.controller(self.places.get(drive).copied().flatten()?)?;
-        controller.is_powered().then(|| controller.device().drive())?
+        let device = controller.is_powered().then(|| controller.device().drive())??;
+        Some(device.axis(*self.axes.get(drive)?))
     }
 
     fn sensor_mut(&mut self) -> Option<&mut ForceTorqueSensor> {
@@ -243,9 +245,14 @@ fn device(segment: &mut Segment<SimulatedDevice>, place: Option<usize>) -> Optio
 }
 
 /// Begins an injection in what is behind a controller, or ends it.
-fn in_application(now: Time, kind: Kind, size: f64, is_on: bool, controller: &mut Controller<SimulatedDevice>) {
+fn in_application(
+    now: Time,
+    kind: Kind,
+    (size, is_on): (f64, bool),
+    (controller, axis): (&mut Controller<SimulatedDevice>, usize),
+) {
     match controller.device_mut() {
-        SimulatedDevice::Drive(drive) => match kind {
+        SimulatedDevice::Drive(drive) => drive.on_axis(axis, |drive| match kind {
             Kind::DriveFault => drive.raise_fault(now, size as u16),
             Kind::DriveLeavesOperation => drive.leave_operation(now),
             Kind::DriveWarning => drive.set_warning(is_on),
@@ -253,7 +260,7 @@ fn in_application(now: Time, kind: Kind, size: f64, is_on: bool, controller: &mu
             Kind::DriveNotEnabling => drive.set_ignores_controlword(is_on),
             Kind::VoltageOff => drive.set_voltage(now, !is_on),
             _ => {}
-        },
+        }),
         SimulatedDevice::ForceTorque(sensor) => match kind {
             Kind::SensorInvalid => sensor.set_invalid(is_on),
             Kind::SensorStale => sensor.set_clock_rate(if is_on { 0.0 } else { 1.0 }),

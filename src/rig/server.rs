@@ -90,7 +90,8 @@ impl DeviceServer {
     /// # Errors
     /// Where parts of the configuration do not fit together, and for a scene without an arm.
     pub fn new(rig: &config::Rig, scene: &config::Scene, seed: u64, pace: Pace) -> Result<Self, RigError> {
-        let FarEnd { drives, sensor, line, world, buses } = FarEnd::new(rig, scene, seed, ([false; DEVICES], pace))?;
+        let FarEnd { drives, seats, sensor, line, world, buses } =
+            FarEnd::new(rig, scene, seed, ([false; DEVICES], pace))?;
         let seat =
             |drive: Option<Drive>| drive.map_or_else(DeviceSlot::empty, |drive| DeviceSlot::Local(Box::new(drive)));
         let clock = match pace {
@@ -102,7 +103,7 @@ impl DeviceServer {
             drive
         });
         let sensor = sensor.map_or_else(DeviceSlot::empty, |sensor| DeviceSlot::Local(Box::new(sensor)));
-        let mut far = FarEnd { drives: drives.map(seat), sensor, line, world, buses };
+        let mut far = FarEnd { drives: drives.map(seat), seats, sensor, line, world, buses };
         if matches!(far.world.body, Body::Ideal(_)) {
             return Err(RigError::IdealOnBus);
         }
@@ -146,8 +147,9 @@ impl DeviceServer {
 
     /// Has the state machine of a drive, 0 the left, ignore the controlword, or follow it again.
     pub fn set_ignores_controlword(&mut self, drive: usize, ignores: bool) {
-        let drive = self.far.drives.get_mut(drive).and_then(DeviceSlot::local_mut);
-        drive.into_iter().for_each(|drive| drive.set_ignores_controlword(ignores));
+        let (place, axis) = self.far.seats.get(drive).copied().unwrap_or_default();
+        let drive = self.far.drives.get_mut(place).and_then(DeviceSlot::local_mut);
+        drive.into_iter().for_each(|drive| drive.on_axis(axis, |drive| drive.set_ignores_controlword(ignores)));
     }
 
     /// Switches all devices on at a moment of the wall.
@@ -242,8 +244,10 @@ impl DeviceServer {
     #[must_use]
     pub fn only(mut self, here: [bool; DEVICES]) -> Self {
         let [has_left, has_right, has_sensor] = here;
-        for (slot, is_here) in self.far.drives.iter_mut().zip([has_left, has_right]) {
-            if !is_here {
+        let seats = self.far.seats.into_iter().zip([has_left, has_right]);
+        for (place, slot) in self.far.drives.iter_mut().enumerate() {
+            // Axes of one device are here together.
+            if !seats.clone().any(|((device, _), is_here)| device == place && is_here) {
                 *slot = DeviceSlot::empty();
             }
         }
@@ -263,7 +267,8 @@ impl DeviceServer {
 
     /// Whether a device is simulated here.
     pub fn is_here(&self, device: usize) -> bool {
-        match self.far.drives.get(device) {
+        let drive = self.far.seats.get(device).and_then(|(place, _)| self.far.drives.get(*place));
+        match drive {
             Some(seat) => seat.here().is_some(),
             None => self.far.sensor.here().is_some(),
         }

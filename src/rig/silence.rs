@@ -27,7 +27,8 @@ impl Silence {
     pub(super) fn new(watchdog: Watchdog, rig: &config::Rig) -> Result<Self, RigError> {
         let mode = rig.rig.command_mode.operation_mode();
         let id = |drive: &config::Drive| {
-            let number = drive.profile.get()?.pdos(Some(mode))?.rpdo.first()?.canopen_number();
+            let [rpdos, _] = rig.model(drive)?.mapped(Some(mode))?;
+            let number = rpdos.first()?.identifier;
             cob::node_id(drive.address.node_id()?).ok().and_then(|node| cob::rpdo(number, node))
         };
         let [left, right] = &rig.drives;

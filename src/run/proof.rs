@@ -186,7 +186,10 @@ impl<P: Place + ?Sized> Runner<P> {
         let rated = self.read(device, current.rated.index, current.rated.sub)?;
         let per_mille = CurrentLimit::per_mille(held, rated);
         let torque_n_m = f64::from(per_mille) * 1e-3 * rated_n_m(rig, device);
-        Ok(KeptLimit { at: Address::new(current.limit.index, current.limit.sub), held, per_mille, torque_n_m })
+        // As a person finds it in the device.
+        let model = drive_of(rig, device).and_then(|drive| rig.model(drive));
+        let index = model.map(|model| model.offset()).unwrap_or_default().index(current.limit.index);
+        Ok(KeptLimit { at: Address::new(index, current.limit.sub), held, per_mille, torque_n_m })
     }
 
     /// Most torque of a drive at its joint by the limit that it holds, N m; the rig's own where no object holds it.

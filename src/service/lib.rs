@@ -15,6 +15,7 @@
 //! ([`Caution::of_write`]).
 
 pub mod adopt;
+mod axes;
 mod caution;
 mod connect;
 mod connection;
@@ -34,6 +35,7 @@ mod segment;
 #[cfg(test)]
 mod tests;
 
+pub use axes::{MOST_AXES, count_axes, statusword_of};
 pub use caution::Caution;
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
 pub use connect::OnInterfaces;

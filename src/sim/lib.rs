@@ -15,7 +15,9 @@ mod substeps;
 mod uniform;
 
 pub use device::DeviceError;
-pub use drive::{AxisSettings, Drive, DriveQuirks, DriveSettings, Encoder, EthercatDrive, OddObject, PositionLoop};
+pub use drive::{
+    AxisSettings, AxisView, Drive, DriveQuirks, DriveSettings, Encoder, EthercatDrive, OddObject, PositionLoop,
+};
 pub use force_sensor::{
     ForceSensor, ForceSensorSettings, ForceTorqueSensor, ForceTorqueSettings, SYNC_RATE_HZ, Speaks,
 };

@@ -3,10 +3,12 @@
 //! A profile is a file. [`SHIPPED`] holds the texts of those in `drives/profiles`; the main crate reads them as it reads rigs,
 //! with the feature `config` of this one.
 
+mod axes;
 mod limits;
 mod sensor;
 mod servo;
 
+pub use axes::{Axes, AxisOffset};
 pub use limits::{CurrentLimit, LimitSetter, Limits, MotorSpeed, TorqueLimit};
 pub use sensor::{ForceSensor, Numbers, Scaling, SensorObjects, StatusBits};
 pub use servo::{
@@ -422,6 +424,9 @@ pub struct PdoMap {
 pub struct MappedPdo {
     /// Its number, counted from 1.
     pub number: u16,
+    /// The number of the default identifier that it uses on CANopen, 1 to 4: its own, or, of a device of several axes, the next one that no axis
+    /// before it uses. Another one is no identifier.
+    pub identifier: u8,
     /// Transmission type on CANopen.
     pub transmission_type: u8,
     /// Whether the device lets nobody change the mapping.
@@ -524,13 +529,22 @@ impl DeviceProfile {
     /// [`DeviceProfile::pdos`] that the device receives and sends, with the objects that they map.
     pub fn mapped(&self, mode: Option<OperationMode>) -> Option<[Vec<MappedPdo>; 2]> {
         let map = self.pdos(mode)?;
-        Some([&map.rpdo, &map.tpdo].map(|pdos| pdos.iter().map(|pdo| self.mapped_pdo(pdo)).collect()))
+        Some([&map.rpdo, &map.tpdo].map(|pdos| {
+            let before = self.identifiers_before(pdos.len());
+            let identifier = |place: usize| Some(u8::try_from(before? + place + 1).unwrap_or(0));
+            let pdo = |(place, pdo): (usize, &Pdo)| {
+                let mapped = self.mapped_pdo(pdo);
+                MappedPdo { identifier: identifier(place).unwrap_or(mapped.identifier), ..mapped }
+            };
+            pdos.iter().enumerate().map(pdo).collect()
+        }))
     }
 
     /// A PDO with the objects that it maps. Objects that the device does not have are left out.
     pub fn mapped_pdo(&self, pdo: &Pdo) -> MappedPdo {
         MappedPdo {
             number: pdo.number(),
+            identifier: pdo.canopen_number(),
             transmission_type: pdo.transmission_type,
             is_fixed: pdo.fixed,
             objects: pdo.maps.iter().filter_map(|quantity| self.mapped_object(*quantity)).collect(),

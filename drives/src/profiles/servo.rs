@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 #[cfg(feature = "config")]
 use serde::{Deserialize, Serialize};
 
-use super::{Entry, Limits, PdoMap, Quantity};
+use super::{Axes, Entry, Limits, PdoMap, Quantity};
 #[cfg(feature = "config")]
 use super::{nullable, present};
 use crate::cia402::{OperationMode, State};
@@ -18,6 +18,10 @@ use crate::watchdog::Watchdog;
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct Servo {
+    /// Axes of a device that has several of them; left out if it has one.
+    #[cfg_attr(feature = "config", garde(dive))]
+    #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub axes: Option<Axes>,
     /// Its objects.
     #[cfg_attr(feature = "config", garde(dive))]
     pub objects: ServoObjects,

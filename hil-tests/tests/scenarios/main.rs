@@ -5,6 +5,7 @@
 
 mod adopt;
 mod arbitrary;
+mod axes;
 mod bus_budget;
 mod buses;
 mod captured;

@@ -82,7 +82,7 @@ fn yieldwall(line: &str) -> (Option<i32>, String) {
 #[test]
 fn sensors_of_files_are_drilled_and_run_on_the_segment() {
     for name in ["float-sensor", "sensor-without-counter"] {
-        let rig = load_rig(builtin(&format!("vendors/{name}.yaml"))).unwrap();
+        let rig = load_rig(builtin(format!("vendors/{name}.yaml"))).unwrap();
         let warnings: Vec<&str> = rig.warnings.iter().map(|warning| warning.message.as_str()).collect();
         assert!(matches!(warnings[..], [one] if one.contains("has no sample counter")), "{warnings:?}");
         let scene = rig.scene().unwrap().value;

@@ -34,35 +34,39 @@ pub(super) struct Boot {
 }
 
 impl Boot {
-    pub(super) fn drive(master: &MasterSetup, drive: &DriveSetup, node: NodeId) -> Result<Self, BootFailure> {
-        let mode = script::operation(master.mode, drive.homing);
-        let profile = &*drive.profile;
-        let (map, servo) = (script::pdos(profile, Some(master.mode.operation_mode()))?, servo(profile)?);
+    /// The boot of a device with these drives: one, or those that are its axes.
+    pub(super) fn drives(master: &MasterSetup, drives: &[&DriveSetup], node: NodeId) -> Result<Self, BootFailure> {
+        let [first, ..] = drives else { return Err(BootFailure::NodeId { node_id: node.raw() }) };
+        let profile = &*first.profile;
         let mut steps = script::identity(profile);
-        steps.push(script::has_mode(servo, mode));
-        script::homing(profile, servo, drive.homing, &mut steps)?;
+        for drive in drives {
+            let (profile, mode) = (&*drive.profile, script::operation(master.mode, drive.homing));
+            let servo = servo(profile)?;
+            steps.push(script::has_mode(servo, mode));
+            script::homing(profile, servo, drive.homing, &mut steps)?;
+        }
         steps.extend(no_producer());
-        steps.push(heartbeat(drive.heartbeat.as_millis() as u32));
-        if let HeartbeatWatch::Consumer(consumer) = &servo.watchdogs.heartbeat {
+        steps.push(heartbeat(first.heartbeat.as_millis() as u32));
+        if let HeartbeatWatch::Consumer(consumer) = &servo(profile)?.watchdogs.heartbeat {
             let watch_ms = master.heartbeat.as_millis() as u32 * HEARTBEAT_PERIODS;
             let value = u32::from(master.node_id) << 16 | watch_ms;
             // The write begins the watch anew.
             steps.push(command("let the drive watch the master", consumer, value));
         }
-        let options = &servo.option_codes;
-        script::settings(servo, options.lost_master.iter().chain(&options.communication_error), &mut steps);
-        script::brake(servo, &mut steps);
-        let period_us = master.period.as_micros() as u32;
-        script::mode(servo, mode, period_us, &mut steps)?;
-        let (speed, window) = (drive.speed_limit_counts_per_s, drive.following_error_counts);
-        script::limits(servo, drive.torque_limit_per_mille, speed, window, &mut steps);
-        watches(servo, period_us, &mut steps)?;
-        let deadline_ms = match servo.watchdogs.set_points {
-            SetPointWatch::EventTimer { .. } => rpdo_deadline_ms(period_us),
-            SetPointWatch::None | SetPointWatch::BuiltIn(_) | SetPointWatch::Object(_) => 0,
-        };
-        steps.extend(pdos(profile, &map, node, deadline_ms)?);
-        Ok(Self::new(profile, drive.waits.sdo, steps))
+        for (number, drive) in drives.iter().enumerate() {
+            let own = axis(master, drive)?;
+            if number == 0 { steps.extend(own) } else { script::add_axis(&mut steps, own) }
+        }
+        steps.extend(free_identifiers(master, drives)?);
+        for drive in drives {
+            let map = script::pdos(&drive.profile, Some(master.mode.operation_mode()))?;
+            let deadline_ms = match servo(&drive.profile)?.watchdogs.set_points {
+                SetPointWatch::EventTimer { .. } => rpdo_deadline_ms(master.period.as_micros() as u32),
+                SetPointWatch::None | SetPointWatch::BuiltIn(_) | SetPointWatch::Object(_) => 0,
+            };
+            steps.extend(pdos(&drive.profile, &map, node, deadline_ms)?);
+        }
+        Ok(Self::new(profile, first.waits.sdo, steps))
     }
 
     pub(super) fn sensor(sensor: &SensorNode, node: NodeId, timeout: Duration) -> Result<Self, BootFailure> {
@@ -191,13 +195,50 @@ impl Boot {
     }
 }
 
+/// What a drive does by itself, its mode, limits and watchdogs.
+fn axis(master: &MasterSetup, drive: &DriveSetup) -> Result<Vec<Step>, BootFailure> {
+    let (servo, mode) = (servo(&drive.profile)?, script::operation(master.mode, drive.homing));
+    let mut steps = Vec::new();
+    let options = &servo.option_codes;
+    script::settings(servo, options.lost_master.iter().chain(&options.communication_error), &mut steps);
+    script::brake(servo, &mut steps);
+    let period_us = master.period.as_micros() as u32;
+    script::mode(servo, mode, period_us, &mut steps)?;
+    let (speed, window) = (drive.speed_limit_counts_per_s, drive.following_error_counts);
+    script::limits(servo, drive.torque_limit_per_mille, speed, window, &mut steps);
+    watches(servo, period_us, &mut steps)?;
+    Ok(steps)
+}
+
+/// Keeps PDOs of a first axis that nobody uses from the default identifiers that PDOs of other axes use.
+fn free_identifiers(master: &MasterSetup, drives: &[&DriveSetup]) -> Result<Vec<Step>, BootFailure> {
+    let mut used: [Vec<MappedPdo>; 2] = Default::default();
+    for drive in drives {
+        let maps = script::pdos(&drive.profile, Some(master.mode.operation_mode()))?;
+        used.iter_mut().zip(maps).for_each(|(used, pdos)| used.extend(pdos));
+    }
+    let mut steps = Vec::new();
+    for (used, communication) in used.iter().zip([0x1400, 0x1800]) {
+        for taken in used.iter().filter(|pdo| pdo.canopen_number() != pdo.identifier) {
+            let number = u16::from(taken.identifier);
+            if (1..=u16::from(PDO_COUNT)).contains(&number) && !used.iter().any(|pdo| pdo.number == number) {
+                let action = Action::Bits { mask: cob::INVALID, value: cob::INVALID };
+                let index = communication + number - 1;
+                steps.push(Step { doing: "free identifiers for its other axes", index, sub: 1, bytes: 4, action });
+            }
+        }
+    }
+    Ok(steps)
+}
+
 fn heartbeat(period_ms: u32) -> Step {
     common("set the heartbeat", objects::PRODUCER_HEARTBEAT, Action::State { value: period_ms, kept: 0 })
 }
 
 /// Keeps the node from making SYNC and TIME: the master alone makes them. Bit 30 of their identifiers (1005h, 1012h) would have it do so.
 fn no_producer() -> [Step; 2] {
-    let step = |doing, index| Step { doing, index, sub: 0, bytes: 4, action: Action::Clear { bits: PRODUCES } };
+    let step =
+        |doing, index| Step { doing, index, sub: 0, bytes: 4, action: Action::Bits { mask: PRODUCES, value: 0 } };
     [step("keep it from making SYNC", 0x1005), step("keep it from making TIME", 0x1012)]
 }
 
@@ -240,7 +281,7 @@ fn pdos(
     let mut steps = Vec::new();
     for (used, is_rpdo) in [(rpdo, true), (tpdo, false)] {
         for number in 1..=PDO_COUNT {
-            let Some(pdo) = used.iter().find(|pdo| pdo.canopen_number() == number) else { continue };
+            let Some(pdo) = used.iter().find(|pdo| pdo.identifier == number) else { continue };
             let id = if is_rpdo { cob::rpdo(number, node) } else { cob::tpdo(number, node) };
             // An identifier of 0 would be a network command.
             let id = id.ok_or_else(|| lacking(profile, "an identifier"))?;
@@ -316,5 +357,85 @@ mod tests {
         assert_eq!(rpdo, expected);
         assert_eq!((steps[9].index, steps[9].action), (0x1400, state(0x201)));
         assert_eq!(steps.last().unwrap().action, Action::State { value: 0x181, kept: 0x4000_0000 });
+    }
+
+    /// A drive that is an axis of the shipped device of three.
+    fn axis_setup(axis: u8, rank: u8) -> DriveSetup {
+        let profile = yieldwall_config::load_profile(yieldwall_config::builtin("vendors/profiles/three-axes.yaml"));
+        let profile = std::sync::Arc::new(profile.unwrap().value);
+        let ms = Duration::from_millis;
+        DriveSetup {
+            name: format!("axis {axis}"),
+            bus: yieldwall_fieldbus::canopen::BusId::FIRST,
+            node_id: 5,
+            profile: profile.of_axis(axis, rank, yieldwall_drives::profiles::Fieldbus::Canopen),
+            heartbeat: ms(20),
+            waits: crate::setup::Waits { boot_up: ms(1), sdo: ms(1), start: ms(1) },
+            torque_limit_per_mille: 500,
+            speed_limit_counts_per_s: 1000,
+            following_error_counts: 100,
+            homing: None,
+        }
+    }
+
+    #[test]
+    fn axes_of_a_node_are_one_boot_with_objects_and_identifiers_of_their_own() {
+        use crate::setup::{SensorLink, SensorSetup};
+        use yieldwall_drives::cia402::CommandMode;
+        use yieldwall_fieldbus::canopen::BusId;
+        let drives = [axis_setup(0, 0), axis_setup(2, 1)];
+        let link = yieldwall_fieldbus::plain_can::Link {
+            protocol: yieldwall_fieldbus::plain_can::Protocol::Streaming(
+                yieldwall_fieldbus::plain_can::streaming::Ids { command: 0x10, data: [0x11, 0x12] },
+            ),
+            pair_gap: Duration::ZERO,
+            sample_period: Duration::from_millis(1),
+            zero_at_start: false,
+        };
+        let (waits, sample_period) = (drives[0].waits, Duration::from_millis(1));
+        let (name, bus) = ("sensor".to_owned(), BusId::FIRST);
+        let master = MasterSetup {
+            node_id: 127,
+            heartbeat: Duration::from_millis(20),
+            period: Duration::from_millis(1),
+            mode: CommandMode::Torque,
+            drives: drives.to_vec(),
+            sensor: SensorSetup { name, bus, link: SensorLink::PlainCan(link), waits, sample_period },
+        };
+        let node = cob::node_id(5).unwrap();
+        let boot = Boot::drives(&master, &[&drives[0], &drives[1]], node).unwrap();
+        let steps = boot.steps().0;
+        let of = |index: u16, sub: u8| steps.iter().filter(move |step| (step.index, step.sub) == (index, sub));
+        // What the device has once.
+        for index in [0x1000, 0x1005, 0x1012, 0x1017] {
+            assert_eq!(of(index, 0).count(), 1, "{index:04X}h");
+        }
+        assert_eq!([of(0x1016, 1).count(), of(0x1018, 1).count(), of(0x1029, 1).count()], [1; 3]);
+        // What each axis has, and nothing of the axis between them.
+        for index in [0x6007, 0x605a, 0x6060, 0x6061, 0x6065, 0x6072, 0x6502] {
+            let counts = [0, 0x800, 0x1000].map(|offset| of(index + offset, 0).count());
+            assert_eq!(counts, [1, 0, 1], "{index:04X}h");
+        }
+        assert_eq!([0x2200, 0x2300, 0x2400].map(|index| of(index, 0).count()), [1, 0, 1]);
+        // PDO 129 has the identifier of PDO 2, which has to be off.
+        let last = |index: u16| of(index, 1).next_back().unwrap().action;
+        let state = |value, kept| Action::State { value, kept };
+        assert_eq!([last(0x1400), last(0x1480)], [state(0x205, 0), state(0x305, 0)]);
+        assert_eq!([last(0x1800), last(0x1880)], [state(0x185, NO_REMOTE), state(0x285, NO_REMOTE)]);
+        let off = Action::Bits { mask: 0x8000_0000, value: 0x8000_0000 };
+        assert_eq!([last(0x1401), last(0x1801)], [off; 2]);
+        let mapped = |index: u16, sub: u8| of(index, sub).next_back().unwrap().action;
+        assert_eq!([mapped(0x1680, 1), mapped(0x1680, 2)], [state(0x7040_0010, 0), state(0x7071_0010, 0)]);
+        assert_eq!([mapped(0x1a80, 1), mapped(0x1a80, 2)], [state(0x7041_0010, 0), state(0x7064_0020, 0)]);
+        assert_eq!([0x1440, 0x1840].map(|index| of(index, 1).count()), [0; 2]);
+    }
+
+    #[test]
+    fn a_device_of_one_axis_frees_no_identifiers() {
+        let profile = yieldwall_config::shipped_profile("simulated-servo");
+        let drive = DriveSetup { profile, ..axis_setup(0, 0) };
+        for pdos in script::pdos(&drive.profile, Some(OperationMode::CyclicTorque)).unwrap() {
+            assert!(pdos.iter().all(|pdo| u16::from(pdo.identifier) == pdo.number), "{pdos:?}");
+        }
     }
 }

@@ -148,8 +148,10 @@ impl Image {
         let last_bus = drives.iter().map(|(drive, _)| drive.bus).fold(sensor_bus, BusId::max);
         let mut image = Incomings::new(last_bus);
         let rpdos = drives.iter().map(|(drive, node)| (drive.bus, [1, 2, 3, 4].map(|number| cob::rpdo(number, *node))));
-        let outgoing = drives.iter().zip(nodes).enumerate();
-        let outgoing = outgoing.map(|(joint, (drive, node))| image.drive(mode, joint, *drive, node.boot.steps().0));
+        let outgoing = drives.iter().enumerate().map(|(joint, drive)| {
+            let node = nodes.iter().find(|node| node.is(drive.0.bus, drive.1));
+            image.drive(mode, joint, *drive, node.map_or(&[], |node| node.boot.steps().0))
+        });
         let outgoing = outgoing.collect::<Result<_, _>>()?;
         let (plain, codec) = match sensor {
             SensorFrames::Canopen(setup, node) => (None, image.sensor(sensor_bus, setup, node)?),

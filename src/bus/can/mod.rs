@@ -16,12 +16,14 @@ use std::time::Duration;
 use super::emergency::{EmergencyReport, LastTold};
 use super::error::{BootError, BootFailure};
 use super::phase::Phase;
-use super::setup::{MasterSetup, SensorLink};
+use super::setup::{DriveSetup, MasterSetup, SensorLink};
 use super::signs::Signs;
+use super::turns::Turns;
 use boot::Boot;
 use image::{Image, SensorFrames, Taken};
 use line::Line;
 use node::Node;
+use yieldwall_drives::profiles::AxisOffset;
 use yieldwall_fieldbus::canopen::nmt;
 use yieldwall_fieldbus::canopen::{self, BusId, Emergency, Frame, NodeId, Outbox, SyncProducer, cob};
 use yieldwall_fieldbus::plain_can::Client;
@@ -94,8 +96,12 @@ impl CanNetwork {
             known.push((bus, fresh));
             Ok(fresh)
         };
-        let drives = setup.drives.iter().map(|drive| Ok((drive, fresh(drive.bus, drive.node_id, &drive.name)?)));
-        let drives = drives.collect::<Result<Vec<_>, BootError>>()?;
+        let mut drives: Vec<(&DriveSetup, NodeId)> = Vec::new();
+        for drive in &setup.drives {
+            let shared = drives.iter().find(|(other, _)| other.shares_device(drive)).map(|(_, id)| *id);
+            let id = shared.map_or_else(|| fresh(drive.bus, drive.node_id, &drive.name), Ok)?;
+            drives.push((drive, id));
+        }
         let sensor_bus = setup.sensor.bus;
         let (sensor, sensor_id) = match &setup.sensor.link {
             SensorLink::Canopen(node) => {
@@ -107,16 +113,27 @@ impl CanNetwork {
         const PLAN: &str = "plan the process data";
         let of_sensor = |failure| refuse(sensor_id, &setup.sensor.name, PLAN, failure);
         let mut nodes = Vec::new();
-        for (device, (drive, node)) in Device::DRIVES.into_iter().zip(drives.iter().copied()) {
-            let boot = Boot::drive(setup, drive, node)
-                .map_err(|failure| refuse(Some(drive.node_id), &drive.name, PLAN, failure))?;
-            nodes.push(Node::new(drive.bus, node, device, &drive.name, drive.heartbeat, drive.waits, boot));
+        for (drive, id) in drives.iter().copied() {
+            if nodes.iter().any(|node: &Node| node.is(drive.bus, id)) {
+                continue;
+            }
+            let is_own = |(_, other): &(Device, &DriveSetup)| std::ptr::eq(*other, drive) || other.shares_device(drive);
+            let (devices, axes): (Vec<Device>, Vec<&DriveSetup>) =
+                Device::DRIVES.into_iter().zip(&setup.drives).filter(is_own).unzip();
+            let name = axes.iter().map(|axis| axis.name.as_str()).collect::<Vec<_>>().join(" and ");
+            let boot =
+                Boot::drives(setup, &axes, id).map_err(|failure| refuse(Some(drive.node_id), &name, PLAN, failure))?;
+            let devices = devices.iter().fold(DeviceSet::NONE, |all, device| all | device.set());
+            let offset = |device: Device| axes_offset(&setup.drives, device);
+            let turns = Turns::new(Device::DRIVES.map(offset));
+            nodes.push(Node::new(drive.bus, id, (devices, turns), &name, drive.heartbeat, drive.waits, boot));
         }
         if let SensorFrames::Canopen(node, id) = sensor {
             let waits = setup.sensor.waits;
             let boot = Boot::sensor(node, id, waits.sdo).map_err(of_sensor)?;
             let name = &setup.sensor.name;
-            nodes.push(Node::new(sensor_bus, id, Device::Sensor, name, node.heartbeat, waits, boot));
+            let own = (DeviceSet::SENSOR, Turns::default());
+            nodes.push(Node::new(sensor_bus, id, own, name, node.heartbeat, waits, boot));
         }
         let lines: Vec<Line> = setup.buses().map(|bus| Line::new(setup, bus, &nodes)).collect();
         // What the drives' profiles lack was found above.
@@ -222,17 +239,26 @@ impl CanNetwork {
     /// Notes an emergency of a node, or that its errors have gone.
     fn on_emergency(&mut self, now: Time, bus: BusId, emergency: Emergency) {
         let Some(node) = self.nodes.iter_mut().find(|node| node.is(bus, emergency.node)) else { return };
-        let (device, Emergency { code, register, vendor, .. }) = (node.device, emergency);
+        // It does not say which axis it is of, and stands for the whole device under the first one.
+        let devices = node.devices;
+        let Some(device) = Device::ALL.into_iter().find(|device| devices.contains(device.set())) else { return };
+        let Emergency { code, register, vendor, .. } = emergency;
         let told = EmergencyReport { time: now, device, code, register, vendor, is_withdrawn: false };
         if self.told.hear(told) {
             node.said.emergency = Some(emergency);
             let events =
                 if code.is_warning() { &mut self.events.emergency_warning } else { &mut self.events.emergency };
-            *events |= device.set();
+            *events |= devices;
         } else if register.0 == 0 {
             node.said.emergency = None;
         }
     }
+}
+
+/// Where the objects of a drive are.
+fn axes_offset(drives: &[DriveSetup], device: Device) -> AxisOffset {
+    let drive = Device::DRIVES.into_iter().zip(drives).find(|(own, _)| *own == device);
+    drive.map(|(_, drive)| drive.profile.offset()).unwrap_or_default()
 }
 
 fn node_id(raw: u8, name: &str) -> Result<NodeId, BootError> {

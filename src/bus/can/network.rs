@@ -112,9 +112,9 @@ impl Network for CanNetwork {
         // A node that is not there stays a fault, so that the rig cannot be enabled again without it.
         for node in &self.nodes {
             link.intruder |= node.is_altered;
-            link.node_reset |= node.device.only_if(node.has_restarted);
-            link.duplicate_node |= node.device.only_if(node.is_double);
-            link.heartbeat_lost |= node.device.only_if(!(node.is_operational || node.has_restarted));
+            link.node_reset |= node.devices.only_if(node.has_restarted);
+            link.duplicate_node |= node.devices.only_if(node.is_double);
+            link.heartbeat_lost |= node.devices.only_if(!(node.is_operational || node.has_restarted));
         }
         if link.intruder {
             // A foreign command explains what nodes do in its cycle; if that stays, the next cycle shows it.
@@ -190,7 +190,7 @@ impl Network for CanNetwork {
 
     fn has(&self, device: Device) -> bool {
         let is_plain = device == Device::Sensor && self.image.plain().is_some();
-        is_plain || self.nodes.iter().any(|node| node.device == device)
+        is_plain || self.nodes.iter().any(|node| node.devices.contains(device.set()))
     }
 
     fn ask(
@@ -206,19 +206,23 @@ impl Network for CanNetwork {
             _ if !self.has_sent => return Err(ObjectError::NotBooted),
             _ => {}
         }
-        let node = self.nodes.iter_mut().find(|node| node.device == device).ok_or(ObjectError::NoObjects)?;
-        node.transfer.ask(now, request, &mut (&mut out).on(node.bus))
+        let node = self.nodes.iter_mut().find(|node| node.devices.contains(device.set()));
+        let Node { turns, transfer, bus, .. } = node.ok_or(ObjectError::NoObjects)?;
+        turns.begin(device, transfer.answer())?;
+        transfer.ask(now, turns.moved(device, request), &mut (&mut out).on(*bus))?;
+        turns.note_asked(device);
+        Ok(())
     }
 
     fn answer(&self, device: Device) -> ObjectAnswer<'_> {
-        match self.nodes.iter().find(|node| node.device == device) {
-            Some(node) => node.transfer.answer(),
+        match self.nodes.iter().find(|node| node.devices.contains(device.set())) {
+            Some(node) => node.turns.answer(device, node.transfer.answer()),
             None => ObjectAnswer::Failed(ObjectError::NoObjects),
         }
     }
 
     fn node_id(&self, device: Device) -> Option<u8> {
-        self.nodes.iter().find(|node| node.device == device).map(|node| node.id.raw())
+        self.nodes.iter().find(|node| node.devices.contains(device.set())).map(|node| node.id.raw())
     }
 
     fn told(&self) -> Vec<EmergencyReport> {

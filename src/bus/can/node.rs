@@ -7,9 +7,10 @@ use super::transfer::Transfer;
 use crate::error::{BootFailure, Said};
 use crate::phase::Phase;
 use crate::setup::Waits;
+use crate::turns::Turns;
 use yieldwall_fieldbus::canopen::{BusId, Frame, NmtState, NodeId, Outbox, cob};
 use yieldwall_fieldbus::time::Time;
-use yieldwall_motion::guard::Device;
+use yieldwall_motion::guard::DeviceSet;
 
 /// So many heartbeats of one node ...
 const HEARTBEATS_OF_TWO: usize = 4;
@@ -32,7 +33,10 @@ pub(super) struct Node {
     /// The bus that it is on.
     pub(super) bus: BusId,
     pub(super) id: NodeId,
-    pub(super) device: Device,
+    /// Which devices of the rig it is: one, or drives that are axes of one device.
+    pub(super) devices: DeviceSet,
+    /// Turns of its drives to ask for objects.
+    pub(super) turns: Turns,
     pub(super) name: String,
     pub(super) transfer: Transfer,
     pub(super) boot: Boot,
@@ -66,7 +70,7 @@ impl Node {
     pub(super) fn new(
         bus: BusId,
         id: NodeId,
-        device: Device,
+        (devices, turns): (DeviceSet, Turns),
         name: &str,
         heartbeat: Duration,
         waits: Waits,
@@ -75,7 +79,8 @@ impl Node {
         Self {
             bus,
             id,
-            device,
+            devices,
+            turns,
             name: name.to_owned(),
             transfer: Transfer::new(id, waits.sdo),
             boot,
@@ -112,6 +117,7 @@ impl Node {
     /// Forgets all that was heard of it.
     pub(super) fn restart(&mut self) {
         self.transfer.restart();
+        self.turns.restart();
         self.boot.reset();
         self.said = Said::default();
         (self.has_booted, self.is_operational, self.has_restarted) = (false, false, false);

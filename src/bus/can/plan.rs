@@ -8,7 +8,7 @@ use crate::script::{PlannedWrite, ScriptPlan};
 use yieldwall_fieldbus::canopen::{BusId, Frame, NmtCommand, NodeId, Outbox};
 use yieldwall_fieldbus::objects::Address;
 use yieldwall_fieldbus::time::Time;
-use yieldwall_motion::guard::Device;
+use yieldwall_motion::guard::DeviceSet;
 
 /// All that the boot of a network sends, in its order, beside the heartbeats that follow the first ones. From the end of
 /// [`BootPlan::start`] on there are SYNC and set-points as well.
@@ -27,8 +27,8 @@ pub struct BootPlan {
 /// What one node is asked and told.
 #[derive(Clone, Debug)]
 pub struct NodePlan {
-    /// Which device of the rig it is.
-    pub device: Device,
+    /// Which devices of the rig it is: one, or drives that are axes of one device.
+    pub devices: DeviceSet,
     /// Its name in the rig.
     pub name: String,
     /// The bus that it is on.
@@ -62,7 +62,7 @@ impl NodePlan {
     fn of(node: &Node) -> Self {
         let (steps, identity) = node.boot.steps();
         let (name, script) = (node.name.clone(), ScriptPlan::new(steps, identity));
-        Self { device: node.device, name, bus: node.bus, id: node.id, script }
+        Self { devices: node.devices, name, bus: node.bus, id: node.id, script }
     }
 
     /// All that is written or stands already, in its order, for a node whose objects hold what `read` says; and why the boot would refuse the

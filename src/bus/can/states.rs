@@ -147,9 +147,9 @@ impl CanNetwork {
             (HeartbeatChange::BootUp, Phase::Operational) => node.has_restarted = true,
             (HeartbeatChange::BootUp, _) => {}
             // Seen in the cycle even if the node comes back before it.
-            (HeartbeatChange::Lost, _) => self.events.heartbeat_lost |= node.device.set(),
+            (HeartbeatChange::Lost, _) => self.events.heartbeat_lost |= node.devices,
             (HeartbeatChange::Present(_) | HeartbeatChange::State(_), _) => {
-                self.events.heartbeat_lost |= node.device.only_if(!node.is_operational);
+                self.events.heartbeat_lost |= node.devices.only_if(!node.is_operational);
                 self.go_on_if_started();
             }
         }

@@ -25,7 +25,7 @@ use yieldwall_fieldbus::ethercat::{
 };
 use yieldwall_fieldbus::time::Time;
 use yieldwall_motion::cycle::LinkEvents;
-use yieldwall_motion::guard::{Device, DeviceSet};
+use yieldwall_motion::guard::DeviceSet;
 
 /// Bytes from AL status to AL status code.
 pub(super) const STATUS_LEN: usize = 6;
@@ -182,7 +182,7 @@ impl EthercatNetwork {
     /// Real-time: yes.
     pub fn missing(&self) -> DeviceSet {
         let missing = self.stations.iter().filter(|station| !station.has_inputs && station.inputs.len > 0);
-        missing.fold(DeviceSet::NONE, |set, station| set | station.setup.device.set())
+        missing.fold(DeviceSet::NONE, |set, station| set | station.setup.devices)
     }
 
     /// What has come in this cycle. What comes after it is late: nothing that was measured in one cycle is used in another.
@@ -195,13 +195,14 @@ impl EthercatNetwork {
         let mut arrived = Arrived::default();
         let is_running = self.phase == Phase::Operational;
         for station in &mut self.stations {
-            let device = station.setup.device;
-            match device {
-                Device::LeftDrive => arrived.drives[0] = station.words(),
-                Device::RightDrive => arrived.drives[1] = station.words(),
-                Device::Sensor => arrived.sample = station.sample(now),
+            let devices = station.setup.devices;
+            for (joint, words) in station.words() {
+                arrived.drives.get_mut(joint).into_iter().for_each(|to| *to = words);
             }
-            self.events.device_state |= device.only_if(is_running && station.left.is_some());
+            if devices.contains(DeviceSet::SENSOR) {
+                arrived.sample = station.sample(now);
+            }
+            self.events.device_state |= devices.only_if(is_running && station.left.is_some());
             station.inputs_missed =
                 station.inputs_missed.saturating_add(u64::from(station.inputs.len > 0 && !station.has_inputs));
         }
@@ -256,12 +257,7 @@ impl EthercatNetwork {
             for station in stations.iter().filter(|station| station.outputs.len > 0 && is_meant(station)) {
                 let mut data = [0; frame::LONGEST];
                 let Some(data) = data.get_mut(..station.outputs.len) else { continue };
-                let [left, right] = orders;
-                match station.setup.device {
-                    Device::LeftDrive => station.put_outputs(left, data),
-                    Device::RightDrive => station.put_outputs(right, data),
-                    Device::Sensor => {}
-                }
+                station.put_outputs(orders, data);
                 to.push(Command::Lwr, station.outputs.logical, data);
             }
         });
@@ -480,7 +476,7 @@ impl EthercatNetwork {
         let difference_ns = register::difference_ns(u32_at(data, 0));
         station.difference_ns = Some(difference_ns);
         if is_watched && difference_ns.abs() > lost_ns {
-            self.clock_lost |= station.setup.device.set();
+            self.clock_lost |= station.setup.devices;
             station.lost_ns = station.lost_ns.or(station.difference_ns);
         }
     }
@@ -493,7 +489,7 @@ impl EthercatNetwork {
         let bus = DeviceSet::interface(self.bus.index());
         let devices = |is_one: &dyn Fn(u16) -> bool| {
             let concerned = stations.iter().filter(|station| is_one(station.setup.position));
-            concerned.fold(DeviceSet::NONE, |set, station| set | station.setup.device.set())
+            concerned.fold(DeviceSet::NONE, |set, station| set | station.setup.devices)
         };
         self.ports.take(first, datagrams, |shown| match shown {
             Shown::Errors(_) if !is_watched => {}

@@ -12,6 +12,14 @@ const INDICES: [u16; 3] = [0x6007, 0x6065, 0x6072];
 /// Time from one object to the next: all of them within ten seconds, also where frames are lost.
 const EVERY: Duration = Duration::from_millis(2500);
 
+/// Whether an index is that of such an object, of whatever axis.
+///
+/// # Source
+/// CiA 402-2: objects of axes lie 800h apart.
+fn is_limit(index: u16) -> bool {
+    (0x6000..0xa000).contains(&index) && INDICES.contains(&(0x6000 | index & 0x07ff))
+}
+
 /// One object.
 #[derive(Clone, Copy, Debug)]
 struct Limit {
@@ -36,7 +44,7 @@ impl Limits {
     /// Those that the boot of a device writes and no process data carry.
     pub(super) fn of(steps: &[Step], mut is_mapped: impl FnMut(Address) -> bool) -> Self {
         let mut all: Vec<Limit> = Vec::new();
-        for step in steps.iter().filter(|step| INDICES.contains(&step.index)) {
+        for step in steps.iter().filter(|step| is_limit(step.index)) {
             let (Action::State { value, .. }, at) = (step.action, Address::new(step.index, step.sub)) else {
                 continue;
             };

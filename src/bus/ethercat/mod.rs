@@ -54,7 +54,7 @@ pub use failure::{SegmentFailure, SegmentSign};
 pub use flight::{Purpose, SegmentCounts};
 pub use network::SEGMENT_LISTENING;
 pub(crate) use network::Segment;
-pub use setup::{Acts, Mapped, ProcessData, SegmentDrive, SegmentSensor, SegmentSetup, StationSetup};
+pub use setup::{Acts, Mapped, ProcessData, SegmentDrive, SegmentSensor, SegmentSetup, StationAxis, StationSetup};
 #[cfg(test)]
 pub(crate) use station::sample_of;
 
@@ -335,7 +335,7 @@ impl EthercatNetwork {
             Some(format!("{} left OP: {status}, AL status code {code}", station.title()))
         });
         let grid = self.grid_off_ns.map(|ns| format!("the cycles were {:.1} us beside the reference clock", us(ns)));
-        let clocks = self.stations.iter().filter(|station| self.clock_lost.contains(station.setup.device.set()));
+        let clocks = self.stations.iter().filter(|station| self.clock_lost.contains(station.setup.devices));
         let clocks = clocks.filter_map(|station| {
             let ns = station.lost_ns?;
             Some(format!("the clock of {} was {:.1} us beside the reference clock", station.title(), us(ns)))
@@ -374,7 +374,7 @@ impl EthercatNetwork {
     }
 
     fn station(&self, device: Device) -> Option<&Station> {
-        self.stations.iter().find(|station| station.setup.device == device)
+        self.stations.iter().find(|station| station.setup.devices.contains(device.set()))
     }
 
     /// Begins to read or to write an object of a device, beside the cycle too.
@@ -387,8 +387,8 @@ impl EthercatNetwork {
             Phase::Configuring => return Err(ObjectError::Busy),
             Phase::Off | Phase::Resetting | Phase::Failed(_) => return Err(ObjectError::NotBooted),
         }
-        let station = self.stations.iter_mut().find(|station| station.setup.device == device);
-        station.ok_or(ObjectError::NoObjects)?.ask(now, request)
+        let station = self.stations.iter_mut().find(|station| station.setup.devices.contains(device.set()));
+        station.ok_or(ObjectError::NoObjects)?.ask_as(now, device, request)
     }
 
     /// How what was asked of a device last has ended.
@@ -396,7 +396,7 @@ impl EthercatNetwork {
     /// Real-time: yes.
     pub fn answer(&self, device: Device) -> ObjectAnswer<'_> {
         match self.station(device) {
-            Some(station) => station.answer(),
+            Some(station) => station.answer_to(device),
             None => ObjectAnswer::Failed(ObjectError::NoObjects),
         }
     }
@@ -556,20 +556,22 @@ impl EthercatNetwork {
     /// Notes an emergency of a device.
     fn hear(&mut self, now: Time, place: usize, emergency: CoeEmergency) {
         let Some(station) = self.stations.get(place) else { return };
-        let device = station.setup.device;
+        // It does not say which axis it is of, and stands for the whole device under the first one.
+        let devices = station.setup.devices;
+        let Some(device) = Device::ALL.into_iter().find(|device| devices.contains(device.set())) else { return };
         let CoeEmergency { code, register, vendor } = emergency;
         let (code, register) = (EmcyCode(code), ErrorRegister(register));
         let told = EmergencyReport { time: now, device, code, register, vendor, is_withdrawn: false };
         if self.told.hear(told) {
             let events =
                 if code.is_warning() { &mut self.events.emergency_warning } else { &mut self.events.emergency };
-            *events |= device.set();
+            *events |= devices;
         }
     }
 
     /// All devices of the rig on the segment.
     fn all(&self) -> DeviceSet {
-        self.stations.iter().fold(DeviceSet::NONE, |all, station| all | station.setup.device.set())
+        self.stations.iter().fold(DeviceSet::NONE, |all, station| all | station.setup.devices)
     }
 
     /// Leaves the network: devices that were led farther than INIT go to PRE-OP, where nobody waits for outputs; where somebody else is on the

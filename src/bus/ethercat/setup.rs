@@ -7,10 +7,10 @@ use crate::setup::{BrakeWords, HomingOrder, SensorStart, Waits};
 use std::sync::Arc;
 use std::time::Duration;
 use yieldwall_drives::cia402::CommandMode;
-use yieldwall_drives::profiles::{DeviceProfile, Identity, MappedObject, MappedPdo, Quantity};
+use yieldwall_drives::profiles::{AxisOffset, DeviceProfile, Identity, MappedObject, MappedPdo, Quantity};
 use yieldwall_fieldbus::canopen::{BusId, MappingEntry};
 use yieldwall_fieldbus::objects::Address;
-use yieldwall_motion::guard::Device;
+use yieldwall_motion::guard::{Device, DeviceSet};
 
 /// Objects that a mapping holds at most, and mappings that are exchanged.
 pub(super) const MOST_ENTRIES: u8 = 254;
@@ -57,8 +57,8 @@ impl Acts {
 pub struct StationSetup {
     /// Name for messages.
     pub name: String,
-    /// Which device of the rig it is.
-    pub device: Device,
+    /// Which devices of the rig it is: one, or drives that are axes of one device.
+    pub devices: DeviceSet,
     /// Position on the segment, 0 at the master.
     pub position: u16,
     /// The alias that its SII has to have, if one was given to it.
@@ -79,17 +79,28 @@ pub struct StationSetup {
     pub inputs: Vec<ProcessData>,
     /// The output that takes the target, of a drive.
     pub set_point: Option<Quantity>,
-    /// What its digital outputs are, of a drive whose brake the master holds.
-    pub brake: Option<BrakeWords>,
+    /// What it is as the left and as the right drive.
+    pub axes: [StationAxis; 2],
     /// What the bits of a sensor's inputs mean.
     pub codec: SampleCodec,
     /// Objects that are read and written before process data are mapped.
     pub(super) steps: Vec<Step>,
 }
 
+/// A device as one of the drives.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StationAxis {
+    /// Its digital outputs, of a drive whose brake the master holds.
+    pub brake: Option<BrakeWords>,
+    /// Where the objects of its axis are.
+    pub offset: AxisOffset,
+}
+
 /// One process data object.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ProcessData {
+    /// The device of the rig that it is of.
+    pub device: Device,
     /// Index of its mapping, 1600h to 17FFh or 1A00h to 1BFFh.
     pub index: u16,
     /// Whether the device lets nobody change the mapping: it is compared then.
@@ -152,7 +163,8 @@ impl SegmentDrive {
         let (speed, window) = (self.speed_limit_counts_per_s, self.following_error_counts);
         script::limits(servo, self.torque_limit_per_mille, speed, window, &mut steps);
         let [rpdo, tpdo] = script::pdos(profile, Some(mode.operation_mode()))?;
-        let (outputs, inputs) = (process_data(&rpdo, 0x1600, &steps), process_data(&tpdo, 0x1a00, &steps));
+        let of_drive = |pdos: &[MappedPdo], first| process_data(self.device, pdos, first, &steps);
+        let (outputs, inputs) = (of_drive(&rpdo, 0x1600), of_drive(&tpdo, 0x1a00));
         let needed = [Quantity::Controlword, mode.set_point(), Quantity::Statusword, Quantity::PositionActual];
         for quantity in needed {
             let mut mapped = outputs.iter().chain(&inputs).flat_map(|pdo| &pdo.entries);
@@ -167,7 +179,7 @@ impl SegmentDrive {
         }
         Ok(StationSetup {
             name: self.name.clone(),
-            device: self.device,
+            devices: self.device.set(),
             position: self.position,
             alias: None,
             serial: None,
@@ -178,7 +190,10 @@ impl SegmentDrive {
             outputs,
             inputs,
             set_point: Some(mode.set_point()),
-            brake: BrakeWords::of(servo),
+            axes: Device::DRIVES.map(|device| match device == self.device {
+                true => StationAxis { brake: BrakeWords::of(servo), offset: profile.offset() },
+                false => StationAxis::default(),
+            }),
             codec: SampleCodec::default(),
             steps,
         })
@@ -186,7 +201,7 @@ impl SegmentDrive {
 }
 
 /// PDOs as process data; `first` is the mapping of number 1. Objects that are nothing to the rig get the values that the boot writes to them.
-fn process_data(pdos: &[MappedPdo], first: u16, steps: &[Step]) -> Vec<ProcessData> {
+fn process_data(device: Device, pdos: &[MappedPdo], first: u16, steps: &[Step]) -> Vec<ProcessData> {
     let entry = |object: &MappedObject| Mapped {
         at: Address::new(object.index, object.sub),
         bits: object.bits,
@@ -194,6 +209,7 @@ fn process_data(pdos: &[MappedPdo], first: u16, steps: &[Step]) -> Vec<ProcessDa
         value: script::constant(object, steps),
     };
     let pdo = |pdo: &MappedPdo| ProcessData {
+        device,
         index: first + pdo.number.saturating_sub(1),
         is_fixed: pdo.is_fixed,
         entries: pdo.objects.iter().map(entry).collect(),
@@ -226,10 +242,10 @@ impl SegmentSensor {
         let steps = script::sensor(profile, &self.start)?;
         let [outputs, inputs] = script::pdos(profile, None)?;
         // The object by which it zeroes itself is 0 in process data.
-        let process_data = [process_data(&outputs, 0x1600, &[]), process_data(&inputs, 0x1a00, &[])];
+        let device = Device::Sensor;
+        let process_data = [process_data(device, &outputs, 0x1600, &[]), process_data(device, &inputs, 0x1a00, &[])];
         let identity = profile.identity.clone();
-        let station =
-            StationSetup::other(&self.name, Device::Sensor, self.position, identity, self.waits, process_data);
+        let station = StationSetup::other(&self.name, device, self.position, identity, self.waits, process_data);
         Ok(StationSetup { codec: SampleCodec::new(profile), steps, ..station })
     }
 }
@@ -247,7 +263,7 @@ impl StationSetup {
         let [outputs, inputs] = process_data;
         StationSetup {
             name: name.to_owned(),
-            device,
+            devices: device.set(),
             position,
             alias: None,
             serial: None,
@@ -258,7 +274,7 @@ impl StationSetup {
             outputs,
             inputs,
             set_point: None,
-            brake: None,
+            axes: Default::default(),
             codec: SampleCodec::default(),
             steps: Vec::new(),
         }
@@ -267,6 +283,23 @@ impl StationSetup {
     /// All objects that the boot reads and writes of it.
     pub fn plan(&self) -> ScriptPlan {
         ScriptPlan::new(&self.script(), &self.identity)
+    }
+
+    /// The device with another axis, whose process data lie behind those that it has. What both axes write to objects of the device is written
+    /// once.
+    #[must_use]
+    pub fn with_axis(mut self, axis: Self) -> Self {
+        self.name = format!("{} and {}", self.name, axis.name);
+        for ((own, new), device) in self.axes.iter_mut().zip(axis.axes).zip(Device::DRIVES) {
+            if axis.devices.contains(device.set()) {
+                *own = new;
+            }
+        }
+        self.devices |= axis.devices;
+        self.outputs.extend(axis.outputs);
+        self.inputs.extend(axis.inputs);
+        script::add_axis(&mut self.steps, axis.steps);
+        self
     }
 
     /// Bytes of process data that it is sent.

@@ -8,6 +8,7 @@ use super::writes::Altered;
 use crate::axis::{DriveOrders, DriveWords};
 use crate::sample::NO_SAMPLE;
 use crate::script::Script;
+use crate::turns::Turns;
 use std::time::Duration;
 use yieldwall_drives::cia402::State;
 use yieldwall_drives::profiles::Quantity;
@@ -16,7 +17,7 @@ use yieldwall_fieldbus::ethercat::sii::{MailboxArea, Sii};
 use yieldwall_fieldbus::ethercat::{AlState, AlStatus, AlStatusCode};
 use yieldwall_fieldbus::objects::{Address, ObjectAnswer, ObjectError, ObjectRequest, load_le, mask, sign_extend};
 use yieldwall_fieldbus::time::Time;
-use yieldwall_motion::guard::DeviceSet;
+use yieldwall_motion::guard::{Device, DeviceSet};
 use yieldwall_motion::sensing::RawSample;
 
 /// Station addresses of devices: this and their position.
@@ -29,7 +30,6 @@ const ANSWER_STAYS: Duration = Duration::from_millis(200);
 
 /// Time for which a drive may be in Operation Enabled in SAFE-OP: its own stop takes less.
 const KEEPS_TORQUE: Duration = Duration::from_millis(300);
-const CONTROLWORD: Address = Address::new(0x6040, 0);
 
 /// How far a drive was brought that keeps its torque in SAFE-OP.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,8 +37,8 @@ enum Disarming {
     No,
     /// It has been in Operation Enabled since then.
     Seen(Time),
-    /// Disable Voltage was written.
-    Asked,
+    /// Disable Voltage was written to the controlword of this number.
+    Asked(usize),
     /// It is asked for PRE-OP.
     Leaves,
 }
@@ -58,7 +58,8 @@ struct Field {
 pub(super) struct Area {
     pub(super) logical: u32,
     pub(super) len: usize,
-    fields: Vec<(Quantity, Field)>,
+    /// Values that mean something to the rig, of the drive of a joint, or of a sensor.
+    fields: Vec<(usize, Quantity, Field)>,
     /// Values of outputs that are nothing to the rig.
     constants: Vec<(Field, i32)>,
 }
@@ -72,14 +73,15 @@ impl Area {
                 return Err(SegmentFailure::TooManyObjects { index: *index, objects: entries.len() });
             }
         }
-        for Mapped { at, bits, quantity, value } in pdos.iter().flat_map(|pdo| &pdo.entries) {
+        let all = pdos.iter().flat_map(|pdo| pdo.entries.iter().map(|entry| (joint(pdo.device), entry)));
+        for (joint, Mapped { at, bits, quantity, value }) in all {
             let field = Field { bit, bits: (*bits).min(MOST_BITS) };
             let is_used = quantity.is_some() || *value != 0;
             if *bits == 0 || is_used && *bits > MOST_BITS {
                 return Err(SegmentFailure::Bits { index: at.index, sub: at.sub, bits: *bits });
             }
             match *quantity {
-                Some(quantity) => area.fields.push((quantity, field)),
+                Some(quantity) => area.fields.push((joint, quantity, field)),
                 None if *value != 0 => area.constants.push((field, *value)),
                 None => {}
             }
@@ -116,6 +118,20 @@ impl Field {
     }
 }
 
+/// The joint that a device is the drive of; 0 for a sensor.
+const fn joint(device: Device) -> usize {
+    match device {
+        Device::LeftDrive | Device::Sensor => 0,
+        Device::RightDrive => 1,
+    }
+}
+
+/// The controlwords among outputs.
+fn controlwords(outputs: &[ProcessData]) -> Vec<Address> {
+    let entries = outputs.iter().flat_map(|pdo| &pdo.entries);
+    entries.filter(|entry| entry.quantity == Some(Quantity::Controlword)).map(|entry| entry.at).collect()
+}
+
 /// One device of the rig.
 #[derive(Clone, Debug)]
 pub(super) struct Station {
@@ -150,7 +166,12 @@ pub(super) struct Station {
     pub(super) left: Option<(AlStatus, AlStatusCode)>,
     /// Whether its inputs came in this cycle, and what they were.
     pub(super) has_inputs: bool,
-    words: DriveWords,
+    /// What the drives of both joints have said, as far as they are this device.
+    words: [DriveWords; 2],
+    /// Controlwords of its drives.
+    controlwords: Vec<Address>,
+    /// Turns of its drives to ask for objects.
+    turns: Turns,
     sample: Option<RawSample>,
     sampled_at: Time,
     /// How far its clock is from that of the reference, when that was read last.
@@ -190,7 +211,9 @@ impl Station {
             was_there: false,
             left: None,
             has_inputs: false,
-            words: DriveWords::default(),
+            words: Default::default(),
+            controlwords: controlwords(&setup.outputs),
+            turns: Turns::new(setup.axes.map(|axis| axis.offset)),
             sample: None,
             sampled_at: Time(0),
             difference_ns: None,
@@ -213,6 +236,7 @@ impl Station {
         self.held.forget();
         self.limits.restart();
         self.answered_at = None;
+        self.turns.restart();
         self.forget_missed();
         self.begin_cycle();
     }
@@ -234,6 +258,24 @@ impl Station {
         Ok(())
     }
 
+    /// Asks as one of its drives, or as the sensor that it is.
+    pub(super) fn ask_as(&mut self, now: Time, device: Device, request: ObjectRequest<'_>) -> Result<(), ObjectError> {
+        let mut turns = self.turns;
+        let begun = turns.begin(device, self.answer());
+        self.turns = turns;
+        begun?;
+        self.ask(now, turns.moved(device, request))?;
+        self.turns.note_asked(device);
+        Ok(())
+    }
+
+    /// How that has ended which was asked as `device`.
+    ///
+    /// Real-time: yes.
+    pub(super) fn answer_to(&self, device: Device) -> ObjectAnswer<'_> {
+        self.turns.answer(device, self.answer())
+    }
+
     /// How that has ended.
     ///
     /// Real-time: yes.
@@ -251,22 +293,32 @@ impl Station {
             self.wanted = leaves.then_some(AlState::SafeOperational);
             return;
         }
-        let is_enabled = is_stopping
-            && state == Some(AlState::SafeOperational)
-            && self.words.statusword.is_some_and(|word| State::decode(word) == Some(State::OperationEnabled));
+        let is_enabled = |words: &DriveWords| {
+            words.statusword.is_some_and(|word| State::decode(word) == Some(State::OperationEnabled))
+        };
+        let is_enabled = is_stopping && state == Some(AlState::SafeOperational) && self.words.iter().any(is_enabled);
         match self.disarming {
             Disarming::No if is_enabled => self.disarming = Disarming::Seen(now),
             Disarming::Seen(_) if !is_enabled => self.disarming = Disarming::No,
             Disarming::Seen(since) if now.since(since) >= KEEPS_TORQUE => {
-                self.disarming = Disarming::Asked;
-                // Without an answer PRE-OP is what is left.
-                let _ = self.ask(now, ObjectRequest::Write(CONTROLWORD, &[0, 0]));
+                self.disable(now, 0);
             }
-            Disarming::Asked if self.answer() != ObjectAnswer::Pending => self.disarming = Disarming::Leaves,
+            Disarming::Asked(axis) if self.answer() != ObjectAnswer::Pending => self.disable(now, axis + 1),
             _ => {}
         }
         let is_left = matches!(state, Some(AlState::PreOperational | AlState::Init));
         self.wanted = (self.disarming == Disarming::Leaves && !is_left).then_some(AlState::PreOperational);
+    }
+
+    /// Has the drive of this controlword lose its voltage; behind the last one there is nothing left but PRE-OP.
+    fn disable(&mut self, now: Time, axis: usize) {
+        let Some(at) = self.controlwords.get(axis).copied() else {
+            self.disarming = Disarming::Leaves;
+            return;
+        };
+        self.disarming = Disarming::Asked(axis);
+        // Without an answer PRE-OP is what is left.
+        let _ = self.ask(now, ObjectRequest::Write(at, &[0, 0]));
     }
 
     /// Asks for one of its limits, if one is due and nobody has asked for anything.
@@ -308,7 +360,7 @@ impl Station {
     /// Real-time: yes.
     pub(super) fn begin_cycle(&mut self) {
         (self.has_inputs, self.has_status) = (false, false);
-        (self.words, self.sample) = (DriveWords::default(), None);
+        (self.words, self.sample) = (Default::default(), None);
     }
 
     /// It did not take its outputs, or nobody knows whether it did; the drive that this is, if it is one.
@@ -316,7 +368,7 @@ impl Station {
     /// Real-time: yes.
     pub(super) fn miss_outputs(&mut self) -> DeviceSet {
         self.outputs_missed = self.outputs_missed.saturating_add(1);
-        self.setup.device.set() & DeviceSet::DRIVES
+        self.setup.devices & DeviceSet::DRIVES
     }
 
     /// Takes the inputs of this cycle.
@@ -327,10 +379,11 @@ impl Station {
         self.sampled_at = now;
         let mut sample = NO_SAMPLE;
         let mut has_counts = false;
-        for (quantity, field) in &self.inputs.fields {
+        for (joint, quantity, field) in &self.inputs.fields {
+            let Some(words) = self.words.get_mut(*joint) else { continue };
             match *quantity {
-                Quantity::Statusword => self.words.statusword = Some(field.get(data) as u16),
-                Quantity::PositionActual => self.words.position = Some(field.get_signed(data)),
+                Quantity::Statusword => words.statusword = Some(field.get(data) as u16),
+                Quantity::PositionActual => words.position = Some(field.get_signed(data)),
                 quantity => {
                     has_counts |= self.setup.codec.take(quantity, field.get(data), field.bits, &mut sample);
                 }
@@ -339,11 +392,13 @@ impl Station {
         self.sample = has_counts.then_some(sample);
     }
 
-    /// What a drive has said in this cycle.
+    /// What the drives have said in this cycle, each with its joint.
     ///
     /// Real-time: yes.
-    pub(super) fn words(&self) -> DriveWords {
-        self.words
+    pub(super) fn words(&self) -> impl Iterator<Item = (usize, DriveWords)> {
+        let own = |device: &Device| self.setup.devices.contains(device.set());
+        let drives = Device::DRIVES.into_iter().zip(self.words).enumerate();
+        drives.filter(move |(_, (device, _))| own(device)).map(|(joint, (_, words))| (joint, words))
     }
 
     /// What a sensor has said in this cycle.
@@ -354,19 +409,23 @@ impl Station {
         self.sample.map(|sample| RawSample { age_ns, ..sample })
     }
 
-    /// Writes what a drive is sent into its outputs, which are 0 before.
+    /// Writes what its drives are sent into its outputs, which are 0 before and stay 0 for a sensor.
     ///
     /// Real-time: yes.
-    pub(super) fn put_outputs(&self, orders: &DriveOrders, data: &mut [u8]) {
+    pub(super) fn put_outputs(&self, orders: &[DriveOrders; 2], data: &mut [u8]) {
+        if (self.setup.devices & DeviceSet::DRIVES).is_empty() {
+            return;
+        }
         for (field, value) in &self.outputs.constants {
             field.put(data, *value);
         }
-        for (quantity, field) in &self.outputs.fields {
+        for (joint, quantity, field) in &self.outputs.fields {
+            let Some((orders, axis)) = orders.get(*joint).zip(self.setup.axes.get(*joint)) else { continue };
             if *quantity == Quantity::Controlword {
                 field.put(data, orders.controlword.into());
             } else if self.setup.set_point == Some(*quantity) {
                 field.put(data, orders.target);
-            } else if let (Quantity::DigitalOutputs, Some(words)) = (*quantity, self.setup.brake) {
+            } else if let (Quantity::DigitalOutputs, Some(words)) = (*quantity, axis.brake) {
                 field.put(data, words.word(orders.releases) as i32);
             }
         }
@@ -416,7 +475,7 @@ mod tests {
     }
 
     fn area(entries: Vec<Mapped>) -> Result<Area, SegmentFailure> {
-        Area::new(0, &[ProcessData { index: 0x1600, is_fixed: true, entries }])
+        Area::new(0, &[ProcessData { device: Device::LeftDrive, index: 0x1600, is_fixed: true, entries }])
     }
 
     #[test]
@@ -432,10 +491,10 @@ mod tests {
         assert_eq!(area.len, 33);
         let mut data = [0; 33];
         area.constants.iter().for_each(|(field, value)| field.put(&mut data, *value));
-        area.fields[0].1.put(&mut data, 0x0f1f);
-        area.fields[1].1.put(&mut data, -2);
+        area.fields[0].2.put(&mut data, 0x0f1f);
+        area.fields[1].2.put(&mut data, -2);
         assert_eq!(data[..8], [0xe0, 0xe3, 0xe1, 0xfe, 0xff, 0xff, 0xff, 0x00]);
-        assert_eq!((area.fields[0].1.get(&data), area.fields[1].1.get_signed(&data)), (0x0f1f, -2));
+        assert_eq!((area.fields[0].2.get(&data), area.fields[1].2.get_signed(&data)), (0x0f1f, -2));
     }
 
     #[test]

@@ -144,7 +144,7 @@ impl Script {
             _ => step,
         };
         let written = match (self.stage, step.action) {
-            (Stage::Write, Action::Clear { bits }) => Some(self.kept & !bits),
+            (Stage::Write, Action::Bits { mask, value }) => Some(self.kept & !mask | value),
             (Stage::Write, action) => action.value().map(|value| value | self.kept & action.kept()),
             _ => None,
         };
@@ -270,7 +270,7 @@ impl Script {
                 self.stage = Stage::Write;
                 return Ok(());
             }
-            Action::Clear { .. } if !step.is_held(received) => {
+            Action::Bits { .. } if !step.is_held(received) => {
                 (self.kept, self.stage) = (received, Stage::Write);
                 return Ok(());
             }
@@ -302,7 +302,7 @@ impl Script {
     fn on_read_back(&mut self, step: &Step, received: u32, refused: Option<AbortCode>) -> Result<(), BootFailure> {
         let Address { index, sub } = step.at();
         let wanted = match step.action {
-            Action::Clear { bits } => self.kept & !bits,
+            Action::Bits { mask, value } => self.kept & !mask | value,
             action => action.value().unwrap_or_default() | self.kept & action.kept(),
         };
         if step.is_held(received) {
@@ -326,7 +326,7 @@ impl Script {
             // The write shows whether it has the object.
             (Stage::Look, Action::State { .. }) => self.stage = Stage::Write,
             (Stage::Compare(_), Action::Unit { steps }) => self.open(self.next + 1 + steps),
-            (Stage::Look, Action::Clear { .. } | Action::Exponent | Action::CopyTime) => self.finish(step),
+            (Stage::Look, Action::Bits { .. } | Action::Exponent | Action::CopyTime) => self.finish(step),
             (Stage::Look, Action::SyncType { .. } | Action::Synchronised { .. }) if code.is_absent() => {
                 self.finish(step);
             }
@@ -337,7 +337,7 @@ impl Script {
             }
             // The next steps show whether the device needs that.
             (Stage::Write, Action::Off { .. }) => self.finish(step),
-            (Stage::Write, Action::State { .. } | Action::Clear { .. }) => self.stage = Stage::Verify(Some(code)),
+            (Stage::Write, Action::State { .. } | Action::Bits { .. }) => self.stage = Stage::Verify(Some(code)),
             (Stage::Write, Action::Command { .. }) if code.is_read_only() => self.stage = Stage::Verify(Some(code)),
             (Stage::Verify(Some(refused)), _) => return Err(BootFailure::Refused { index, sub, code: refused }),
             _ => return Err(BootFailure::Refused { index, sub, code }),

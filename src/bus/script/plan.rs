@@ -103,8 +103,8 @@ impl ScriptPlan {
             let held = old.as_ref().map(|held| little_endian(held));
             if !step.action.writes() {
                 let Some(held) = held else { continue };
-                if let (Action::Clear { bits }, false) = (step.action, step.is_held(held)) {
-                    let new = Some((held & !bits).to_le_bytes().to_vec());
+                if let (Action::Bits { mask, value }, false) = (step.action, step.is_held(held)) {
+                    let new = Some((held & !mask | value).to_le_bytes().to_vec());
                     writes.push(PlannedWrite { doing: step.doing, at, old, new, stands: false });
                     continue;
                 }

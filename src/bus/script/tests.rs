@@ -196,7 +196,7 @@ fn a_command_is_written_whatever_stands_and_a_fixed_one_that_is_as_wanted_passes
 
 #[test]
 fn bits_that_would_make_a_node_a_producer_are_cleared_and_a_lack_of_the_object_is_good() {
-    let steps = [at(0x1005, 0, 4, Action::Clear { bits: 1 << 30 })];
+    let steps = [at(0x1005, 0, 4, Action::Bits { mask: 1 << 30, value: 0 })];
     for (held, after, writes) in [(0x4000_0080, 0x80, 1), (0x80, 0x80, 0)] {
         let mut device = Device::holding(&[(0x1005, 0, held)]);
         assert_eq!(device.take(&steps), Ok(()));

@@ -17,6 +17,7 @@ use yieldwall_config::ProfileName;
 use yieldwall_drives::eds::Eds;
 use yieldwall_drives::esi::{self, Device as EsiDevice, Esi};
 use yieldwall_service::adopt::{Refusal, Survey, contradictions, originals, profile, survey};
+use yieldwall_service::count_axes;
 
 /// Columns of a terminal.
 const WIDTH: usize = 80;
@@ -84,6 +85,7 @@ pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     }
     let found = survey(&mut *reached.tried()?, &values, eds);
     let mut found = found.map_err(|refusal| refused(&reached, refusal))?;
+    found.axes = count_axes(|at| Ok::<_, Failure>(reached.number_of(at, "counting its axes")?.is_some()))?;
     let mut product = eds.map(|eds| eds.device.product.clone());
     if let Some(Sheet::Esi(esi, path)) = &sheet {
         let device = described(esi, path, &found, &reached)?;

@@ -287,7 +287,7 @@ fn compared(desk: &mut DeviceSession, found: &[FoundDevice], commands: &str) -> 
     let mut compared = NodeSet::default();
     for found in found.iter().filter(|found| is_answering(found)).take(MOST_COMPARED) {
         let facts = read_pattern(&mut desk.service, found.node).map_err(|error| desk.bus_failure(error))?;
-        let node = Node { id: found.node, entry: desk.entry(found.node).cloned() };
+        let node = Node::of(found.node, desk.entry(found.node).cloned());
         let interface = commands.strip_prefix(" --bus ").and_then(|rest| rest.split(' ').next());
         let interface = interface.map(|name| name.split_once('=').map_or(name, |(_, name)| name).to_owned());
         let around = around(desk, &node, interface, None, commands);

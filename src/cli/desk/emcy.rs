@@ -52,9 +52,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
                 desk.service.turn_to(bus);
                 let found = scan(&mut desk.service).map_err(|error| desk.bus_failure(error))?;
                 let answering = found.iter().filter(|found| found.device_type.is_some());
-                nodes.extend(
-                    answering.map(|found| (bus, Node { id: found.node, entry: desk.entry(found.node).cloned() })),
-                );
+                nodes.extend(answering.map(|found| (bus, Node::of(found.node, desk.entry(found.node).cloned()))));
             }
             nodes
         }

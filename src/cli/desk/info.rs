@@ -1,6 +1,7 @@
 //! `yieldwall info`: one device.
 
 use serde_json::{Map, Value, json};
+use yieldwall_drives::profiles::AxisOffset;
 use yieldwall_drives::scaling::AxisScaling;
 
 use super::place::{BusArguments, DeviceSession};
@@ -11,7 +12,7 @@ use crate::failure::Failure;
 use crate::output::Output;
 use yieldwall_fieldbus::objects::Address;
 use yieldwall_run::explanation::Explanation;
-use yieldwall_service::{Bytes, Error, FoundDevice, identify, known, number};
+use yieldwall_service::{Bytes, Error, FoundDevice, count_axes, identify, known, number};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
@@ -61,7 +62,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let (identity_parts, name) = identities.into_iter().next().unwrap_or_default();
     let found =
         FoundDevice { node: node.id, heard: desk.service.heard(node.id), device_type, identity: identity_parts, name };
-    let asked: Vec<_> = asked().map(|at| (node.id, at)).collect();
+    let asked: Vec<_> = asked(node.axis).map(|at| (node.id, at)).collect();
     let answers = desk.service.read_each(&asked).map_err(|error| desk.bus_failure(error))?;
     let mut rows =
         vec![["device".to_owned(), format!("{}: {}", kind(device_type), found.name.as_deref().unwrap_or("no name"))]];
@@ -70,7 +71,13 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     rows.push(["rig".to_owned(), fit(&desk, &found)]);
     rows.push(["NMT".to_owned(), state.map_or("tells none".to_owned(), |state| nmt_words(state).to_owned())]);
-    let (more, objects) = objects(answers, node.scaling(), |code| desk.explained(&node, code));
+    let axes = count_axes(|at| match desk.service.read(node.id, at) {
+        Ok(_) => Ok(true),
+        Err(Error::Refused(_)) => Ok(false),
+        Err(error) => Err(failed(&desk, error)),
+    })?;
+    rows.extend(axes_row(axes));
+    let (more, objects) = objects(answers, node.scaling(), node.axis, |code| desk.explained(&node, code));
     rows.extend(more);
     if output.is_json() {
         let [vendor, product, revision, serial] = found.identity;
@@ -84,6 +91,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             "revision": revision,
             "serial": serial,
             "nmt": state.map(|state| format!("{state:?}")),
+            "axes": axes,
             "rig": fit(&desk, &found),
             "objects": Value::Object(objects),
         }));
@@ -91,15 +99,21 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     output.result(&format!("{}\n{}", node.words(), table(&rows)))
 }
 
-/// What is read of any device.
-pub(super) fn asked() -> impl Iterator<Item = Address> {
-    OBJECTS.into_iter().map(|(index, sub, _)| Address::new(index, sub))
+/// The line that says how many axes a device of several has.
+pub(super) fn axes_row(axes: u8) -> Option<[String; 2]> {
+    (axes > 1).then(|| ["axes".to_owned(), axes.to_string()])
+}
+
+/// What is read of any device, of this axis of a drive.
+pub(super) fn asked(axis: AxisOffset) -> impl Iterator<Item = Address> {
+    OBJECTS.into_iter().map(move |(index, sub, _)| Address::new(axis.index(index), sub))
 }
 
 /// What the answers say, in the order in which they were [`asked`]: for a person and for a program.
 pub(super) fn objects(
     answers: impl IntoIterator<Item = Result<Bytes, Error>>,
     scaling: Option<&AxisScaling>,
+    axis: AxisOffset,
     explained: impl Fn(u16) -> Explanation,
 ) -> (Vec<[String; 2]>, Map<String, Value>) {
     let (mut rows, mut objects) = (Vec::new(), Map::new());
@@ -115,7 +129,8 @@ pub(super) fn objects(
         if let Some(explained) = &explained {
             shown.means = Some(explained.meaning.to_string());
         }
-        objects.insert(what.to_owned(), words::document(at, &words::name(at, None), &bytes, &shown));
+        let own = Address::new(axis.index(index), sub);
+        objects.insert(what.to_owned(), words::document(own, &words::name(at, None), &bytes, &shown));
         rows.push([what.to_owned(), shown.means.map_or(shown.raw.clone(), |means| format!("{means}  {}", shown.raw))]);
         if let Some(explained) = explained {
             rows.push(["  cause".to_owned(), explained.cause.into_owned()]);

@@ -106,8 +106,8 @@ fn device_failure(error: &DeviceError) -> Failure {
             let doctor = format!("`yieldwall doctor node {} --bus {}`", place.number, place.interface);
             node_failure(message, *error, &doctor)
         }
-        DeviceError::Powered { place, statusword } => {
-            powered(&place.to_string(), place.number, &format!(" --bus {}", place.interface), statusword.0)
+        DeviceError::Powered { place, axis, statusword } => {
+            powered(&place.to_string(), place.number, (*axis, &format!(" --bus {}", place.interface)), statusword.0)
         }
         DeviceError::OtherDevice => Failure::new(Exit::DeviceMismatch, message, "put the one back that it was"),
     }

@@ -109,7 +109,10 @@ fn words(arrival: &Arrival, entries: &[Entry]) -> String {
 
 fn of_frame(frame: &Frame, entries: &[Entry]) -> String {
     let id = frame.id();
-    let entry = entries.iter().find(|entry| u16::from(entry.node.raw()) == id & 0x7f && entry.bus == frame.bus());
+    let own = |entry: &&Entry| u16::from(entry.node.raw()) == id & 0x7f && entry.bus == frame.bus();
+    // Of drives that are axes of one node the one whose process data have this identifier.
+    let is_mapped = |entry: &&Entry| own(entry) && has_pdo(entry, id);
+    let entry = entries.iter().find(is_mapped).or_else(|| entries.iter().find(own));
     let who = match entry {
         Some(entry) => format!("{} ({})", entry.node.raw(), entry.name),
         None => format!("{}", id & 0x7f),
@@ -154,6 +157,15 @@ fn of_frame(frame: &Frame, entries: &[Entry]) -> String {
     }
 }
 
+/// Whether process data of a device have an identifier.
+fn has_pdo(entry: &Entry, id: u16) -> bool {
+    let Some([rpdo, tpdo]) = entry.profile.as_ref().and_then(|profile| profile.mapped(entry.mode)) else {
+        return false;
+    };
+    let received = rpdo.iter().filter_map(|pdo| cob::rpdo(pdo.identifier, entry.node));
+    received.chain(tpdo.iter().filter_map(|pdo| cob::tpdo(pdo.identifier, entry.node))).any(|own| own == id)
+}
+
 /// A PDO by its default identifier: its bytes, or what is mapped where the rig knows that.
 fn process_data(frame: &Frame, entry: Option<&Entry>, who: &str) -> String {
     let (number, is_tpdo) = ((frame.id() - 0x180) / 0x100 + 1, (frame.id() - 0x180) % 0x100 < 0x80);
@@ -168,7 +180,7 @@ fn fields(frame: &Frame, entry: &Entry, number: u8, is_tpdo: bool) -> Option<Str
     let profile = entry.profile.as_deref()?;
     let [rpdo, tpdo] = profile.mapped(entry.mode)?;
     let pdos = if is_tpdo { tpdo } else { rpdo };
-    let pdo = pdos.iter().find(|pdo| pdo.canopen_number() == number)?;
+    let pdo = pdos.iter().find(|pdo| pdo.identifier == number)?;
     if pdo.bytes() != frame.data().len() {
         return None;
     }

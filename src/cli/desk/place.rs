@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use yieldwall_drives::cia402::OperationMode;
 use yieldwall_drives::codes::ErrorCodes;
-use yieldwall_drives::profiles::DeviceProfile;
+use yieldwall_drives::profiles::{AxisOffset, DeviceProfile};
 use yieldwall_drives::scaling::AxisScaling;
 
 use crate::ending::rig_failure;
@@ -65,6 +65,8 @@ pub(super) struct Entry {
 pub(super) struct Node {
     pub(super) id: NodeId,
     pub(super) entry: Option<Entry>,
+    /// Where the objects of the axis are that is meant.
+    pub(super) axis: AxisOffset,
 }
 
 /// The devices of a bus, or of a simulation, and the rig that they may belong to.
@@ -82,7 +84,20 @@ pub(super) struct DeviceSession {
     pub(super) is_simulated: bool,
 }
 
+impl Entry {
+    /// The axis of its device that it is; 0 of a device of one.
+    pub(super) fn axis(&self) -> u8 {
+        self.profile.as_ref().and_then(|profile| profile.axis()).unwrap_or_default()
+    }
+}
+
 impl Node {
+    /// A node, as the axis that its entry is.
+    pub(super) fn of(id: NodeId, entry: Option<Entry>) -> Self {
+        let axis = entry.as_ref().and_then(|entry| Some(entry.profile.as_ref()?.offset())).unwrap_or_default();
+        Self { id, entry, axis }
+    }
+
     /// `node 1 (left)`.
     pub(super) fn words(&self) -> String {
         match &self.entry {
@@ -227,8 +242,8 @@ impl DeviceSession {
         let by_name = self.entries.iter().find(|entry| entry.name == word);
         let number = word.parse::<u8>().ok().and_then(|raw| node_id(raw).ok());
         let node = match (by_name, number) {
-            (Some(entry), _) => Node { id: entry.node, entry: Some(entry.clone()) },
-            (None, Some(id)) => Node { id, entry: self.entries.iter().find(|entry| entry.node == id).cloned() },
+            (Some(entry), _) => Node::of(entry.node, Some(entry.clone())),
+            (None, Some(id)) => Node::of(id, self.entries.iter().find(|entry| entry.node == id).cloned()),
             (None, None) => {
                 let names: Vec<&str> = self.entries.iter().map(|entry| entry.name.as_str()).collect();
                 let first = word.split([',', ' ']).find(|part| !part.is_empty()).unwrap_or("1");
@@ -259,6 +274,14 @@ impl DeviceSession {
     pub(super) fn entry(&self, node: NodeId) -> Option<&Entry> {
         let bus = self.service.bus();
         self.entries.iter().find(|entry| (entry.bus, entry.node) == (bus, node))
+    }
+
+    /// Names of the rig for a node on the bus that is turned to: of all drives that are its axes.
+    pub(super) fn names(&self, node: NodeId) -> Option<String> {
+        let bus = self.service.bus();
+        let own = self.entries.iter().filter(|entry| (entry.bus, entry.node) == (bus, node));
+        let names: Vec<&str> = own.map(|entry| entry.name.as_str()).collect();
+        (!names.is_empty()).then(|| names.join(" and "))
     }
 
     /// The failure that a device did not do what it was asked.
@@ -369,7 +392,7 @@ fn entries(rig: &Rig) -> Result<Vec<Entry>, Failure> {
     for drive in &rig.drives {
         let (bus, node) = place(&drive.bus, drive.address.node_id().ok_or_else(on_ethercat)?)?;
         let scaling = scaling(drive).map_err(|error| rig_failure(&error.into()))?;
-        let profile = drive.profile.get().cloned();
+        let profile = rig.model(drive);
         let mode = Some(rig.rig.command_mode.operation_mode());
         let codes = drive.profile.error_codes().cloned();
         entries.push(Entry { name: drive.name.clone(), bus, node, profile, codes, mode, scaling: Some(scaling) });

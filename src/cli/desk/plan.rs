@@ -17,7 +17,7 @@ use yieldwall_bus::{BootPlan, NodePlan, PlannedWrite, words_to_enable};
 use yieldwall_config::{Loaded, Rig};
 use yieldwall_fieldbus::canopen::{BusId, Frame, NmtCommand, nmt};
 use yieldwall_fieldbus::objects::Address;
-use yieldwall_motion::guard::Device;
+use yieldwall_motion::guard::DeviceSet;
 use yieldwall_run::assembly::master;
 use yieldwall_run::{ANNOUNCED, DRILL_LIMIT, END_OF_WATCH, REST_RAD, settling_on_bus, watchdogs};
 use yieldwall_service::{Error, known, type_by_length};
@@ -190,7 +190,8 @@ fn lines(rig: &Rig, plan: &BootPlan, desks: &mut [DeviceSession]) -> Result<(Vec
         }));
     }
     of_frames("start", &plan.start, &mut lines);
-    let drives: Vec<&NodePlan> = plan.nodes.iter().filter(|node| Device::DRIVES.contains(&node.device)).collect();
+    let drives: Vec<&NodePlan> =
+        plan.nodes.iter().filter(|node| !(node.devices & DeviceSet::DRIVES).is_empty()).collect();
     let mut old = None;
     for new in words_to_enable() {
         for node in &drives {
@@ -225,7 +226,7 @@ fn lines(rig: &Rig, plan: &BootPlan, desks: &mut [DeviceSession]) -> Result<(Vec
 fn ask(plan: &NodePlan, desks: &mut [DeviceSession]) -> Result<(Vec<PlannedWrite>, Result<(), Failure>), Failure> {
     let (desk, entry) = desk_of(plan.bus, desks).ok_or_else(|| Failure::new(Exit::Internal, "a bus is missing", ""))?;
     desk.service.turn_to(entry);
-    let node = Node { id: plan.id, entry: desk.entry(plan.id).cloned() };
+    let node = Node::of(plan.id, desk.entry(plan.id).cloned());
     let mut broken: Option<(Address, Error)> = None;
     let (writes, refused) = plan.writes(|at| {
         // Who does not answer once is not asked again.
@@ -386,7 +387,7 @@ fn scalings(segment: &Option<SegmentSession>, desks: &[DeviceSession]) -> Scalin
     let of_segment = segment.iter().flat_map(|desk| &desk.entries);
     let of_segment = of_segment.map(|entry| (&entry.name, &entry.scaling));
     let of_can = desks.iter().flat_map(|desk| &desk.entries).map(|entry| (&entry.name, &entry.scaling));
-    of_segment.chain(of_can).filter_map(|(name, scaling)| Some((name.clone(), scaling.clone()?))).collect()
+    of_segment.chain(of_can).filter_map(|(name, scaling)| Some((name.clone(), (*scaling)?))).collect()
 }
 
 fn data_type(at: Address, bytes: &[u8]) -> Option<u16> {

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use serde_json::Value as Json;
+use yieldwall_drives::profiles::AxisOffset;
 use yieldwall_drives::scaling::AxisScaling;
 
 use super::keeping::Named;
@@ -98,6 +99,37 @@ impl DeviceHandle {
             Err(Error::Refused(_)) => Ok(None),
             Err(error) => Err(self.failure(doing, error)),
         }
+    }
+
+    /// Turns to an axis of the device: the drive of the rig that it is, or, without one, where CiA 402 has its objects.
+    pub(super) fn turn_to_axis(&mut self, axis: u8) {
+        match self {
+            Self::Node(desk, node) => {
+                let bus = desk.service.bus();
+                let own = |entry: &&super::place::Entry| (entry.bus, entry.node, entry.axis()) == (bus, node.id, axis);
+                *node = match desk.entries.iter().find(own) {
+                    Some(entry) => Node::of(node.id, Some(entry.clone())),
+                    None => Node { id: node.id, entry: None, axis: AxisOffset::standard(axis) },
+                };
+            }
+            Self::Device(desk, device) => {
+                let position = device.position;
+                let own = |entry: &&super::segment::Entry| (entry.position, entry.axis()) == (position, axis);
+                *device = match desk.entries.iter().find(own) {
+                    Some(entry) => Device::of(position, Some(entry.clone())),
+                    None => Device { position, entry: None, axis: AxisOffset::standard(axis) },
+                };
+            }
+        }
+    }
+
+    /// An object of a first axis as that of the axis that is meant.
+    pub(super) fn at(&self, at: Address) -> Address {
+        let axis = match self {
+            Self::Node(_, node) => node.axis,
+            Self::Device(_, device) => device.axis,
+        };
+        Address::new(axis.index(at.index), at.sub)
     }
 
     pub(super) fn words(&self) -> String {

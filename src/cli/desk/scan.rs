@@ -145,8 +145,9 @@ pub(super) fn identity_words(identity: [Option<u32>; 4]) -> Option<String> {
 
 /// The rig's entry for a node, and whether the device is one; without an entry the profile that it fits.
 pub(super) fn fit(desk: &DeviceSession, found: &FoundDevice) -> String {
+    let names = desk.names(found.node).unwrap_or_default();
     let entry = desk.entry(found.node);
-    let entry = entry.map(|entry| (entry.name.as_str(), entry.profile.as_deref().map(DeviceKind::of)));
+    let entry = entry.map(|entry| (names.as_str(), entry.profile.as_deref().map(DeviceKind::of)));
     fit_of(entry, found.identity, found.device_type)
 }
 
@@ -203,7 +204,7 @@ fn document(desk: &DeviceSession, bus: &str, found: &FoundDevice) -> Value {
         "product_code": product,
         "revision": revision,
         "serial": serial,
-        "rig_entry": desk.entry(found.node).map(|entry| entry.name.clone()),
+        "rig_entry": desk.names(found.node),
         "fits": fit(desk, found),
     })
 }

@@ -16,12 +16,15 @@ use crate::output::Output;
 use yieldwall_fieldbus::objects::Address;
 use yieldwall_run::explanation;
 use yieldwall_service::journal::is_powered;
-use yieldwall_service::{Error, number};
+use yieldwall_service::{Error, MOST_AXES, number, statusword_of};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
     /// A node id, on EtherCAT a position or `all`, or the name of a device in the rig
     node: String,
+    /// Axis of a device of several drives, 0 for the first; a drive of the rig has its own
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..8))]
+    axis: Option<u8>,
     /// On EtherCAT: bring the device there
     #[arg(value_enum, group = "change")]
     target: Option<Target>,
@@ -51,7 +54,7 @@ const LOOK: Duration = Duration::from_millis(20);
 
 pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let mut reached = match SegmentSession::taking_over(&arguments.place, arguments.take_over, output)? {
-        Some(desk) if arguments.reset_fault || arguments.disable_voltage => {
+        Some(desk) if arguments.reset_fault || arguments.disable_voltage || arguments.axis.is_some() => {
             DeviceHandle::on_segment(desk, &arguments.node, output)?
         }
         Some(desk) => {
@@ -69,6 +72,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             DeviceHandle::Node(Box::new(desk), node)
         }
     };
+    arguments.axis.into_iter().for_each(|axis| reached.turn_to_axis(axis));
     let mut word = statusword(&mut reached)?;
     if arguments.reset_fault {
         word = reset_fault(arguments.dry_run, &mut reached, word, output)?;
@@ -76,8 +80,8 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     if arguments.disable_voltage {
         word = disable_voltage(arguments.dry_run, &mut reached, word, output)?;
     }
-    let error = reached.number_of(ERROR_CODE, "reading its objects")?;
-    let mode = reached.number_of(MODE, "reading its objects")?;
+    let error = reached.number_of(reached.at(ERROR_CODE), "reading its objects")?;
+    let mode = reached.number_of(reached.at(MODE), "reading its objects")?;
     let (key, of_network) = match &mut reached {
         DeviceHandle::Node(desk, node) => {
             let nmt = desk.service.state(node.id);
@@ -123,10 +127,11 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 
 /// The statusword of a drive.
 pub(super) fn statusword(reached: &mut DeviceHandle) -> Result<u16, Failure> {
-    match reached.read(STATUSWORD) {
+    match reached.read(reached.at(STATUSWORD)) {
         Ok(bytes) => Ok(number(&bytes) as u16),
         Err(error @ Error::Refused(_)) => {
-            let message = format!("{} has no statusword (6041h): {error}", reached.words());
+            let at = reached.at(STATUSWORD).index;
+            let message = format!("{} has no statusword ({at:04X}h): {error}", reached.words());
             let help = format!("it is no drive of CiA 402; {} tells what it is", reached.command("info"));
             Err(Failure::new(Exit::DeviceMismatch, message, help))
         }
@@ -134,21 +139,29 @@ pub(super) fn statusword(reached: &mut DeviceHandle) -> Result<u16, Failure> {
     }
 }
 
-/// Why a drive gets nothing written: its power stage is on, or about to go off.
+/// Why a device gets nothing written: the power stage of an axis is on, or about to go off.
 pub(super) fn refuse_powered(reached: &mut DeviceHandle) -> Result<(), Failure> {
-    // Without one it is no drive.
-    let Some(word) = reached.number_of(STATUSWORD, "reading its statusword")? else { return Ok(()) };
-    let word = word as u16;
-    if !is_powered(Statusword(word)) {
-        return Ok(());
+    for axis in 0..MOST_AXES {
+        // Behind its last axis a device has no statusword; without any it is no drive.
+        let word = reached.number_of(statusword_of(axis), "reading its statusword")?;
+        let Some(word) = word.map(|word| word as u16) else { return Ok(()) };
+        if is_powered(Statusword(word)) {
+            return Err(powered(&reached.words(), reached.number(), (axis, reached.arguments()), word));
+        }
     }
-    Err(powered(&reached.words(), reached.number(), reached.arguments(), word))
+    Ok(())
 }
 
 /// The failure that the power stage of a drive is on.
-pub(super) fn powered(words: &str, number: u16, arguments: &str, word: u16) -> Failure {
-    let message = format!("{words} is in {}: nothing is written while its power stage is on", state_words(word));
-    let help = format!("`yieldwall state {number} --disable-voltage{arguments}` takes its torque away; hold the arm");
+pub(super) fn powered(words: &str, number: u16, (axis, arguments): (u8, &str), word: u16) -> Failure {
+    let (of_axis, option) = match axis {
+        0 => (String::new(), String::new()),
+        axis => (format!(", axis {axis},"), format!(" --axis {axis}")),
+    };
+    let message =
+        format!("{words}{of_axis} is in {}: nothing is written while its power stage is on", state_words(word));
+    let help =
+        format!("`yieldwall state {number}{option} --disable-voltage{arguments}` takes its torque away; hold the arm");
     Failure::new(Exit::SafetyStop, message, help)
 }
 
@@ -170,7 +183,7 @@ pub(super) fn reset_fault(
     if is_dry || !is_fault(after) {
         return Ok(after);
     }
-    let code = reached.read(ERROR_CODE).map_or(0, |bytes| number(&bytes) as u16);
+    let code = reached.read(reached.at(ERROR_CODE)).map_or(0, |bytes| number(&bytes) as u16);
     let explained = reached.explained(code);
     let message = format!("{} stays in Fault: {explained}", reached.words());
     let help = format!("its cause is still there: {}", explained.next);
@@ -213,13 +226,15 @@ fn write_words(
     output: &mut Output,
 ) -> Result<u16, Failure> {
     let words: Vec<u16> = words.iter().map(|command| command.controlword()).collect();
+    let at = reached.at(CONTROLWORD);
     if is_dry {
-        let each: Vec<_> = words.iter().map(|word| format!("would write 6040h:0 controlword {word:04X}h")).collect();
+        let each: Vec<_> =
+            words.iter().map(|word| format!("would write {:04X}h:0 controlword {word:04X}h", at.index)).collect();
         output.news(&each.join("\n"))?;
         return statusword(reached);
     }
     for word in words {
-        let written = reached.objects()?.write(CONTROLWORD, &word.to_le_bytes());
+        let written = reached.objects()?.write(at, &word.to_le_bytes());
         written.map_err(|error| reached.failure(doing, error))?;
     }
     for _ in 0..LOOKS {

@@ -4,7 +4,7 @@ use std::io::{BufRead, Write};
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
-use yieldwall_drives::profiles::EncoderKind;
+use yieldwall_drives::profiles::{DeviceProfile, EncoderKind, Fieldbus};
 
 use super::Arguments;
 use crate::confirm::answer;
@@ -136,8 +136,9 @@ pub(super) fn ask(arguments: &Arguments, person: Option<Person<'_>>) -> Result<C
         return Err(Failure::new(Exit::Usage, message, help));
     }
     let given = Some(arguments.drives.clone()).filter(|drives| !drives.is_empty());
-    let names: Vec<&str> =
-        ProfileName::shipped().filter(|(_, profile)| profile.servo().is_some()).map(|(name, _)| name).collect();
+    let fieldbus = if bus == BusKind::Ethercat { Fieldbus::Ethercat } else { Fieldbus::Canopen };
+    let fits = |profile: &DeviceProfile| profile.servo().is_some() && profile.is_for(fieldbus);
+    let names: Vec<&str> = ProfileName::shipped().filter(|(_, profile)| fits(profile)).map(|(name, _)| name).collect();
     let question = format!("profile of the drives, a file or one of {}", names.join(", "));
     let usual = vec!["simulated-servo".to_owned()];
     let drives = asking.value(

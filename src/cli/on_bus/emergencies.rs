@@ -28,11 +28,11 @@ pub(crate) fn different(emergencies: impl Iterator<Item = EmergencyReport>) -> V
 
 /// One of them: the device with its address, and the code with meaning and cause, by the table of its vendor.
 pub(crate) fn text(told: &EmergencyReport, rig: &config::Rig) -> String {
-    let (name, address) = (name(told.device, rig), address(told.device, rig));
+    let (name, address) = (names(told.device, rig), address(told.device, rig));
     let device = match address {
         (Some(node_id), _) => format!("node {node_id} ({name})"),
         (None, Some(position)) => format!("{name} (position {position})"),
-        (None, None) => name.to_owned(),
+        (None, None) => name,
     };
     format!("{device}: {}{}", of_told(told, rig), if told.is_withdrawn { "; withdrawn since" } else { "" })
 }
@@ -61,7 +61,7 @@ pub(crate) fn document(told: &EmergencyReport, rig: &config::Rig) -> Value {
     json!({
         "node_id": node_id,
         "position": position,
-        "name": name(told.device, rig),
+        "name": names(told.device, rig),
         "code": explained.code,
         "code_name": explained.name,
         "meaning": explained.meaning,
@@ -242,6 +242,15 @@ fn address(device: Device, rig: &config::Rig) -> (Option<u8>, Option<u16>) {
         Device::Sensor => return (rig.sensor.protocol.node_id(), rig.sensor.protocol.position()),
     };
     (drive.address.node_id(), drive.address.position())
+}
+
+/// The names in the rig's file of all that a device is: an emergency names no axis.
+fn names(device: Device, rig: &config::Rig) -> String {
+    let [left, right] = &rig.drives;
+    match device != Device::Sensor && rig.has_one_device() {
+        true => format!("{} and {}", left.name, right.name),
+        false => name(device, rig).to_owned(),
+    }
 }
 
 /// The name of a device in the rig's file.

@@ -1,6 +1,7 @@
 //! Nodes on their buses: names, numbers and how often they are heard.
 
 use super::Findings;
+use super::axes::are_axes;
 use crate::suggest::nearest;
 use crate::tree::{Bus, Rig};
 
@@ -8,6 +9,10 @@ use crate::tree::{Bus, Rig};
 const BIT_RATES: [u32; 8] = [10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000];
 /// Least heartbeat period in control periods: a node that is due in every cycle may come late in one.
 pub const HEARTBEAT_CYCLES: u64 = 2;
+
+/// The ways out where two drives have one node-ID.
+const AXIS_OR_NODE: &str = "give each node of a bus its own node-ID from 1 to 127, here and in the device; drives of one device of several axes \
+                            write `axis: 0` and `axis: 1` beside it";
 
 /// Whether the buses exist and are in use, and every node of each has a number of its own.
 pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {
@@ -50,17 +55,18 @@ pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {
         }
         let Some(node_id) = node_id else { continue };
         let key = id_key.to_owned();
-        let other = taken.iter().find(|(on, id, _)| on == bus && *id == node_id).map(|(_, _, other)| other.clone());
+        let shares = device == "drives[1]" && are_axes(rig);
+        let other = taken.iter().find(|(on, id, _)| !shares && on == bus && *id == node_id);
+        let other = other.map(|(_, _, other)| other.clone());
         let is_own = rig.buses.get(bus).and_then(Bus::canopen).is_some_and(|own| own.node_id == node_id);
         let other = other.or_else(|| is_own.then(|| format!("buses.{bus}.canopen.node_id")));
         if let Some(other) = other {
-            findings
-                .error(
-                    &key,
-                    format!("`{key}` is {node_id}, and so is `{other}` on the same bus"),
-                    "give each node of a bus its own node-ID from 1 to 127, here and in the device",
-                )
-                .see(&other, "the other");
+            let help = match device == "drives[1]" && rig.has_one_device() {
+                true => AXIS_OR_NODE,
+                false => "give each node of a bus its own node-ID from 1 to 127, here and in the device",
+            };
+            let message = format!("`{key}` is {node_id}, and so is `{other}` on the same bus");
+            findings.error(&key, message, help).see(&other, "the other");
         }
         taken.push((bus, node_id, key));
     }

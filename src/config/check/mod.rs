@@ -1,5 +1,6 @@
 //! What the types cannot say: ranges that garde reports, and relations between keys.
 
+mod axes;
 mod bus;
 mod codes;
 mod figure;

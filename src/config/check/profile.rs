@@ -12,6 +12,8 @@ use crate::suggest::nearest;
 /// Bytes that a CAN frame carries, and PDOs of a direction that CANopen has identifiers for.
 const FRAME_BYTES: usize = 8;
 const CANOPEN_PDOS: u16 = 4;
+/// PDOs of a direction at most.
+const MOST_PDOS: u16 = 512;
 /// Bits of an object at most, of a value that the master reads or writes, and of a gap.
 const OBJECT_BITS: u8 = 64;
 const VALUE_BITS: u8 = 32;
@@ -114,6 +116,7 @@ fn check_servo(findings: &mut Findings, profile: &DeviceProfile, servo: &Servo) 
         }
     }
     check.brake(servo);
+    check.axes(servo);
 }
 
 fn check_sensor(findings: &mut Findings, profile: &DeviceProfile, sensor: &ForceSensor) {
@@ -408,6 +411,53 @@ impl Checked<'_> {
                 self.findings.error(&format!("{key}.output"), message, "leave it out, or write `held_by: output`");
             }
             (_, None) => {}
+        }
+    }
+
+    /// Whether each axis of a device of several has objects and PDOs of its own.
+    fn axes(&mut self, servo: &Servo) {
+        const KEY: &str = "device.servo.axes";
+        let Some(axes) = &servo.axes else { return };
+        if let Some(Entry { index, sub, .. }) = axes.misplaced(servo) {
+            let last = axes.index(*index, axes.count.saturating_sub(1));
+            let message = match last == *index {
+                true => {
+                    format!("object {index:04X}h:{sub:02X} is one of each axis, and `{KEY}` gives it one place for all")
+                }
+                false => {
+                    format!("object {index:04X}h:{sub:02X} of the last axis would be {last:04X}h, which is not for it")
+                }
+            };
+            let step = if *index < 0x6000 { "vendor_object_step" } else { "object_step" };
+            let help = format!(
+                "write the distance of the objects from one axis to the next in `{step}`: the manual has both axes"
+            );
+            self.findings.error(KEY, message, help);
+        }
+        for bus in Fieldbus::all().into_iter().filter(|bus| self.profile.is_for(*bus)) {
+            let step = axes.pdo_step_on(bus);
+            let maps = servo.process_data.modes().into_iter().filter_map(|mode| mode.3);
+            let numbers = maps.flat_map(|map| map.rpdo.iter().chain(&map.tpdo)).map(Pdo::number);
+            let (least, most) =
+                numbers.fold((u16::MAX, 0), |(least, most), number| (least.min(number), most.max(number)));
+            let key = format!("{KEY}.pdo_step");
+            if most.saturating_sub(least) >= step {
+                let message = format!(
+                    "`{key}` is {step} on {}, and PDOs {least} to {most} of an axis reach into the next one",
+                    bus.name()
+                );
+                self.findings.error(
+                    &key,
+                    message,
+                    "write the distance of PDO numbers from one axis to the next by the manual",
+                );
+            } else if most.saturating_add(step.saturating_mul((axes.count - 1).into())) > MOST_PDOS {
+                let message = format!(
+                    "`{key}` is {step} on {}, and PDO {most} of the last axis would be beyond {MOST_PDOS}",
+                    bus.name()
+                );
+                self.findings.error(&key, message, "compare the step and the number of axes with the manual");
+            }
         }
     }
 

@@ -1,6 +1,7 @@
 //! Relations between the keys of a rig.
 
 use super::Findings;
+use super::axes::check_axes;
 use super::bus::{check_heartbeats, check_nodes};
 use super::fixture::{Host, check_capture_beside_guard, check_fixture, check_passivity_beside_guard};
 use super::guards::{check_guards, check_handle};
@@ -17,6 +18,7 @@ pub(crate) fn check_rig(findings: &mut Findings, rig: &Rig, in_range: bool) {
     check_cycle(findings, rig);
     check_nodes(findings, rig);
     check_segment(findings, rig);
+    check_axes(findings, rig);
     check_heartbeats(findings, rig);
     check_profiles(findings, rig);
     check_sensor(findings, rig);

@@ -3,6 +3,7 @@
 use yieldwall_drives::profiles::ForceSensor;
 
 use super::Findings;
+use super::axes::are_axes;
 use crate::tree::{Bus, Rig, SensorProtocol};
 use yieldwall_drives::profiles::Fieldbus;
 
@@ -10,6 +11,10 @@ use yieldwall_drives::profiles::Fieldbus;
 const MOST_ON_PLAIN_CAN: u32 = i16::MAX as u32;
 /// Least force or torque of a count of a simulated sensor on EtherCAT, in N or N m.
 const LEAST_PER_COUNT: f64 = 1e-9;
+
+/// The ways out where two drives have one position.
+const AXIS_OR_PLACE: &str = "give each device its own place, counted from 0 at the computer; drives of one device of several axes write `axis: 0` \
+                             and `axis: 1` beside it";
 
 /// A device as it stands in the document: its key, the key of its address, its bus, and its place in a segment.
 struct Device<'a> {
@@ -141,21 +146,29 @@ fn check_places(findings: &mut Findings, rig: &Rig, devices: &[Device<'_>; 3]) {
     }
     let is_here = |device: &&Device<'_>| device.position.is_some() || is_segment(device.bus);
     let here: Vec<&Device<'_>> = devices.iter().filter(is_here).collect();
+    let shares = are_axes(rig);
+    let places = here.len() - usize::from(shares);
     for (number, device) in here.iter().enumerate() {
         let Some(position) = device.position else { continue };
         let key = format!("{}.ethercat.position", device.address);
-        let taken = here.iter().take(number).find(|other| other.position == Some(position));
+        let is_axis = shares && device.key == second.key;
+        let taken = here.iter().take(number).find(|other| !is_axis && other.position == Some(position));
         if let Some(other) = taken {
             let message = format!("`{key}` is {position}, and so is that of `{}`", other.key);
-            findings
-                .error(&key, message, "give each device its own place, counted from 0 at the computer")
-                .see(&format!("{}.ethercat.position", other.address), "the other");
-        } else if usize::from(position) >= here.len() {
+            let help = match device.key == second.key && rig.has_one_device() {
+                true => AXIS_OR_PLACE,
+                false => "give each device its own place, counted from 0 at the computer",
+            };
+            findings.error(&key, message, help).see(&format!("{}.ethercat.position", other.address), "the other");
+        } else if usize::from(position) >= places {
             let message = format!(
-                "`{key}` is {position}, and the segment has the {} devices of this rig: a place before it is left empty",
-                here.len()
+                "`{key}` is {position}, and the segment has the {places} devices of this rig: a place before it is left empty"
             );
-            let places = if here.len() < devices.len() { "0 or 1" } else { "0, 1 or 2" };
+            let places = match places {
+                1 => "0",
+                2 => "0 or 1",
+                _ => "0, 1 or 2",
+            };
             findings.error(&key, message, format!("write {places}, counted from 0 at the computer"));
         }
     }

@@ -1,12 +1,13 @@
 //! The admittance rig on CANopen servo drives.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use garde::{Path, Report, Validate};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use yieldwall_drives::cia402::CommandMode;
-use yieldwall_drives::profiles::{EncoderKind, Role};
+use yieldwall_drives::profiles::{DeviceProfile, EncoderKind, Fieldbus, Role};
 
 use super::arm::{ArmInertia, Linkage};
 use super::fixture::Fixture;
@@ -88,6 +89,20 @@ impl Rig {
             Some(Bus::Ethercat(bus)) => Some(*bus),
             _ => None,
         }
+    }
+
+    /// The device model of a drive, with the objects and the process data of its axis.
+    pub fn model(&self, drive: &Drive) -> Option<Arc<DeviceProfile>> {
+        let axis = drive.address.axis().unwrap_or_default();
+        let before = |other: &&Drive| drive.shares_device(other) && other.address.axis().unwrap_or_default() < axis;
+        let rank = self.drives.iter().filter(before).count() as u8;
+        Some(drive.profile.get()?.of_axis(axis, rank, drive.address.fieldbus()))
+    }
+
+    /// Whether both drives are axes of one device.
+    pub fn has_one_device(&self) -> bool {
+        let [left, right] = &self.drives;
+        left.shares_device(right)
     }
 
     /// Whether the drives are on an EtherCAT segment.
@@ -359,6 +374,30 @@ impl Address {
             Address::Ethercat(place) => Some(place.position),
         }
     }
+
+    /// Axis of the device, if it is written.
+    pub fn axis(&self) -> Option<u8> {
+        match self {
+            Address::Canopen(node) => node.axis,
+            Address::Ethercat(place) => place.axis,
+        }
+    }
+
+    /// The bus that it is for.
+    pub fn fieldbus(&self) -> Fieldbus {
+        match self {
+            Address::Canopen(_) => Fieldbus::Canopen,
+            Address::Ethercat(_) => Fieldbus::Ethercat,
+        }
+    }
+}
+
+impl Drive {
+    /// Whether another drive is at the same address of the same bus: another axis of one device.
+    pub fn shares_device(&self, other: &Drive) -> bool {
+        let place = |drive: &Drive| (drive.address.node_id(), drive.address.position());
+        self.bus == other.bus && place(self) == place(other)
+    }
 }
 
 /// A place in an EtherCAT segment.
@@ -368,6 +407,10 @@ impl Address {
 pub struct EthercatAddress {
     /// Devices between the computer and this one. 0 for the first one; no other device has the same.
     pub position: u16,
+    /// Axis of a device of several drives, whose profile has `axes`: 0 to 7. 0 if left out; both drives of one device write it.
+    #[garde(range(max = 7))]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axis: Option<u8>,
 }
 
 /// A node of a CANopen bus.
@@ -381,6 +424,10 @@ pub struct CanopenAddress {
     /// Heartbeat period of the drive, ms; this program watches it. 1 to 10 000, at least two control periods.
     #[garde(range(min = 1, max = 10_000))]
     pub heartbeat_ms: u16,
+    /// Axis of a device of several drives, whose profile has `axes`: 0 to 7. 0 if left out; both drives of one device write it.
+    #[garde(range(max = 7))]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axis: Option<u8>,
 }
 
 /// A servo drive and the joint it turns.

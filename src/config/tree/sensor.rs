@@ -131,7 +131,7 @@ fn is_usual_on_ethercat(name: &ProfileName) -> bool {
 impl Sensor {
     /// Counts per N and per N m, by the mean of the rows of `calibration` of each.
     pub fn counts_per_unit(&self) -> [f64; 2] {
-        let size = |row: &[Finite; 6]| row.iter().map(|gain| gain.powi(2)).sum::<f64>().sqrt();
+        let size = |row: &[Finite; 6]| row.iter().map(|gain| **gain * **gain).sum::<f64>().sqrt();
         let [fx, fy, fz, tx, ty, tz] = &self.calibration;
         [[fx, fy, fz], [tx, ty, tz]].map(|rows| 3.0 / rows.map(size).iter().sum::<f64>())
     }

@@ -4,8 +4,18 @@ use super::pdo::PdoParameters;
 use super::{CanopenError, MappingEntry, NodeId, cob};
 use crate::objects::{Access, DeviceIdentity, Mappable, Object};
 
-/// Most PDOs of each direction that a device can declare.
+/// Most PDOs of each direction that an axis of a device can declare.
 pub(super) const MAX_PDOS: u8 = 4;
+/// PDO numbers from one axis to the next.
+///
+/// # Source
+/// CiA 402-3: PDOs of axes are 64 apart.
+const AXIS_PDOS: u8 = 64;
+
+/// Whether a PDO has one of the first places of an axis, counted from 0.
+pub(super) const fn is_place(place: u8) -> bool {
+    place % AXIS_PDOS < MAX_PDOS
+}
 /// Most objects in one PDO of a device.
 pub(super) const MAX_MAPPED: usize = 8;
 /// Entries of the error history 1003h.
@@ -86,18 +96,18 @@ impl CommunicationProfile {
         self
     }
 
-    /// Declares RPDO `number` (1 to 4): 14xxh and 16xxh.
+    /// Declares RPDO `number` (1 to 4, of a second axis 65 to 68, and so on): 14xxh and 16xxh.
     pub fn rpdo(self, number: u8, parameters: &PdoParameters) -> Self {
         self.pdo(0x1400, number, parameters)
     }
 
-    /// Declares TPDO `number` (1 to 4): 18xxh and 1Axxh.
+    /// Declares TPDO `number` (1 to 4, of a second axis 65 to 68, and so on): 18xxh and 1Axxh.
     pub fn tpdo(self, number: u8, parameters: &PdoParameters) -> Self {
         self.pdo(0x1800, number, parameters)
     }
 
     fn pdo(mut self, base: u16, number: u8, parameters: &PdoParameters) -> Self {
-        if !(1..=MAX_PDOS).contains(&number) {
+        if !number.checked_sub(1).is_some_and(is_place) {
             self.fault.get_or_insert(CanopenError::PdoNumber(number));
             return self;
         }
@@ -161,6 +171,8 @@ mod tests {
         let pdo = PdoParameters::synchronous(0x201, &[]);
         assert_eq!(refused(profile().rpdo(5, &pdo)), Err(CanopenError::PdoNumber(5)));
         assert_eq!(refused(profile().tpdo(0, &pdo)), Err(CanopenError::PdoNumber(0)));
+        assert_eq!(refused(profile().tpdo(69, &pdo)), Err(CanopenError::PdoNumber(69)));
+        assert_eq!(refused(profile().tpdo(68, &pdo)), Ok(()));
         let pdo = PdoParameters::synchronous(0x201, &[(0x6040, 0, 16); 9]);
         assert_eq!(refused(profile().rpdo(1, &pdo)), Err(CanopenError::PdoEntries(9)));
     }

@@ -133,9 +133,10 @@ impl Simulation {
             InjectionPoint::Body => far.world.switch(injection, is_on),
             InjectionPoint::Computer => computer.switch(injection, is_on),
             InjectionPoint::Devices => {
-                for (device, drive) in far.drives.iter_mut().enumerate() {
-                    if let Some(drive) = drive.as_mut().filter(|_| injection.target.has_device(device)) {
-                        drive.switch(now, injection, is_on, &mut Plug { wire: &mut *wires, device, now });
+                for (joint, (device, axis)) in far.seats.into_iter().enumerate() {
+                    let drive = far.drives.get_mut(device).and_then(Option::as_mut);
+                    if let Some(drive) = drive.filter(|_| injection.target.has_device(joint)) {
+                        drive.switch(now, axis, injection, is_on, &mut Plug { wire: &mut *wires, device, now });
                     }
                 }
                 if let Some(sensor) = far.sensor.as_mut().filter(|_| injection.target.has_device(SENSOR)) {

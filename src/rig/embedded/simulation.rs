@@ -23,7 +23,6 @@ use yieldwall_motion::cycle::Outputs;
 use yieldwall_motion::quantity::{JointAngles, JointTorques};
 use yieldwall_record as record;
 use yieldwall_run::{Place, Process, Tap, Task, VirtualPlace};
-use yieldwall_sim::EthercatDrive;
 use yieldwall_sim::can::Passage;
 
 /// Buses, devices, machine and computer, and what is broken of them.
@@ -56,13 +55,13 @@ impl Simulation {
         far: FarEnd,
         (period, sampled_before): (Duration, Duration),
     ) -> Self {
-        let FarEnd { drives, sensor, line, world, buses } = far;
+        let FarEnd { drives, seats, sensor, line, world, buses } = far;
         let drives = drives.map(|drive| drive.map(InjectableDrive::new));
         let sensor = sensor.map(|sensor| InjectableSensor::new(sensor, world.calibration.clone()));
         Self {
             wires,
             cable,
-            far: FarEnd { drives, sensor, line, world, buses },
+            far: FarEnd { drives, seats, sensor, line, world, buses },
             computer: Computer::default(),
             script: Script::default(),
             tap: None,
@@ -90,13 +89,14 @@ impl Simulation {
 
     /// Torques in N m that the drives mean to make, which those of drives that run away are not.
     pub(super) fn drive_torques_n_m(&self) -> [f64; 2] {
-        let FarEnd { drives, line, .. } = &self.far;
-        let torque_n_m = |(drive, on_can): (usize, &Option<InjectableDrive>)| match (on_can, line) {
-            (Some(on_can), _) => on_can.drive.torque_n_m(),
-            (None, line) => line.as_ref().and_then(|line| line.drive(drive)).map_or(0.0, EthercatDrive::torque_n_m),
+        let FarEnd { drives, seats, line, .. } = &self.far;
+        let torque_n_m = |joint: usize| {
+            let (place, axis) = seats.get(joint).copied().unwrap_or_default();
+            let on_can = drives.get(place).and_then(Option::as_ref).map(|on_can| on_can.drive.axis(axis));
+            let on_segment = || line.as_ref().and_then(|line| line.drive(joint));
+            on_can.or_else(on_segment).unwrap_or_default().torque_n_m
         };
-        let [left, right] = drives;
-        [torque_n_m((0, left)), torque_n_m((1, right))]
+        [0, 1].map(torque_n_m)
     }
 
     /// The process is there to boot the network.

@@ -255,6 +255,14 @@ fn brake_s(drive: &config::Drive) -> f64 {
     output.map_or(0.0, |output| f64::from(output.closes_in_ms) * 1e-3)
 }
 
+/// The device profile of a drive, as that of its axis.
+///
+/// # Errors
+/// If there is none.
+pub fn drive_profile(rig: &config::Rig, drive: &config::Drive) -> Result<Arc<DeviceProfile>, AssemblyError> {
+    rig.model(drive).ok_or_else(|| AssemblyError::NoProfile(drive.profile.as_str().to_owned()))
+}
+
 /// The device profile of this name.
 ///
 /// # Errors
@@ -465,7 +473,7 @@ pub(crate) fn torque_limits_per_mille(rig: &config::Rig) -> Result<[u16; 2], Ass
 }
 
 fn drive(rig: &config::Rig, drive: &config::Drive) -> Result<DriveSetup, AssemblyError> {
-    let (profile, limits) = (profile(&drive.profile)?, drive_limits(rig, &scaling(drive)?)?);
+    let (profile, limits) = (drive_profile(rig, drive)?, drive_limits(rig, &scaling(drive)?)?);
     let node = drive.address.canopen().ok_or(AssemblyError::OnEthercat)?;
     Ok(DriveSetup {
         name: drive.name.clone(),

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::error::AssemblyError;
-use super::{buses, drive_limits, profile, scaling, sensor_start, waits};
+use super::{buses, drive_limits, drive_profile, profile, scaling, sensor_start, waits};
 use yieldwall_bus::ethercat::{Acts, SegmentDrive, SegmentSensor, SegmentSetup, StationSetup};
 use yieldwall_bus::{BootError, BootFailure, HomingOrder};
 use yieldwall_config as config;
@@ -36,10 +36,10 @@ pub(super) fn segment_of(rig: &config::Rig, homing: [Option<HomingOrder>; 2]) ->
     };
     let [left, right] = &rig.drives;
     let drives = [(Device::LeftDrive, left), (Device::RightDrive, right)];
-    let mut stations = Vec::new();
+    let mut stations: Vec<StationSetup> = Vec::new();
     for ((device, drive), homing) in drives.into_iter().zip(homing) {
         let not_here = || AssemblyError::NoPosition(drive.name.clone());
-        let (profile, limits) = (profile(&drive.profile)?, drive_limits(rig, &scaling(drive)?)?);
+        let (profile, limits) = (drive_profile(rig, drive)?, drive_limits(rig, &scaling(drive)?)?);
         let setup = SegmentDrive {
             name: drive.name.clone(),
             device,
@@ -53,6 +53,14 @@ pub(super) fn segment_of(rig: &config::Rig, homing: [Option<HomingOrder>; 2]) ->
         };
         let station = setup.station(rig.rig.command_mode, period, acts);
         stations.push(station.map_err(|failure| plan_error(&drive.name, failure))?);
+    }
+    if rig.has_one_device() {
+        // The process data of the first axis come first.
+        let axis = |drive: &config::Drive| drive.address.axis();
+        if axis(right) < axis(left) {
+            stations.reverse();
+        }
+        stations = stations.into_iter().reduce(StationSetup::with_axis).into_iter().collect();
     }
     if rig.sensor.protocol.position().is_some() {
         stations.push(sensor(&rig.sensor)?);

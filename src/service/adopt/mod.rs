@@ -91,6 +91,8 @@ pub struct Survey {
     pub identity: [Option<u32>; 4],
     /// 1008h.
     pub name: Option<String>,
+    /// Number of its axes; the rest is of the first one.
+    pub axes: u8,
     /// 6502h.
     pub supported_modes: u32,
     /// The cyclic synchronous modes that it says it has, takes in Switch On Disabled, and whose set-point it maps.

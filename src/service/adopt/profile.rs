@@ -75,6 +75,10 @@ pub fn profile(survey: &Survey, sheet: Option<(&Eds, &str)>, name: &str, version
     put("");
     put("device:");
     put("  servo:");
+    if survey.axes > 1 {
+        put("    # Asked of the first axis; the others are taken to lie as CiA 402 has them.");
+        put(&format!("    axes: {{count: {}}}", survey.axes));
+    }
     put("    objects:");
     for (key, object) in [
         ("controlword", cia::CONTROLWORD),

@@ -9,7 +9,7 @@ use yieldwall_drives::cia402::{State, Statusword};
 
 use crate::connect::{AnySegmentService, AnyService, Connect, ConnectError};
 use crate::segment::SegmentError;
-use crate::{Bytes, Error as ObjectError, ObjectAccess, number};
+use crate::{Bytes, Error as ObjectError, MOST_AXES, ObjectAccess, number, statusword_of};
 use yieldwall_bus::ethercat::SegmentFailure;
 use yieldwall_fieldbus::canopen::{NmtCommand, NodeId, node_id};
 use yieldwall_fieldbus::ethercat::{AlState, AlStatus};
@@ -17,7 +17,6 @@ use yieldwall_fieldbus::objects::Address;
 
 /// Vendor, product and serial number, which distinguish a device from all others.
 const IDENTITY: [Address; 3] = [Address::new(0x1018, 1), Address::new(0x1018, 2), Address::new(0x1018, 4)];
-const STATUSWORD: Address = Address::new(0x6041, 0);
 
 /// Place of a device on the interfaces of a computer.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -89,6 +88,8 @@ pub enum DeviceError {
     Powered {
         /// Place of the drive.
         place: DevicePlace,
+        /// Its axis; 0 of a device of one drive.
+        axis: u8,
         /// Its statusword.
         statusword: Statusword,
     },
@@ -215,11 +216,16 @@ impl Device<'_> {
 
     /// Refuses a drive whose power stage is on.
     pub(super) fn refuse_powered(&mut self) -> Result<(), DeviceError> {
-        // A device without a statusword is no drive.
-        let Some(word) = self.read(STATUSWORD, "reading its statusword")? else { return Ok(()) };
-        let statusword = Statusword(number(&word) as u16);
-        let place = self.place.clone();
-        if is_powered(statusword) { Err(DeviceError::Powered { place, statusword }) } else { Ok(()) }
+        for axis in 0..MOST_AXES {
+            // Behind its last axis a device has no statusword; without any it is no drive.
+            let at = statusword_of(axis);
+            let Some(word) = self.read(at, "reading its statusword")? else { return Ok(()) };
+            let statusword = Statusword(number(&word) as u16);
+            if is_powered(statusword) {
+                return Err(DeviceError::Powered { place: self.place.clone(), axis, statusword });
+            }
+        }
+        Ok(())
     }
 
     /// Ends the exchange of process data, which may not change meanwhile. On EtherCAT the device was reached so.

@@ -33,7 +33,7 @@ impl ServedDevice for Device {
             return Err(AbortCode::VALUE);
         }
         let &[code] = data else { return Ok(()) };
-        if at.index != cia::MODE_OF_OPERATION.index {
+        if at.index != self.offset.index(cia::MODE_OF_OPERATION.index) {
             return Ok(());
         }
         match OperationMode::from_code(code as i8) {
@@ -46,11 +46,11 @@ impl ServedDevice for Device {
 
     fn after_write(&mut self, at: Address) {
         self.is_stale = true;
-        if self.forgets_torque_limit && at.index == cia::MAX_TORQUE.index {
+        if self.forgets_torque_limit && at.index == self.offset.index(cia::MAX_TORQUE.index) {
             self.od.set(self.objects.max_torque, RATED);
         }
         self.reload();
-        if at.index == cia::CONTROLWORD.index {
+        if at.index == self.offset.index(cia::CONTROLWORD.index) {
             self.apply_controlword();
         } else {
             self.follow();

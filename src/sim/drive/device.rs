@@ -7,7 +7,7 @@ use yieldwall_drives::cia402::{
     OperationMode, OptionCodes, Reaction, State, StateMachine, Statusword, Transition, controlword,
 };
 use yieldwall_drives::objects::error_code;
-use yieldwall_drives::profiles::{BrakeOutput, CurrentLimit, Homing, Reaction as Missed, Servo as Model};
+use yieldwall_drives::profiles::{AxisOffset, BrakeOutput, CurrentLimit, Homing, Reaction as Missed, Servo as Model};
 use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
 
 use super::super::device::Unsigned;
@@ -39,7 +39,12 @@ pub(super) struct Parameters {
 
 #[derive(Clone, Debug)]
 pub(super) struct Device {
+    /// That of the whole device while the axis acts.
     pub(super) od: ObjectDictionary,
+    /// Where its objects are.
+    pub(super) offset: AxisOffset,
+    /// Number of its first PDO on CANopen.
+    pub(super) first_pdo: u8,
     pub(super) objects: Objects,
     scaling: AxisScaling,
     encoder: Encoder,
@@ -113,9 +118,12 @@ impl CurrentObjects {
 }
 
 impl Device {
-    pub(super) fn new(od: ObjectDictionary, settings: &AxisSettings, model: &Model) -> Result<Self, DictionaryError> {
+    /// An axis with objects in a dictionary, which is with another one.
+    pub(super) fn new(od: &ObjectDictionary, settings: &AxisSettings, model: &Model) -> Result<Self, DictionaryError> {
         Ok(Device {
-            objects: Objects::of(&od)?,
+            offset: model.offset(),
+            first_pdo: 1,
+            objects: Objects::of(od, model.offset())?,
             scaling: settings.scaling,
             encoder: settings.encoder,
             supported_modes: model.supported_modes(),
@@ -124,8 +132,8 @@ impl Device {
             needed_bits: Vec::new(),
             refuses_mode: false,
             forgets_torque_limit: false,
-            watches: Watches::new(&od, model)?,
-            current: CurrentObjects::of(&od, model)?,
+            watches: Watches::new(od, model)?,
+            current: CurrentObjects::of(od, model)?,
             machine: StateMachine::new(OptionCodes::default()),
             servo: Servo::new(settings.position_loop),
             mode: None,
@@ -157,7 +165,7 @@ impl Device {
             supply_time: Duration::ZERO,
             supplied_at: Time::NEVER,
             is_stale: true,
-            od,
+            od: ObjectDictionary::builder().build()?,
         })
     }
 

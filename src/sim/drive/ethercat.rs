@@ -4,15 +4,16 @@ use std::sync::Arc;
 
 use yieldwall_drives::cia402::State;
 use yieldwall_drives::objects::{self as cia, error_code};
-use yieldwall_drives::profiles::{DeviceProfile, Pdo};
+use yieldwall_drives::profiles::{AxisOffset, DeviceProfile, Fieldbus, Pdo};
 use yieldwall_drives::watchdog::Clock;
 
 use super::super::DeviceError;
 use super::super::device::{identity, mapping};
 use super::super::ethercat::{Communication, EthercatApplication, PdoMapping};
+use super::axes::Axes;
 use super::device::{Device, PROFILE_ERROR};
 use super::watches::Watch;
-use super::{AxisSettings, DriveQuirks, objects};
+use super::{AxisSettings, AxisView, DriveQuirks, axes, models};
 use yieldwall_fieldbus::ethercat::coe::CoeEmergency;
 use yieldwall_fieldbus::objects::{AbortCode, Address, ObjectDictionary, Reset, ServedDevice};
 use yieldwall_fieldbus::time::Time;
@@ -45,7 +46,7 @@ const NO_ERROR: CoeEmergency = CoeEmergency { code: 0, register: 0, vendor: [0; 
 /// does what 6007h says, and tells it by an emergency (8250h).
 #[derive(Clone, Debug)]
 pub struct EthercatDrive {
-    device: Device,
+    axes: Axes,
     /// Whether the device has left OP while Operation Enabled, and has not been there again.
     has_lost_master: bool,
     /// What of that and of its end is not told yet.
@@ -54,154 +55,176 @@ pub struct EthercatDrive {
     sync1_ns: Option<u32>,
 }
 
-/// Mappings of a direction at power-on: those that the profile calls fixed, of which the ones of its first mode are exchanged; without any of
-/// them, one that can be changed and holds `usual`.
+/// Mappings of a direction at power-on: all that the profile of an axis names. Of those that it calls fixed the ones of the first mode that has any
+/// are exchanged. Those that can be changed are empty; without fixed ones the first one of the axis holds `usual` and is exchanged.
 fn mappings<'a>(
     profile: &DeviceProfile,
     modes: impl Iterator<Item = &'a Vec<Pdo>>,
     first: u16,
-    usual: &[cia::Object],
+    (first_of_axis, offset, usual): (u16, AxisOffset, &[cia::Object]),
 ) -> Vec<PdoMapping> {
     let mut all: Vec<PdoMapping> = Vec::new();
-    for (mode, pdos) in modes.enumerate() {
-        for pdo in pdos.iter().filter(|pdo| pdo.fixed) {
-            let index = first + pdo.number().saturating_sub(1);
+    let mut has_fixed = false;
+    for pdos in modes {
+        let is_shown = !has_fixed;
+        for pdo in pdos {
+            let (index, is_fixed) = (first + pdo.number().saturating_sub(1), pdo.fixed);
+            has_fixed |= is_fixed;
             if !all.iter().any(|known| known.index == index) {
-                let entries = mapping(profile, pdo);
-                all.push(PdoMapping { index, entries, is_fixed: true, is_assigned: mode == 0 });
+                let entries = if is_fixed { mapping(profile, pdo) } else { Vec::new() };
+                all.push(PdoMapping { index, entries, is_fixed, is_assigned: is_fixed && is_shown });
             }
         }
     }
-    if all.is_empty() {
-        let entries = usual.iter().map(|object| (object.index, object.sub, object.bits())).collect();
-        all.push(PdoMapping { index: first, entries, is_fixed: false, is_assigned: true });
+    if !has_fixed {
+        let index = first + first_of_axis;
+        all.retain(|mapping| mapping.index != index);
+        let entries = usual.iter().map(|object| (offset.index(object.index), object.sub, object.bits())).collect();
+        all.insert(0, PdoMapping { index, entries, is_fixed: false, is_assigned: true });
     }
     all
 }
 
 impl EthercatDrive {
-    /// A drive of this model, with this serial number.
+    /// A drive of this model, with this serial number, all axes on joints of this kind.
     ///
     /// # Errors
     /// If the profile is not that of a servo drive, or the gains of the loop are not finite or negative.
     pub fn new(profile: &Arc<DeviceProfile>, serial: u32, axis: &AxisSettings) -> Result<Self, DeviceError> {
-        Self::odd(profile, serial, axis, &DriveQuirks::default())
+        Self::odd(profile, serial, |_| axis, &DriveQuirks::default())
     }
 
-    /// As [`EthercatDrive::new`], of a manner of its own. Times, segments and lengths of SDO answers are those of CAN alone.
+    /// As [`EthercatDrive::new`], each axis on its own joint, of a manner of its own. Times, segments and lengths of SDO answers are those of CAN alone.
     ///
     /// # Errors
     /// As [`EthercatDrive::new`], and if the drive does not have one of these objects.
-    pub fn odd(
+    pub fn odd<'a>(
         profile: &Arc<DeviceProfile>,
         serial: u32,
-        axis: &AxisSettings,
+        axis: impl Fn(u8) -> &'a AxisSettings,
         manner: &DriveQuirks,
     ) -> Result<Self, DeviceError> {
-        let role = || DeviceError::Role { profile: profile.name().to_owned(), wanted: "servo drive" };
-        let servo = profile.servo().ok_or_else(role)?;
-        axis.position_loop.check()?;
-        objects::check(servo)?;
-        let maps = || servo.process_data.modes().into_iter().filter_map(|mode| mode.3);
+        let models = models(profile, Fieldbus::Ethercat)?;
+        let mut outputs = Vec::new();
+        let mut inputs = Vec::new();
+        for (number, (model, servo)) in models.iter().map(|model| (&**model, model.servo())).enumerate() {
+            let maps = || servo.into_iter().flat_map(|servo| servo.process_data.modes()).filter_map(|mode| mode.3);
+            let step =
+                servo.and_then(|servo| servo.axes.as_ref()).map_or(0, |axes| axes.pdo_step_on(Fieldbus::Ethercat));
+            let (offset, first) = (model.offset(), step * number as u16);
+            outputs.extend(mappings(model, maps().map(|map| &map.rpdo), 0x1600, (first, offset, &OUTPUTS)));
+            inputs.extend(mappings(model, maps().map(|map| &map.tpdo), 0x1a00, (first, offset, &INPUTS)));
+        }
         let communication = Communication {
             identity: &identity(profile, serial),
-            outputs: mappings(profile, maps().map(|map| &map.rpdo), 0x1600, &OUTPUTS),
-            inputs: mappings(profile, maps().map(|map| &map.tpdo), 0x1a00, &INPUTS),
+            outputs,
+            inputs,
             mapping_entries: MAPPING_ENTRIES,
             shortest_cycle_ns: SHORTEST_CYCLE_NS,
         };
-        let od = objects::build(&axis.scaling, servo, communication.objects(), &manner.objects)?;
-        let mut device = Device::new(od, axis, servo)?;
-        device.set_manner(manner);
+        let mut axes = axes(&models, axis, communication.objects(), (&manner.objects, manner))?;
         // SYNC and RPDOs are not there; the controller watches in their place.
-        (device.watches.sync, device.watches.set_points) = (Watch::None, Watch::None);
-        let sync1_ns = servo.sync1_us.map(|us| us * 1000);
-        Ok(EthercatDrive { device, has_lost_master: false, untold: None, sync1_ns })
+        axes.each(|axis| (axis.watches.sync, axis.watches.set_points) = (Watch::None, Watch::None));
+        let sync1_ns = profile.servo().and_then(|servo| servo.sync1_us).map(|us| us * 1000);
+        Ok(EthercatDrive { axes, has_lost_master: false, untold: None, sync1_ns })
+    }
+
+    /// Has `act` be done with another axis in place of the first one.
+    pub fn on_axis<R>(&mut self, axis: usize, act: impl FnOnce(&mut Self) -> R) -> R {
+        self.axes.exchange(axis);
+        let done = act(self);
+        self.axes.exchange(axis);
+        done
+    }
+
+    /// State, torque in N m and closed brake of an axis; as of a drive that is switched off if there is none.
+    pub fn axis(&self, axis: usize) -> AxisView {
+        self.axes.get(axis).map(AxisView::of).unwrap_or_default()
     }
 
     /// The joint's motion at this moment, in rad and rad/s; see [`Drive::measure`](super::Drive::measure).
     pub fn measure(&mut self, angle_rad: f64, rate_rad_per_s: f64) {
-        self.device.measure(angle_rad, rate_rad_per_s);
+        self.axes.front_mut().measure(angle_rad, rate_rad_per_s);
     }
 
     /// Torque on the joint in N m.
     pub fn torque_n_m(&self) -> f64 {
-        self.device.torque_n_m()
+        self.axes.front().torque_n_m()
     }
 
     /// Whether a brake that the master holds by an output is closed.
     pub fn is_braked(&self) -> bool {
-        self.device.is_braked()
+        self.axes.front().is_braked()
     }
 
     /// State of the state machine.
     pub fn state(&self) -> State {
-        self.device.state()
+        self.axes.front().state()
     }
 
     /// Puts the drive into fault with an error code (603Fh), as its own monitoring would.
     pub fn raise_fault(&mut self, now: Time, code: u16) {
-        self.device.raise_fault(now, code);
+        self.axes.front_mut().raise_fault(now, code);
     }
 
     /// Has the drive say in 2011h what its time follows.
     pub fn set_clock(&mut self, clock: Clock) {
-        self.device.clock = clock;
+        self.axes.each(|axis| axis.clock = clock);
     }
 
     /// Sets or clears the warning bit of the statusword.
     pub fn set_warning(&mut self, is_warning: bool) {
-        self.device.set_warning(is_warning);
+        self.axes.front_mut().set_warning(is_warning);
     }
 
     /// Gives the power stage its voltage or takes it away, as an emergency stop does.
     pub fn set_voltage(&mut self, now: Time, is_present: bool) {
-        self.device.set_voltage(now, is_present);
+        self.axes.front_mut().set_voltage(now, is_present);
     }
 
     /// Leaves Operation Enabled without being asked to.
     pub fn leave_operation(&mut self, now: Time) {
-        self.device.leave_operation(now);
+        self.axes.front_mut().leave_operation(now);
     }
 
     /// Has the drive keep its last target and say so (statusword bit 12), or follow again.
     pub fn set_ignores_targets(&mut self, ignores: bool) {
-        self.device.set_ignores_targets(ignores);
+        self.axes.front_mut().set_ignores_targets(ignores);
     }
 
     /// Has the drive take a torque limit (6072h) and forget it at once, or keep it.
     pub fn set_forgets_torque_limit(&mut self, forgets: bool) {
-        self.device.forgets_torque_limit = forgets;
+        self.axes.front_mut().forgets_torque_limit = forgets;
     }
 
     /// As [`Drive::set_incremental`](super::Drive::set_incremental).
     pub fn set_incremental(&mut self, mark_rad: f64) {
-        self.device.set_incremental(mark_rad);
+        self.axes.front_mut().set_incremental(mark_rad);
     }
 
     /// As [`Drive::set_loose_mark`](super::Drive::set_loose_mark).
     pub fn set_loose_mark(&mut self, deviation_rad: f64, seed: u64) {
-        self.device.set_loose_mark(deviation_rad, seed);
+        self.axes.front_mut().set_loose_mark(deviation_rad, seed);
     }
 
     /// As [`Drive::set_stored_torque_limit`](super::Drive::set_stored_torque_limit).
     pub fn set_stored_torque_limit(&mut self, per_mille: u16) {
-        self.device.set_stored_torque_limit(per_mille);
+        self.axes.front_mut().set_stored_torque_limit(per_mille);
     }
 
     /// As [`Drive::refer`](super::Drive::refer).
     pub fn refer(&mut self) {
-        self.device.refer();
+        self.axes.front_mut().refer();
     }
 
     /// Has the state machine ignore the controlword, or follow it again.
     pub fn set_ignores_controlword(&mut self, ignores: bool) {
-        self.device.set_ignores_controlword(ignores);
+        self.axes.front_mut().set_ignores_controlword(ignores);
     }
 
     fn set_error_register(&mut self, bits: u8) {
         // The object is declared with one byte.
-        let _ = self.device.od_mut().set_bytes(Address::new(0x1001, 0), &[bits]);
+        let _ = self.axes.od_mut().set_bytes(Address::new(0x1001, 0), &[bits]);
     }
 
     /// All errors have gone.
@@ -214,49 +237,51 @@ impl EthercatDrive {
 
 impl ServedDevice for EthercatDrive {
     fn od(&self) -> &ObjectDictionary {
-        self.device.od()
+        self.axes.od()
     }
 
     fn od_mut(&mut self) -> &mut ObjectDictionary {
-        self.device.od_mut()
+        self.axes.od_mut()
     }
 
     fn before_write(&mut self, at: Address, data: &[u8]) -> Result<(), AbortCode> {
-        self.device.before_write(at, data)
+        self.axes.before_write(at, data)
     }
 
     fn after_write(&mut self, at: Address) {
-        self.device.after_write(at);
+        self.axes.after_write(at);
     }
 
     fn before_read(&mut self, at: Address) -> Result<(), AbortCode> {
-        self.device.before_read(at)
+        self.axes.before_read(at)
     }
 
     fn outputs_applied(&mut self, now: Time, number: u8) {
         // The mode of operation is among the outputs; followed before the controlword, it is in force when that enables.
-        self.device.wake(now);
-        self.device.follow();
-        self.device.outputs_applied(now, number);
+        self.axes.each(|axis| {
+            axis.wake(now);
+            axis.follow();
+            axis.outputs_applied(now, number);
+        });
     }
 
     fn sample(&mut self, now: Time) {
-        self.device.sample(now);
+        self.axes.sample(now);
     }
 
     fn reset(&mut self, now: Time, reset: Reset) {
         self.set_error_register(0);
         (self.has_lost_master, self.untold) = (false, None);
         // Of a device on EtherCAT that is power-on.
-        self.device.power_on();
-        self.device.reset(now, reset);
+        self.axes.each(Device::power_on);
+        self.axes.reset(now, reset);
     }
 }
 
 impl EthercatApplication for EthercatDrive {
     fn set_operational(&mut self, now: Time, is_operational: bool) {
-        let was_enabled = self.state() == State::OperationEnabled;
-        self.device.change_operational(now, is_operational, error_code::RPDO_TIMEOUT);
+        let was_enabled = self.axes.any_is(State::OperationEnabled);
+        self.axes.each(|axis| axis.change_operational(now, is_operational, error_code::RPDO_TIMEOUT));
         if !is_operational && was_enabled {
             let register = COMMUNICATION_ERROR | 1;
             self.set_error_register(register);
@@ -264,22 +289,23 @@ impl EthercatApplication for EthercatDrive {
             self.untold = Some(CoeEmergency { code: error_code::RPDO_TIMEOUT, register, vendor: [0; 5] });
         } else if is_operational
             && self.has_lost_master
-            && !matches!(self.state(), State::Fault | State::FaultReactionActive)
+            && !self.axes.any_is(State::Fault)
+            && !self.axes.any_is(State::FaultReactionActive)
         {
             self.recover();
         }
     }
 
     fn poll(&mut self, now: Time) {
-        self.device.poll(now);
+        self.axes.each(|axis| axis.poll(now));
     }
 
     fn next_deadline(&self) -> Time {
-        self.device.next_deadline()
+        self.axes.next_deadline()
     }
 
     fn refresh(&mut self) {
-        self.device.refresh_if_stale();
+        self.axes.each(Device::refresh_if_stale);
     }
 
     fn sync1_ns(&self) -> Option<u32> {
@@ -287,10 +313,10 @@ impl EthercatApplication for EthercatDrive {
     }
 
     fn take_emergency(&mut self) -> Option<CoeEmergency> {
-        if self.device.take_reset() {
+        if self.axes.take_reset() {
             self.recover();
         }
-        if let Some(code) = self.device.take_emergency() {
+        if let Some(code) = self.axes.take_emergency() {
             self.set_error_register(PROFILE_ERROR | 1);
             return Some(CoeEmergency { code, register: PROFILE_ERROR | 1, vendor: [0; 5] });
         }

@@ -1,6 +1,7 @@
 //! A simulated servo drive: a CANopen device with a CiA 402 state machine, control loop and encoder.
 
 mod application;
+mod axes;
 mod device;
 mod ethercat;
 mod homing;
@@ -17,15 +18,16 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use yieldwall_drives::cia402::State;
-use yieldwall_drives::profiles::DeviceProfile;
+use yieldwall_drives::profiles::{DeviceProfile, Fieldbus};
 use yieldwall_drives::scaling::AxisScaling;
 use yieldwall_drives::watchdog::{Clock, Watchdog};
 
 use super::DeviceError;
+use axes::Axes;
 use device::{Device, PROFILE_ERROR};
 use watches::Watch;
 use yieldwall_fieldbus::canopen::{EmcyCode, ErrorRegister, Frame, Node, NodeId, Outbox, cob};
-use yieldwall_fieldbus::objects::{Address, ServedDevice};
+use yieldwall_fieldbus::objects::{Address, Object, ServedDevice};
 use yieldwall_fieldbus::time::Time;
 
 /// What the drive knows about the joint angle.
@@ -107,6 +109,64 @@ pub struct OddObject {
     pub write_time: Duration,
 }
 
+/// What an axis of a drive does at its joint.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxisView {
+    /// State of the state machine.
+    pub state: State,
+    /// Torque on the joint in N m.
+    pub torque_n_m: f64,
+    /// Whether a brake that the master holds by an output is closed.
+    pub is_braked: bool,
+}
+
+impl Default for AxisView {
+    /// As of an axis that is not there.
+    fn default() -> Self {
+        Self { state: State::NotReadyToSwitchOn, torque_n_m: 0.0, is_braked: false }
+    }
+}
+
+impl AxisView {
+    fn of(axis: &Device) -> Self {
+        Self { state: axis.state(), torque_n_m: axis.torque_n_m(), is_braked: axis.is_braked() }
+    }
+}
+
+/// The model of each axis of a device on a bus.
+fn models(profile: &Arc<DeviceProfile>, bus: Fieldbus) -> Result<Vec<Arc<DeviceProfile>>, DeviceError> {
+    let role = || DeviceError::Role { profile: profile.name().to_owned(), wanted: "servo drive" };
+    objects::check(profile.servo().ok_or_else(role)?)?;
+    Ok((0..profile.axes()).map(|axis| profile.of_axis(axis, axis, bus)).collect())
+}
+
+/// The axes of a device with the models of each, behind one dictionary.
+fn axes<'a>(
+    models: &[Arc<DeviceProfile>],
+    axis: impl Fn(u8) -> &'a AxisSettings,
+    communication: Vec<Object>,
+    (odd, manner): (&[OddObject], &DriveQuirks),
+) -> Result<Axes, DeviceError> {
+    let servos = || (0..).zip(models).filter_map(|(number, model)| Some((axis(number), model.servo()?)));
+    for (settings, _) in servos() {
+        settings.position_loop.check()?;
+    }
+    let od = objects::build(servos().map(|(settings, servo)| (&settings.scaling, servo)), communication, odd)?;
+    let mut devices = Vec::new();
+    for (settings, servo) in servos() {
+        let mut device = Device::new(&od, settings, servo)?;
+        device.set_manner(manner);
+        let step = servo.axes.as_ref().map_or(0, |axes| axes.pdo_step_on(Fieldbus::Canopen));
+        device.first_pdo = u8::try_from(1 + step * devices.len() as u16).unwrap_or(u8::MAX - axes::PDOS);
+        devices.push(device);
+    }
+    let others = devices.split_off(1);
+    match devices.pop() {
+        Some(front) => Ok(Axes::new(front, others, od)),
+        None => Err(DeviceError::Role { profile: String::new(), wanted: "servo drive" }),
+    }
+}
+
 /// A simulated servo drive on a joint.
 ///
 /// The bus side is that of a device: [`Drive::boot`], [`Drive::on_frame`], [`Drive::poll`], [`Drive::next_deadline`].
@@ -119,7 +179,7 @@ pub struct OddObject {
 #[derive(Clone, Debug)]
 pub struct Drive {
     node: Node,
-    device: Device,
+    axes: Axes,
     is_powered: bool,
     ignores_heartbeats: bool,
 }
@@ -130,32 +190,55 @@ impl Drive {
     /// # Errors
     /// If the profile is not that of a servo drive, or the gains of the loop are not finite or negative.
     pub fn new(settings: DriveSettings) -> Result<Self, DeviceError> {
-        let profile = &settings.profile;
-        let role = || DeviceError::Role { profile: profile.name().to_owned(), wanted: "servo drive" };
-        let servo = profile.servo().ok_or_else(role)?;
-        settings.position_loop.check()?;
-        objects::check(servo)?;
-        let mut odd = objects::fixed_mappings(servo);
-        odd.extend_from_slice(&settings.manner.objects);
-        let od = objects::build(&settings.scaling, servo, objects::communication(&settings, servo)?, &odd)?;
-        let DriveSettings { scaling, position_loop, encoder, ref manner, .. } = settings;
-        let mut device = Device::new(od, &AxisSettings { scaling, position_loop, encoder }, servo)?;
-        device.set_manner(manner);
-        let mut node = Node::new(settings.node, device.od())?;
+        let DriveSettings { scaling, position_loop, encoder, .. } = settings.clone();
+        let axis = AxisSettings { scaling, position_loop, encoder };
+        Self::of_axes(&settings, |_| &axis)
+    }
+
+    /// As [`Drive::new`], each axis on its own joint in place of the one in the settings.
+    ///
+    /// # Errors
+    /// As [`Drive::new`].
+    pub fn of_axes<'a>(settings: &DriveSettings, axis: impl Fn(u8) -> &'a AxisSettings) -> Result<Self, DeviceError> {
+        let manner = &settings.manner;
+        let models = models(&settings.profile, Fieldbus::Canopen)?;
+        let servos = || models.iter().filter_map(|model| model.servo());
+        let mut odd: Vec<OddObject> = servos().flat_map(objects::fixed_mappings).collect();
+        odd.extend_from_slice(&manner.objects);
+        let communication = objects::communication(settings, &models)?;
+        let axes = axes(&models, axis, communication, (&odd, manner))?;
+        let mut node = Node::new(settings.node, axes.od())?;
         node.set_sdo_time(manner.sdo_time);
         node.set_sdo_segments_only(manner.segments_only);
         manner.lengths.iter().for_each(|(at, bytes)| node.set_sdo_length(*at, *bytes));
         for odd in manner.objects.iter().filter(|odd| !odd.write_time.is_zero()) {
             node.set_sdo_write_time(Address::new(odd.index, odd.sub.unwrap_or_default()), odd.write_time);
         }
-        Ok(Drive { node, device, is_powered: false, ignores_heartbeats: false })
+        Ok(Drive { node, axes, is_powered: false, ignores_heartbeats: false })
+    }
+
+    /// Has `act` be done with another axis in place of the first one.
+    pub fn on_axis<R>(&mut self, axis: usize, act: impl FnOnce(&mut Self) -> R) -> R {
+        self.axes.exchange(axis);
+        let done = act(self);
+        self.axes.exchange(axis);
+        done
+    }
+
+    /// State, torque in N m and closed brake of an axis; as of a drive that is switched off if there is none.
+    pub fn axis(&self, axis: usize) -> AxisView {
+        match self.axes.get(axis) {
+            Some(axis) if self.is_powered => AxisView::of(axis),
+            Some(axis) => AxisView { is_braked: axis.has_brake(), ..AxisView::default() },
+            None => AxisView::default(),
+        }
     }
 
     /// Switches the drive on: all objects at their power-on values, boot-up message.
     pub fn boot(&mut self, now: Time, out: &mut impl Outbox) {
         self.is_powered = true;
-        self.device.power_on();
-        self.node.boot(now, &mut self.device, out);
+        self.axes.each(Device::power_on);
+        self.node.boot(now, &mut self.axes, out);
         self.settle(now, out);
     }
 
@@ -167,25 +250,25 @@ impl Drive {
     /// The joint's motion at this moment, in rad and rad/s. What is not finite, or too far away to count, is an encoder
     /// fault (7305h), and the last good value stays.
     pub fn measure(&mut self, angle_rad: f64, rate_rad_per_s: f64) {
-        self.device.measure(angle_rad, rate_rad_per_s);
+        self.axes.front_mut().measure(angle_rad, rate_rad_per_s);
     }
 
     /// Torque on the joint in N m.
     pub fn torque_n_m(&self) -> f64 {
-        if self.is_powered { self.device.torque_n_m() } else { 0.0 }
+        if self.is_powered { self.axes.front().torque_n_m() } else { 0.0 }
     }
 
     /// Whether a brake that the master holds by an output is closed; without supply it is.
     pub fn is_braked(&self) -> bool {
-        if self.is_powered { self.device.is_braked() } else { self.device.has_brake() }
+        if self.is_powered { self.axes.front().is_braked() } else { self.axes.front().has_brake() }
     }
 
     /// Takes one frame from the bus.
     pub fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) {
         if self.is_powered && !(self.ignores_heartbeats && cob::is_heartbeat(frame.id())) {
-            let is_its_own = self.node.on_frame(now, frame, &mut self.device, out);
+            let is_its_own = self.node.on_frame(now, frame, &mut self.axes, out);
             // Most frames are those of others.
-            if is_its_own || self.device.is_stale {
+            if is_its_own || self.axes.is_stale() {
                 self.settle(now, out);
             }
         }
@@ -194,40 +277,40 @@ impl Drive {
     /// Does what is due: timers of the node, the control loop, the watch on SYNC.
     pub fn poll(&mut self, now: Time, out: &mut impl Outbox) {
         if self.is_powered {
-            self.node.poll(now, &mut self.device, out);
-            self.device.poll(now);
+            self.node.poll(now, &mut self.axes, out);
+            self.axes.each(|axis| axis.poll(now));
             self.settle(now, out);
         }
     }
 
     /// When to poll next.
     pub fn next_deadline(&self) -> Time {
-        if self.is_powered { self.node.next_deadline().min(self.device.next_deadline()) } else { Time::NEVER }
+        if self.is_powered { self.node.next_deadline().min(self.axes.next_deadline()) } else { Time::NEVER }
     }
 
     /// Puts the drive into fault with an error code (603Fh), as its own monitoring would.
     pub fn raise_fault(&mut self, now: Time, code: u16, out: &mut impl Outbox) {
         if self.is_powered {
-            self.device.raise_fault(now, code);
+            self.axes.front_mut().raise_fault(now, code);
             self.settle(now, out);
         }
     }
 
     /// Sets or clears the warning bit of the statusword, as a hot motor would.
     pub fn set_warning(&mut self, is_warning: bool) {
-        self.device.set_warning(is_warning);
+        self.axes.front_mut().set_warning(is_warning);
     }
 
     /// Gives the power stage its voltage or takes it away, as an emergency stop does; without it there is no torque.
     pub fn set_voltage(&mut self, now: Time, is_present: bool, out: &mut impl Outbox) {
-        self.device.set_voltage(now, is_present);
+        self.axes.front_mut().set_voltage(now, is_present);
         self.settle(now, out);
     }
 
     /// Leaves Operation Enabled without being asked to, as by a safety input of its own.
     pub fn leave_operation(&mut self, now: Time, out: &mut impl Outbox) {
         if self.is_powered {
-            self.device.leave_operation(now);
+            self.axes.front_mut().leave_operation(now);
             self.settle(now, out);
         }
     }
@@ -237,13 +320,18 @@ impl Drive {
     ///
     /// The drive says so in 2010h, so that a master in lockstep, where no drill on the bus is possible, can refuse it.
     pub fn ignore(&mut self, watchdog: Watchdog) {
-        self.device.lacks |= watchdog.bit();
+        self.axes.each(|axis| {
+            axis.lacks |= watchdog.bit();
+            match watchdog {
+                Watchdog::Sync => axis.watches.sync = Watch::None,
+                Watchdog::SetPoints => axis.watches.set_points = Watch::None,
+                // The node's or the controller's.
+                Watchdog::Heartbeat | Watchdog::Outputs | Watchdog::Operational => {}
+            }
+        });
         match watchdog {
-            Watchdog::Sync => self.device.watches.sync = Watch::None,
-            Watchdog::SetPoints => self.device.watches.set_points = Watch::None,
             Watchdog::Heartbeat => self.ignores_heartbeats = true,
-            // The controller's.
-            Watchdog::Outputs | Watchdog::Operational => {}
+            Watchdog::Sync | Watchdog::SetPoints | Watchdog::Outputs | Watchdog::Operational => {}
         }
     }
 
@@ -260,53 +348,53 @@ impl Drive {
 
     /// Has the drive say in 2011h what its time follows.
     pub fn set_clock(&mut self, clock: Clock) {
-        self.device.clock = clock;
+        self.axes.each(|axis| axis.clock = clock);
     }
 
     /// Has the drive keep its last target and say so (statusword bit 12), or follow again.
     pub fn set_ignores_targets(&mut self, ignores: bool) {
-        self.device.set_ignores_targets(ignores);
+        self.axes.front_mut().set_ignores_targets(ignores);
     }
 
     /// Has the drive take a torque limit (6072h) and forget it at once, or keep it.
     pub fn set_forgets_torque_limit(&mut self, forgets: bool) {
-        self.device.forgets_torque_limit = forgets;
+        self.axes.front_mut().forgets_torque_limit = forgets;
     }
 
     /// Has an encoder that knows nothing at power-on: the drive counts from where it was switched on until it is homed. Its mark, the index
     /// or the edge of a limit switch, is where the joint is at this angle in rad.
     pub fn set_incremental(&mut self, mark_rad: f64) {
-        self.device.set_incremental(mark_rad);
+        self.axes.front_mut().set_incremental(mark_rad);
     }
 
     /// Has an incremental encoder find its mark with this standard deviation, rad, drawn for each homing.
     pub fn set_loose_mark(&mut self, deviation_rad: f64, seed: u64) {
-        self.device.set_loose_mark(deviation_rad, seed);
+        self.axes.front_mut().set_loose_mark(deviation_rad, seed);
     }
 
     /// Has the drive come with another torque limit in the positive direction (60E0h), per mille of rated, which somebody has stored in it.
     pub fn set_stored_torque_limit(&mut self, per_mille: u16) {
-        self.device.set_stored_torque_limit(per_mille);
+        self.axes.front_mut().set_stored_torque_limit(per_mille);
     }
 
     /// Has the drive be homed already, if its encoder is incremental.
     pub fn refer(&mut self) {
-        self.device.refer();
+        self.axes.front_mut().refer();
     }
 
     /// Has the state machine ignore the controlword, or follow it again.
     pub fn set_ignores_controlword(&mut self, ignores: bool) {
-        self.device.set_ignores_controlword(ignores);
+        self.axes.front_mut().set_ignores_controlword(ignores);
     }
 
     /// The torque limit that it has (6072h), per mille of rated.
     pub fn torque_limit_per_mille(&self) -> u16 {
-        self.device.torque_limit_per_mille()
+        self.axes.front().torque_limit_per_mille()
     }
 
     /// State of the state machine.
     pub fn state(&self) -> State {
-        if self.is_powered { self.device.state() } else { State::NotReadyToSwitchOn }
+        if self.is_powered { self.axes.front().state() } else { State::NotReadyToSwitchOn }
     }
 
     /// Sends what the device wished to send: emergencies, and event-driven TPDOs when the statusword has changed.
@@ -314,17 +402,17 @@ impl Drive {
         if !self.is_powered {
             return;
         }
-        self.device.refresh_if_stale();
-        if self.device.take_reset() {
-            self.node.clear_all_emergencies(self.device.od_mut(), out);
+        self.axes.each(Device::refresh_if_stale);
+        if self.axes.take_reset() {
+            self.node.clear_all_emergencies(self.axes.od_mut(), out);
         }
-        if let Some(code) = self.device.take_emergency() {
+        if let Some(code) = self.axes.take_emergency() {
             let bits = ErrorRegister(PROFILE_ERROR);
-            self.node.raise_emergency(self.device.od_mut(), EmcyCode(code), bits, [0; 5], out);
+            self.node.raise_emergency(self.axes.od_mut(), EmcyCode(code), bits, [0; 5], out);
         }
-        if self.device.take_status_change() {
-            for number in 1..=4 {
-                self.node.trigger_tpdo(now, number, self.device.od(), out);
+        while let Some(first) = self.axes.take_status_change() {
+            for number in first..first + axes::PDOS {
+                self.node.trigger_tpdo(now, number, self.axes.od(), out);
             }
         }
     }

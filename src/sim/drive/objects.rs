@@ -1,17 +1,19 @@
 //! The object dictionary of a drive.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use yieldwall_drives::cia402::OptionCodes;
 use yieldwall_drives::objects as cia;
 use yieldwall_drives::profiles::{
-    Entry, LimitSetter, Pdo, PdoMap, Quantity, Servo, SetPointWatch, Setting, SyncWatch, Unused,
+    AxisOffset, DeviceProfile, Entry, Fieldbus, LimitSetter, Pdo, PdoMap, Quantity, Servo, SetPointWatch, Setting,
+    SyncWatch, Unused,
 };
 use yieldwall_drives::scaling::AxisScaling;
 
 use super::super::device::{DeviceError, commanded, declare, handle, holding, identity, mapping, mark, plain, shown};
 use super::{DriveSettings, OddObject};
-use yieldwall_fieldbus::canopen::{CanopenError, CommunicationProfile, PdoParameters, cob};
+use yieldwall_fieldbus::canopen::{CanopenError, CommunicationProfile, NodeId, PdoParameters, cob};
 use yieldwall_fieldbus::objects::{
     Access, Address, Builder, DictionaryError, Handle, Mappable, Object, ObjectDictionary, load_le,
 };
@@ -43,8 +45,8 @@ macro_rules! handles {
         }
 
         impl Objects {
-            pub(super) fn of(od: &ObjectDictionary) -> Result<Self, DictionaryError> {
-                Ok(Objects { $($field: handle(od, cia::$object)?,)* })
+            pub(super) fn of(od: &ObjectDictionary, offset: AxisOffset) -> Result<Self, DictionaryError> {
+                Ok(Objects { $($field: handle(od, of_axis(cia::$object, offset))?,)* })
             }
         }
     };
@@ -93,69 +95,83 @@ handles! {
     target_velocity: i32 = TARGET_VELOCITY,
 }
 
-/// The dictionary at power-on, with the objects of a bus.
-pub(super) fn build(
-    scaling: &AxisScaling,
-    servo: &Servo,
+/// An object of CiA 402 as that of an axis; those of a simulated device are of all axes.
+const fn of_axis(object: cia::Object, offset: AxisOffset) -> cia::Object {
+    cia::Object { index: offset.index(object.index), ..object }
+}
+
+/// The dictionary at power-on, with the objects of a bus and of each axis.
+pub(super) fn build<'a>(
+    axes: impl IntoIterator<Item = (&'a AxisScaling, &'a Servo)>,
     communication: Vec<Object>,
     odd: &[OddObject],
 ) -> Result<ObjectDictionary, DeviceError> {
+    let fixed = |object, value: i64| declare(object, value).access(Access::ReadOnly);
+    let mut builder = ObjectDictionary::builder()
+        .objects(communication)
+        .objects(mark())
+        .object(fixed(cia::SIMULATION_LACKS, 0))
+        .object(fixed(cia::SIMULATION_CLOCK, 0));
+    for (scaling, servo) in axes {
+        builder = mapped(of_profile(of_current(with_axis(builder, scaling, servo), servo), servo), servo)?;
+    }
+    Ok(with_oddities(builder, odd)?.build()?)
+}
+
+/// The objects of CiA 402 of one axis.
+fn with_axis(builder: Builder, scaling: &AxisScaling, servo: &Servo) -> Builder {
     let counts = |rad: f64| (rad * scaling.counts_per_rad()).round() as i64;
     let options = OptionCodes::default();
     let option = |object, value: i16, lo: i16, hi: i16| declare(object, value.into()).limits(lo, hi);
     let fixed = |object, value: i64| declare(object, value).access(Access::ReadOnly);
-    let builder = ObjectDictionary::builder()
-        .objects(communication)
-        .objects(mark())
-        .object(fixed(cia::SIMULATION_LACKS, 0))
-        .object(fixed(cia::SIMULATION_CLOCK, 0))
-        .object(option(cia::ABORT_CONNECTION_OPTION, options.abort_connection, 0, 3))
-        .object(shown(cia::ERROR_CODE))
-        .object(commanded(cia::CONTROLWORD, 0))
-        .object(shown(cia::STATUSWORD))
-        .object(option(cia::QUICK_STOP_OPTION, options.quick_stop, 0, 8))
-        .object(option(cia::SHUTDOWN_OPTION, options.shutdown, 0, 1))
-        .object(option(cia::DISABLE_OPERATION_OPTION, options.disable_operation, 0, 1))
-        .object(option(cia::HALT_OPTION, options.halt, 1, 4))
-        .object(option(cia::FAULT_REACTION_OPTION, options.fault_reaction, 0, 4))
-        .object(commanded(cia::MODE_OF_OPERATION, 0))
-        .object(shown(cia::MODE_DISPLAY))
-        .object(shown(cia::POSITION_ACTUAL))
-        .object(declare(cia::FOLLOWING_ERROR_WINDOW, counts(FOLLOWING_ERROR_RAD)))
-        .object(declare(cia::FOLLOWING_ERROR_TIMEOUT, FOLLOWING_ERROR_MS))
-        .object(shown(cia::VELOCITY_ACTUAL))
-        .object(commanded(cia::TARGET_TORQUE, 0))
-        .object(commanded(cia::MAX_TORQUE, 1000))
-        .object(fixed(cia::RATED_TORQUE, (scaling.rated_torque_n_m() * 1000.0).round() as i64))
-        .object(shown(cia::TORQUE_ACTUAL))
-        .object(commanded(cia::TARGET_POSITION, 0))
-        .object(declare(cia::HOME_OFFSET, 0))
-        .object(declare(cia::MAX_MOTOR_SPEED, MAX_MOTOR_RPM))
-        .object(declare(cia::PROFILE_DECELERATION, counts(SLOW_DOWN_RAD_PER_S2)))
-        .object(declare(cia::QUICK_STOP_DECELERATION, counts(QUICK_STOP_RAD_PER_S2)))
-        .highest_sub(cia::ENCODER_INCREMENTS.index, 2)
-        .object(fixed(cia::ENCODER_INCREMENTS, counts(std::f64::consts::TAU)))
-        .object(fixed(cia::ENCODER_REVOLUTIONS, 1))
-        .object(declare(cia::HOMING_METHOD, HOMING_METHOD))
-        .highest_sub(cia::HOMING_SWITCH_SPEED.index, 2)
-        .object(declare(cia::HOMING_SWITCH_SPEED, counts(HOMING_RAD_PER_S)))
-        .object(declare(cia::HOMING_ZERO_SPEED, counts(HOMING_RAD_PER_S)))
-        .object(declare(cia::HOMING_ACCELERATION, counts(HOMING_RAD_PER_S2)))
-        .object(commanded(cia::POSITION_OFFSET, 0))
-        .object(commanded(cia::VELOCITY_OFFSET, 0))
-        .object(commanded(cia::TORQUE_OFFSET, 0))
-        .highest_sub(cia::INTERPOLATION_TIME.index, 2)
-        .object(declare(cia::INTERPOLATION_TIME, 1).limits(1u8, u8::MAX))
-        .object(declare(cia::INTERPOLATION_EXPONENT, -3).limits(-6i8, 0))
-        .object(declare(cia::POSITIVE_TORQUE_LIMIT, 1000))
-        .object(declare(cia::NEGATIVE_TORQUE_LIMIT, 1000))
-        .object(shown(cia::FOLLOWING_ERROR_ACTUAL))
-        .highest_sub(cia::DIGITAL_OUTPUTS.index, 2)
-        .object(commanded(cia::DIGITAL_OUTPUTS, 0))
-        .object(declare(cia::DIGITAL_OUTPUT_MASK, 0))
-        .object(commanded(cia::TARGET_VELOCITY, 0))
-        .object(fixed(cia::SUPPORTED_MODES, servo.supported_modes().into()));
-    Ok(with_oddities(mapped(of_profile(of_current(builder, servo), servo), servo)?, odd)?.build()?)
+    let at = |object| of_axis(object, servo.offset());
+    builder
+        .object(option(at(cia::ABORT_CONNECTION_OPTION), options.abort_connection, 0, 3))
+        .object(shown(at(cia::ERROR_CODE)))
+        .object(commanded(at(cia::CONTROLWORD), 0))
+        .object(shown(at(cia::STATUSWORD)))
+        .object(option(at(cia::QUICK_STOP_OPTION), options.quick_stop, 0, 8))
+        .object(option(at(cia::SHUTDOWN_OPTION), options.shutdown, 0, 1))
+        .object(option(at(cia::DISABLE_OPERATION_OPTION), options.disable_operation, 0, 1))
+        .object(option(at(cia::HALT_OPTION), options.halt, 1, 4))
+        .object(option(at(cia::FAULT_REACTION_OPTION), options.fault_reaction, 0, 4))
+        .object(commanded(at(cia::MODE_OF_OPERATION), 0))
+        .object(shown(at(cia::MODE_DISPLAY)))
+        .object(shown(at(cia::POSITION_ACTUAL)))
+        .object(declare(at(cia::FOLLOWING_ERROR_WINDOW), counts(FOLLOWING_ERROR_RAD)))
+        .object(declare(at(cia::FOLLOWING_ERROR_TIMEOUT), FOLLOWING_ERROR_MS))
+        .object(shown(at(cia::VELOCITY_ACTUAL)))
+        .object(commanded(at(cia::TARGET_TORQUE), 0))
+        .object(commanded(at(cia::MAX_TORQUE), 1000))
+        .object(fixed(at(cia::RATED_TORQUE), (scaling.rated_torque_n_m() * 1000.0).round() as i64))
+        .object(shown(at(cia::TORQUE_ACTUAL)))
+        .object(commanded(at(cia::TARGET_POSITION), 0))
+        .object(declare(at(cia::HOME_OFFSET), 0))
+        .object(declare(at(cia::MAX_MOTOR_SPEED), MAX_MOTOR_RPM))
+        .object(declare(at(cia::PROFILE_DECELERATION), counts(SLOW_DOWN_RAD_PER_S2)))
+        .object(declare(at(cia::QUICK_STOP_DECELERATION), counts(QUICK_STOP_RAD_PER_S2)))
+        .highest_sub(at(cia::ENCODER_INCREMENTS).index, 2)
+        .object(fixed(at(cia::ENCODER_INCREMENTS), counts(std::f64::consts::TAU)))
+        .object(fixed(at(cia::ENCODER_REVOLUTIONS), 1))
+        .object(declare(at(cia::HOMING_METHOD), HOMING_METHOD))
+        .highest_sub(at(cia::HOMING_SWITCH_SPEED).index, 2)
+        .object(declare(at(cia::HOMING_SWITCH_SPEED), counts(HOMING_RAD_PER_S)))
+        .object(declare(at(cia::HOMING_ZERO_SPEED), counts(HOMING_RAD_PER_S)))
+        .object(declare(at(cia::HOMING_ACCELERATION), counts(HOMING_RAD_PER_S2)))
+        .object(commanded(at(cia::POSITION_OFFSET), 0))
+        .object(commanded(at(cia::VELOCITY_OFFSET), 0))
+        .object(commanded(at(cia::TORQUE_OFFSET), 0))
+        .highest_sub(at(cia::INTERPOLATION_TIME).index, 2)
+        .object(declare(at(cia::INTERPOLATION_TIME), 1).limits(1u8, u8::MAX))
+        .object(declare(at(cia::INTERPOLATION_EXPONENT), -3).limits(-6i8, 0))
+        .object(declare(at(cia::POSITIVE_TORQUE_LIMIT), 1000))
+        .object(declare(at(cia::NEGATIVE_TORQUE_LIMIT), 1000))
+        .object(shown(at(cia::FOLLOWING_ERROR_ACTUAL)))
+        .highest_sub(at(cia::DIGITAL_OUTPUTS).index, 2)
+        .object(commanded(at(cia::DIGITAL_OUTPUTS), 0))
+        .object(commanded(at(cia::DIGITAL_OUTPUT_MASK), 0))
+        .object(commanded(at(cia::TARGET_VELOCITY), 0))
+        .object(fixed(at(cia::SUPPORTED_MODES), servo.supported_modes().into()))
 }
 
 /// Objects that the profile maps, and that are nothing to a rig.
@@ -315,9 +331,27 @@ pub(super) fn check(servo: &Servo) -> Result<(), DeviceError> {
     Ok(())
 }
 
-/// What the drive declares for CANopen, with the default PDOs of CiA 402, event-driven: the first pair is in use, the others
+/// What the drive declares for CANopen, with the default PDOs of CiA 402, event-driven: the first pair of the first axis is in use, the others
 /// wait for a master.
-pub(super) fn communication(settings: &DriveSettings, servo: &Servo) -> Result<Vec<Object>, CanopenError> {
+pub(super) fn communication(
+    settings: &DriveSettings,
+    models: &[Arc<DeviceProfile>],
+) -> Result<Vec<Object>, CanopenError> {
+    let mut profile = CommunicationProfile::new(settings.node, &identity(&settings.profile, settings.serial));
+    for (axis, model) in models.iter().enumerate() {
+        profile = with_pdos(profile, settings.node, axis as u16, model)?;
+    }
+    profile.objects()
+}
+
+/// The default PDOs of an axis.
+fn with_pdos(
+    profile: CommunicationProfile,
+    node: NodeId,
+    axis: u16,
+    model: &DeviceProfile,
+) -> Result<CommunicationProfile, CanopenError> {
+    let Some(servo) = model.servo() else { return Ok(profile) };
     let rpdos: [&[cia::Object]; 4] = [
         &[cia::CONTROLWORD],
         &[cia::CONTROLWORD, cia::MODE_OF_OPERATION],
@@ -333,23 +367,27 @@ pub(super) fn communication(settings: &DriveSettings, servo: &Servo) -> Result<V
     let maps = || servo.process_data.modes().into_iter().filter_map(|mode| mode.3);
     let fixed = |number: u8, pdos: fn(&PdoMap) -> &Vec<Pdo>| {
         let pdo = maps().flat_map(pdos).find(|pdo| pdo.fixed && pdo.canopen_number() == number)?;
-        Some(mapping(&settings.profile, pdo))
+        Some(mapping(model, pdo))
     };
+    let offset = servo.offset();
+    let first = axis * servo.axes.as_ref().map_or(0, |axes| axes.pdo_step_on(Fieldbus::Canopen));
     let parameters = |number: u8, id: Option<u16>, own: Option<Vec<_>>, objects: &[cia::Object]| {
-        let usual = || objects.iter().map(|object| (object.index, object.sub, object.bits())).collect();
+        let usual = || objects.iter().map(|object| (offset.index(object.index), object.sub, object.bits())).collect();
         let mapping = own.unwrap_or_else(usual);
-        let id = id.ok_or(CanopenError::PdoNumber(number))?;
+        // Other axes have no default identifiers.
+        let id = if axis == 0 { id.ok_or(CanopenError::PdoNumber(number))? } else { 0 };
         let event_driven = PdoParameters::event_driven(id, &mapping);
-        Ok::<_, CanopenError>(if number == 1 { event_driven } else { event_driven.unused() })
+        Ok::<_, CanopenError>(if (axis, number) == (0, 1) { event_driven } else { event_driven.unused() })
     };
-    let mut profile = CommunicationProfile::new(settings.node, &identity(&settings.profile, settings.serial))
+    let mut profile = profile
         .mapping_entries(servo.process_data.mapping_entries)
         // Who watches for set-points otherwise, or not at all, has no such timer.
         .rpdo_timers(matches!(servo.watchdogs.set_points, SetPointWatch::EventTimer { .. }));
-    for (number, (rpdo, tpdo)) in (1u8..).zip(rpdos.into_iter().zip(tpdos)) {
-        profile = profile
-            .rpdo(number, &parameters(number, cob::rpdo(number, settings.node), fixed(number, |map| &map.rpdo), rpdo)?)
-            .tpdo(number, &parameters(number, cob::tpdo(number, settings.node), fixed(number, |map| &map.tpdo), tpdo)?);
+    for (place, (rpdo, tpdo)) in (1u8..).zip(rpdos.into_iter().zip(tpdos)) {
+        let number = u8::try_from(first + u16::from(place)).map_err(|_| CanopenError::PdoNumber(u8::MAX))?;
+        let received = parameters(number, cob::rpdo(place, node), fixed(number, |map| &map.rpdo), rpdo)?;
+        let sent = parameters(number, cob::tpdo(place, node), fixed(number, |map| &map.tpdo), tpdo)?;
+        profile = profile.rpdo(number, &received).tpdo(number, &sent);
     }
-    profile.objects()
+    Ok(profile)
 }

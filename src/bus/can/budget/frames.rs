@@ -128,13 +128,13 @@ pub(super) fn frames(setup: &MasterSetup, bus: BusId) -> Result<Vec<PlannedFrame
     if setup.has_nodes(bus) {
         all.push(heartbeat("master", master, setup.heartbeat, true));
     }
-    all.extend(devices.iter().map(|device| heartbeat(device.name, device.node, device.heartbeat, false)));
+    let nodes = nodes(&devices);
+    all.extend(nodes.iter().map(|(name, node, beat)| heartbeat(name, *node, *beat, false)));
     // One exchange at a time; that with the highest node id waits longest.
-    if let Some(device) = devices.iter().max_by_key(|device| device.node.raw()) {
-        let each =
-            [("request", cob::sdo_request(device.node), true), ("response", cob::sdo_response(device.node), false)];
+    if let Some((device, node, _)) = nodes.iter().max_by_key(|(_, node, _)| node.raw()) {
+        let each = [("request", cob::sdo_request(*node), true), ("response", cob::sdo_response(*node), false)];
         all.extend(each.map(|(what, cob_id, is_of_master)| PlannedFrame {
-            name: format!("{} SDO {what}", device.name),
+            name: format!("{device} SDO {what}"),
             usage: Use::Sdo,
             is_of_master,
             is_answer: false,
@@ -143,17 +143,29 @@ pub(super) fn frames(setup: &MasterSetup, bus: BusId) -> Result<Vec<PlannedFrame
             period: SDO_PERIOD.max(period),
         }));
     }
-    all.extend(devices.iter().map(|device| PlannedFrame {
-        name: format!("{} EMCY", device.name),
+    all.extend(nodes.iter().map(|(device, node, _)| PlannedFrame {
+        name: format!("{device} EMCY"),
         usage: Use::Emergency,
         is_of_master: false,
         is_answer: false,
-        cob_id: cob::emcy(device.node),
+        cob_id: cob::emcy(*node),
         bytes: FULL,
         period: EMERGENCY_PERIOD.max(period),
     }));
     all.sort_by_key(|frame| frame.usage);
     Ok(all)
+}
+
+/// The nodes with their heartbeats, one for all axes of a device.
+fn nodes(devices: &[Device<'_>]) -> Vec<(String, NodeId, Duration)> {
+    let mut nodes: Vec<(String, NodeId, Duration)> = Vec::new();
+    for device in devices {
+        match nodes.iter_mut().find(|(_, node, _)| *node == device.node) {
+            Some((name, ..)) => *name = format!("{name} and {}", device.name),
+            None => nodes.push((device.name.to_owned(), device.node, device.heartbeat)),
+        }
+    }
+    nodes
 }
 
 /// The frames of a sensor on plain CAN. Both of a sample are queued at once.
@@ -232,10 +244,10 @@ impl<'a> Device<'a> {
             })
         };
         for pdo in &tpdo {
-            all.push(plan(pdo, Use::Measured, cob::tpdo(pdo.canopen_number(), self.node))?);
+            all.push(plan(pdo, Use::Measured, cob::tpdo(pdo.identifier, self.node))?);
         }
         for pdo in &rpdo {
-            all.push(plan(pdo, Use::SetPoint, cob::rpdo(pdo.canopen_number(), self.node))?);
+            all.push(plan(pdo, Use::SetPoint, cob::rpdo(pdo.identifier, self.node))?);
         }
         Ok(())
     }

@@ -53,7 +53,7 @@ impl Incomings {
         }
         Ok(Outgoing {
             bus: setup.bus,
-            id: cob::rpdo(pdo.canopen_number(), node).ok_or_else(|| lacking(profile, set_point.word()))?,
+            id: cob::rpdo(pdo.identifier, node).ok_or_else(|| lacking(profile, set_point.word()))?,
             len: layout.len(),
             word,
             controlword: find(Quantity::Controlword)?,
@@ -86,7 +86,7 @@ impl Incomings {
         let fields = pdo.objects.iter().zip(layout.entries());
         let fields = fields.filter_map(|(object, (_, field))| Some((source(object.quantity?)?, *field))).collect();
         // An identifier of 0 would be a network command.
-        let id = cob::tpdo(pdo.canopen_number(), node).ok_or_else(|| lacking(profile, "an identifier"))?;
+        let id = cob::tpdo(pdo.identifier, node).ok_or_else(|| lacking(profile, "an identifier"))?;
         if let Some(slot) = self.slots.get_mut(slot_index(bus, id)) {
             *slot = self.incoming.len() as u8;
         }

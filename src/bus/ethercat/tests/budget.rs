@@ -9,7 +9,7 @@ fn device(name: &str, device: Device, position: u16, inputs: usize, outputs: usi
     let identity = Identity { device_type: 0, vendor_id: 1, product_codes: vec![1], revisions: Revisions::Any };
     let mapped = |sub| Mapped { at: Address::new(0x2000, sub), bits: 8, quantity: None, value: 0 };
     let pdo = |index, bytes: usize| {
-        vec![ProcessData { index, is_fixed: true, entries: (1..).take(bytes).map(mapped).collect() }]
+        vec![ProcessData { device, index, is_fixed: true, entries: (1..).take(bytes).map(mapped).collect() }]
     };
     StationSetup::other(name, device, position, identity, waits(), [pdo(0x1600, outputs), pdo(0x1a00, inputs)])
 }

@@ -1,5 +1,6 @@
 //! The network against a simulated segment, in virtual time: bytes in, bytes out.
 
+mod axes;
 mod budget;
 mod exchange;
 mod faults;

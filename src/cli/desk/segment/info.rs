@@ -1,8 +1,10 @@
 //! `yieldwall info` on EtherCAT: one device, by its registers and its SII.
 
+use std::convert::Infallible;
+
 use serde_json::json;
 
-use super::super::info::{asked, objects};
+use super::super::info::{asked, axes_row, objects};
 use super::super::sii::warnings;
 use super::super::words::table;
 use super::SegmentSession;
@@ -12,7 +14,7 @@ use crate::output::Output;
 use yieldwall_fieldbus::ethercat::registers::{self as register, feature};
 use yieldwall_fieldbus::ethercat::sii::{MailboxArea, protocols};
 use yieldwall_fieldbus::ethercat::{AlStatusCode, array, u16_at};
-use yieldwall_service::ObjectAccess;
+use yieldwall_service::{ObjectAccess, count_axes};
 
 /// Protocols of a mailbox by their bits in the SII.
 const PROTOCOLS: [(u16, &str); 3] = [(protocols::COE, "CoE"), (protocols::EOE, "EoE"), (protocols::FOE, "FoE")];
@@ -22,11 +24,15 @@ const CONTROLLER_LEN: usize = 10;
 pub(in crate::desk) fn run(word: &str, mut desk: SegmentSession, output: &mut Output) -> Result<(), Failure> {
     let device = desk.device(word)?;
     let position = device.position;
+    let mut axes = 0;
     // A device that is broken is shown without them.
     let (answers, unreached) = match desk.reach(&device, output) {
         Ok(()) => {
             let mut objects = desk.objects(&device)?;
-            (asked().map(|at| objects.read(at)).collect(), None)
+            let answers = asked(device.axis).map(|at| objects.read(at)).collect();
+            // One that does not answer has none.
+            axes = count_axes(|at| Ok::<_, Infallible>(objects.read(at).is_ok())).unwrap_or_default();
+            (answers, None)
         }
         Err(failure) => (Vec::new(), failure.report.diagnostics.into_iter().next().map(|finding| finding.message)),
     };
@@ -46,7 +52,7 @@ pub(in crate::desk) fn run(word: &str, mut desk: SegmentSession, output: &mut Ou
     };
     let ports: Vec<usize> = (0..4).filter(|port| links & 1 << (4 + port) != 0).collect();
     let scaling = device.entry.as_ref().and_then(|entry| entry.scaling.as_ref());
-    let (more, objects) = objects(answers, scaling, |code| desk.explained(&device, code));
+    let (more, objects) = objects(answers, scaling, device.axis, |code| desk.explained(&device, code));
     if output.is_json() {
         let [vendor, product, revision_number, serial] = present.identity;
         return output.report(json!({
@@ -68,6 +74,7 @@ pub(in crate::desk) fn run(word: &str, mut desk: SegmentSession, output: &mut Ou
             "controller": { "type": kind, "revision": revision, "fmmus": fmmus, "sync_managers": managers, "ram_kb": ram_kb },
             "has_clock": has_clock,
             "ports": ports,
+            "axes": axes,
             "objects": objects,
             "unreached": unreached,
         }));
@@ -107,6 +114,7 @@ pub(in crate::desk) fn run(word: &str, mut desk: SegmentSession, output: &mut Ou
             warned(&desk, sii, position).into_iter().for_each(|warning| row("SII", warning));
         }
     }
+    rows.extend(axes_row(axes));
     rows.extend(more);
     rows.extend(unreached.map(|why| ["objects".to_owned(), why]));
     output.result(&format!("{}\n{}", device.words(), table(&rows)))

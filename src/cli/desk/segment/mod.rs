@@ -19,7 +19,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use yieldwall_drives::codes::ErrorCodes;
-use yieldwall_drives::profiles::DeviceProfile;
+use yieldwall_drives::profiles::{AxisOffset, DeviceProfile};
 use yieldwall_drives::scaling::AxisScaling;
 
 use super::place::{BusArguments, object_failure, placed};
@@ -54,6 +54,8 @@ pub(super) struct Entry {
 pub(super) struct Device {
     pub(super) position: u16,
     pub(super) entry: Option<Entry>,
+    /// Where the objects of the axis are that is meant.
+    pub(super) axis: AxisOffset,
 }
 
 /// The devices of a segment, and the rig that they may belong to.
@@ -80,7 +82,20 @@ struct Opening {
     is_silent: bool,
 }
 
+impl Entry {
+    /// The axis of its device that it is; 0 of a device of one.
+    pub(super) fn axis(&self) -> u8 {
+        self.profile.as_ref().and_then(|profile| profile.axis()).unwrap_or_default()
+    }
+}
+
 impl Device {
+    /// A device, as the axis that its entry is.
+    pub(super) fn of(position: u16, entry: Option<Entry>) -> Self {
+        let axis = entry.as_ref().and_then(|entry| Some(entry.profile.as_ref()?.offset())).unwrap_or_default();
+        Self { position, entry, axis }
+    }
+
     /// `left (position 0)`.
     pub(super) fn words(&self) -> String {
         match &self.entry {
@@ -232,7 +247,7 @@ impl SegmentSession {
         let is_sensor = |entry: &&Entry| entry.scaling.is_none();
         let by_role = || (word == "sensor").then(|| self.entries.iter().find(is_sensor))?;
         let device = match (by_name.or_else(by_role), word.parse::<u16>()) {
-            (Some(entry), _) => Device { position: entry.position, entry: Some(entry.clone()) },
+            (Some(entry), _) => Device::of(entry.position, Some(entry.clone())),
             (None, Ok(position)) => self.at(position),
             (None, Err(_)) => {
                 let names: Vec<&str> = self.entries.iter().map(|entry| entry.name.as_str()).collect();
@@ -311,7 +326,14 @@ impl SegmentSession {
 
     /// The device at a position.
     pub(super) fn at(&self, position: u16) -> Device {
-        Device { position, entry: self.entries.iter().find(|entry| entry.position == position).cloned() }
+        Device::of(position, self.entries.iter().find(|entry| entry.position == position).cloned())
+    }
+
+    /// Names of the rig for a position: of all drives that are axes of the device there.
+    pub(super) fn names(&self, position: u16) -> Option<String> {
+        let own = self.entries.iter().filter(|entry| entry.position == position);
+        let names: Vec<&str> = own.map(|entry| entry.name.as_str()).collect();
+        (!names.is_empty()).then(|| names.join(" and "))
     }
 
     /// Devices that answer.
@@ -396,7 +418,7 @@ fn entries(rig: &Rig) -> Result<Vec<Entry>, Failure> {
         entries.push(Entry {
             name: drive.name.clone(),
             position,
-            profile: drive.profile.get().cloned(),
+            profile: rig.model(drive),
             codes: drive.profile.error_codes().cloned(),
             scaling: Some(scaling(drive).map_err(|error| rig_failure(&error.into()))?),
         });

@@ -83,8 +83,9 @@ pub(in crate::desk) fn name(present: &Present) -> Option<String> {
 
 /// The rig's entry at its position, and whether it is one; without an entry the profile that it fits.
 pub(super) fn fit(desk: &SegmentSession, present: &Present) -> String {
-    let device = desk.at(present.position);
-    fit_of(device.of_rig(), present.identity, None)
+    let (device, names) = (desk.at(present.position), desk.names(present.position));
+    let entry = device.of_rig().map(|(name, kind)| (names.as_deref().unwrap_or(name), kind));
+    fit_of(entry, present.identity, None)
 }
 
 fn document(desk: &SegmentSession, present: &Present) -> Value {
@@ -101,7 +102,7 @@ fn document(desk: &SegmentSession, present: &Present) -> Value {
         "alias": present.alias,
         "sii": present.sii.as_ref().err().map(ToString::to_string),
         "sii_warnings": warnings(present),
-        "rig_entry": desk.at(present.position).entry.map(|entry| entry.name),
+        "rig_entry": desk.names(present.position),
         "fits": fit(desk, present),
     })
 }

@@ -4,7 +4,7 @@ use super::super::pdo::{self, NO_ID, Pdo, Reception, Rpdo, Tpdo};
 use super::super::{EmcyCode, ErrorRegister, Frame, NmtState, Outbox, cob};
 use super::application::Application;
 use super::service::Service;
-use super::{Node, PDOS, SYNC_REST};
+use super::{Node, SYNC_REST};
 use crate::objects::ObjectDictionary;
 use crate::time::Time;
 use std::time::Duration;
@@ -28,12 +28,13 @@ impl Node {
         }
         self.window_until = if self.sync_window.is_zero() { Time::NEVER } else { now + self.sync_window };
         if is_operational {
-            let mut is_applied = [false; PDOS];
-            for (rpdo, is_applied) in self.rpdos.iter_mut().zip(&mut is_applied) {
-                *is_applied = rpdo.on_sync(app.od_mut());
+            // A bit each.
+            let mut are_applied = 0u64;
+            for (at, rpdo) in self.rpdos.iter_mut().enumerate() {
+                are_applied |= u64::from(rpdo.on_sync(app.od_mut())) << (at % 64);
             }
-            for (number, _) in (1..).zip(is_applied).filter(|&(_, is_applied)| is_applied) {
-                app.outputs_applied(now, number);
+            for (_, place) in self.places.iter().enumerate().filter(|(at, _)| are_applied >> (at % 64) & 1 != 0) {
+                app.outputs_applied(now, place + 1);
             }
         }
         app.sample(now);
@@ -62,7 +63,7 @@ impl Node {
         }
         let reception = rpdo.receive(now, frame, app.od_mut());
         self.next = self.next.min(rpdo.deadline());
-        let number = place as u8 + 1;
+        let number = self.places.get(place).map_or(0, |place| place + 1);
         if reception == Reception::TooShort {
             let bits = ErrorRegister(ErrorRegister::COMMUNICATION);
             return self.raise_emergency(app.od_mut(), EmcyCode::PDO_LENGTH, bits, [number, 0, 0, 0, 0], out);
@@ -79,9 +80,10 @@ impl Node {
     }
 
     pub(super) fn poll_pdos(&mut self, now: Time, app: &mut impl Application, out: &mut impl Outbox) {
-        for number in 1..=PDOS as u8 {
-            let is_late = self.rpdos.get_mut(usize::from(number) - 1).is_some_and(|rpdo| rpdo.is_late(now));
+        for at in 0..self.rpdos.len() {
+            let is_late = self.rpdos.get_mut(at).is_some_and(|rpdo| rpdo.is_late(now));
             if is_late {
+                let number = self.places.get(at).map_or(0, |place| place + 1);
                 let bits = ErrorRegister(ErrorRegister::COMMUNICATION);
                 self.raise_emergency(app.od_mut(), EmcyCode::RPDO_TIMEOUT, bits, [number, 0, 0, 0, 0], out);
                 app.outputs_late(now, number);
@@ -129,15 +131,14 @@ impl Node {
         match pdo::locate(index) {
             Some((Pdo::Receive(place), _)) => {
                 let fresh = Rpdo::new(od, place);
-                if let (Some(rpdo), Some(id)) =
-                    (self.rpdos.get_mut(usize::from(place)), self.rpdo_ids.get_mut(usize::from(place)))
-                {
+                let Some(at) = self.at(place) else { return };
+                if let (Some(rpdo), Some(id)) = (self.rpdos.get_mut(at), self.rpdo_ids.get_mut(at)) {
                     *id = fresh.id();
                     *rpdo = fresh;
                 }
             }
             Some((Pdo::Transmit(place), _)) => {
-                if let Some(tpdo) = self.tpdos.get_mut(usize::from(place)) {
+                if let Some(tpdo) = self.at(place).and_then(|at| self.tpdos.get_mut(at)) {
                     *tpdo = Tpdo::new(od, place);
                     if self.state == NmtState::Operational { tpdo.start(now) } else { tpdo.stop() }
                 }

@@ -14,7 +14,7 @@ use std::time::Duration;
 pub use application::Application;
 use emergency::Emergencies;
 
-use super::communication::{HEARTBEAT_PRODUCERS, MAX_PDOS};
+use super::communication::{HEARTBEAT_PRODUCERS, MAX_PDOS, is_place};
 use super::guarding::LifeGuard;
 use super::lss::{LssAddress, LssSlave};
 use super::nmt::{self, HeartbeatChange, HeartbeatConsumer, HeartbeatEvent};
@@ -24,7 +24,18 @@ use super::{CanopenError, EmcyCode, ErrorRegister, Frame, NmtCommand, NmtState, 
 use crate::objects::{Address, ObjectDictionary, Reset};
 use crate::time::Time;
 
+/// PDOs of each direction that every device has places for.
 const PDOS: usize = MAX_PDOS as usize;
+
+/// The places of PDOs: the first ones, and those of other axes that are declared.
+fn places(od: &ObjectDictionary) -> Vec<u8> {
+    let is_declared = |place: &u8| {
+        let place = u16::from(*place);
+        [0x1400, 0x1800].iter().any(|base| od.data_type(Address::new(base + place, 1)).is_some())
+    };
+    let others = (MAX_PDOS..=u8::MAX).filter(|place| is_place(*place)).filter(is_declared);
+    (0..MAX_PDOS).chain(others).collect()
+}
 
 /// First vendor byte of emergency 8130h when it was life guarding: no node id.
 const LIFE_GUARDING: u8 = 0;
@@ -51,9 +62,11 @@ pub struct Node {
     /// Until then process data are taken to run for the last SYNC alone.
     synced_until: Time,
     time_id: u16,
-    rpdo_ids: [u16; PDOS],
-    rpdos: [Rpdo; PDOS],
-    tpdos: [Tpdo; PDOS],
+    /// Places of its PDOs among all that a device may have, counted from 0.
+    places: Vec<u8>,
+    rpdo_ids: Vec<u16>,
+    rpdos: Vec<Rpdo>,
+    tpdos: Vec<Tpdo>,
     sdo: SdoServer,
     emergencies: Emergencies,
     heartbeats: HeartbeatConsumer,
@@ -86,7 +99,8 @@ impl Node {
     /// [`CanopenError::NotMappable`], [`CanopenError::PdoBits`], [`CanopenError::CobId`] or
     /// [`CanopenError::TransmissionType`] for bad default PDOs.
     pub fn new(id: NodeId, od: &ObjectDictionary) -> Result<Self, CanopenError> {
-        for place in 0..MAX_PDOS {
+        let places = places(od);
+        for place in places.iter().copied() {
             pdo::verify(od, Pdo::Receive(place))?;
             pdo::verify(od, Pdo::Transmit(place))?;
         }
@@ -114,9 +128,10 @@ impl Node {
             window_until: Time::NEVER,
             synced_until: Time(0),
             time_id: NO_ID,
-            rpdo_ids: [NO_ID; PDOS],
-            rpdos: [0, 1, 2, 3].map(|place| Rpdo::new(od, place)),
-            tpdos: [0, 1, 2, 3].map(|place| Tpdo::new(od, place)),
+            rpdo_ids: vec![NO_ID; places.len()],
+            rpdos: places.iter().map(|place| Rpdo::new(od, *place)).collect(),
+            tpdos: places.iter().map(|place| Tpdo::new(od, *place)).collect(),
+            places,
             sdo: SdoServer::new(od.longest(), SDO_TIMEOUT),
             emergencies: Emergencies::new(od)?,
             heartbeats: HeartbeatConsumer::new(),
@@ -143,6 +158,11 @@ impl Node {
         self.lss.forget_node_id();
     }
 
+    /// Where among its PDOs the one of this place is.
+    fn at(&self, place: u8) -> Option<usize> {
+        self.places.iter().position(|known| *known == place)
+    }
+
     /// Node id; of a device without one, that for which its dictionary was built.
     pub fn id(&self) -> NodeId {
         self.id
@@ -159,7 +179,8 @@ impl Node {
         for index in [0x1005, 0x1007, 0x100c, 0x1012, 0x1014, 0x1016, 0x1017, 0x1019] {
             self.take_over(now, index, od);
         }
-        for place in 0..u16::from(MAX_PDOS) {
+        for at in 0..self.places.len() {
+            let place = self.places.get(at).copied().map_or(0, u16::from);
             self.take_over(now, 0x1400 + place, od);
             self.take_over(now, 0x1800 + place, od);
         }
@@ -263,7 +284,7 @@ impl Node {
     ///
     /// Real-time: yes.
     pub fn trigger_tpdo(&mut self, now: Time, number: u8, od: &ObjectDictionary, out: &mut impl Outbox) {
-        let Some(tpdo) = self.tpdos.get_mut(usize::from(number).wrapping_sub(1)) else { return };
+        let Some(tpdo) = self.at(number.wrapping_sub(1)).and_then(|at| self.tpdos.get_mut(at)) else { return };
         if self.state != NmtState::Operational {
             return;
         }

@@ -5,12 +5,12 @@
 //! CiA 301, objects 1400h to 1BFFh and the procedure for remapping. Where the standard names no abort code:
 //! 08000022h for a mapping changed while in use, 06090030h for a value that is not allowed.
 
-use super::super::communication::{MAX_MAPPED, MAX_PDOS};
+use super::super::communication::{MAX_MAPPED, is_place};
 use super::super::{CanopenError, MappingEntry, cob};
 use super::{Field, is_dummy};
 use crate::objects::{AbortCode, Address, Mappable, ObjectDictionary};
 
-/// One PDO of a device, by direction and place (0 to 3).
+/// One PDO of a device, by direction and place, counted from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in super::super) enum Pdo {
     Receive(u8),
@@ -41,10 +41,7 @@ impl Pdo {
 
 /// The PDO that an index configures, and whether it is the mapping parameter.
 pub(in super::super) fn locate(index: u16) -> Option<(Pdo, bool)> {
-    let place = (index & 0x1ff) as u8;
-    if index & 0x01ff >= u16::from(MAX_PDOS) {
-        return None;
-    }
+    let place = u8::try_from(index & 0x1ff).ok().filter(|place| is_place(*place))?;
     match index & 0xfe00 {
         0x1400 => Some((Pdo::Receive(place), false)),
         0x1600 => Some((Pdo::Receive(place), true)),

@@ -16,6 +16,8 @@ pub enum Device {
 impl Device {
     /// Both drives, left and right.
     pub const DRIVES: [Self; 2] = [Self::LeftDrive, Self::RightDrive];
+    /// All, drives first.
+    pub const ALL: [Self; 3] = [Self::LeftDrive, Self::RightDrive, Self::Sensor];
 
     /// The set of this device if `is_so`, else none.
     ///

@@ -3,10 +3,12 @@
 use crate::far_end::{Actuator, Device};
 use crate::misread::JointMisread;
 use yieldwall_config::injection::{Injection, Kind};
-use yieldwall_drives::cia402;
 use yieldwall_fieldbus::canopen::{Frame, Outbox};
 use yieldwall_fieldbus::time::Time;
-use yieldwall_sim::Drive;
+use yieldwall_sim::{AxisView, Drive};
+
+/// Axes of a device at most.
+const AXES: usize = 8;
 
 /// Injections that act in drives.
 const KINDS: [Kind; 12] = [
@@ -28,12 +30,13 @@ const KINDS: [Kind; 12] = [
 #[derive(Debug)]
 pub(in crate::embedded) struct InjectableDrive {
     pub(in crate::embedded) drive: Drive,
-    misread: JointMisread,
+    /// Of the joint of each axis.
+    misread: [JointMisread; AXES],
 }
 
 impl InjectableDrive {
     pub(in crate::embedded) fn new(drive: Drive) -> Self {
-        Self { drive, misread: JointMisread::default() }
+        Self { drive, misread: Default::default() }
     }
 
     /// Whether an injection acts in drives.
@@ -42,13 +45,20 @@ impl InjectableDrive {
     }
 
     pub(in crate::embedded) fn clear(&mut self) {
-        self.misread.clear();
+        self.misread.iter_mut().for_each(JointMisread::clear);
     }
 
-    /// Begins an injection, or ends it.
-    pub(in crate::embedded) fn switch(&mut self, now: Time, injection: Injection, is_on: bool, out: &mut impl Outbox) {
-        let drive = &mut self.drive;
-        match injection.kind {
+    /// Begins an injection in an axis, or ends it.
+    pub(in crate::embedded) fn switch(
+        &mut self,
+        now: Time,
+        axis: usize,
+        injection: Injection,
+        is_on: bool,
+        out: &mut impl Outbox,
+    ) {
+        let misread = self.misread.get_mut(axis);
+        self.drive.on_axis(axis, |drive| match injection.kind {
             Kind::NodeSilent if is_on => drive.switch_off(),
             Kind::NodeSilent | Kind::NodeReset => drive.boot(now, out),
             Kind::DriveFault => drive.raise_fault(now, injection.size as u16, out),
@@ -57,8 +67,8 @@ impl InjectableDrive {
             Kind::DriveIgnoresCommand => drive.set_ignores_targets(is_on),
             Kind::DriveNotEnabling => drive.set_ignores_controlword(is_on),
             Kind::VoltageOff => drive.set_voltage(now, !is_on, out),
-            _ => self.misread.switch(injection, is_on),
-        }
+            _ => misread.into_iter().for_each(|misread| misread.switch(injection, is_on)),
+        });
     }
 }
 
@@ -81,20 +91,17 @@ impl Device for InjectableDrive {
 }
 
 impl Actuator for InjectableDrive {
-    fn measure(&mut self, angle_rad: f64, rate_rad_per_s: f64) {
-        let (angle_rad, rate_rad_per_s) = self.misread.motion(angle_rad, rate_rad_per_s);
-        self.drive.measure(angle_rad, rate_rad_per_s);
+    fn measure(&mut self, axis: usize, angle_rad: f64, rate_rad_per_s: f64) {
+        let misread = self.misread.get_mut(axis);
+        let (angle_rad, rate_rad_per_s) =
+            misread.map_or((angle_rad, rate_rad_per_s), |misread| misread.motion(angle_rad, rate_rad_per_s));
+        self.drive.on_axis(axis, |drive| drive.measure(angle_rad, rate_rad_per_s));
     }
 
-    fn torque_n_m(&self) -> f64 {
-        self.misread.torque_n_m(self.drive.torque_n_m(), self.drive.state())
-    }
-
-    fn state(&self) -> cia402::State {
-        self.drive.state()
-    }
-
-    fn is_braked(&self) -> bool {
-        self.drive.is_braked()
+    fn axis(&self, axis: usize) -> AxisView {
+        let view = self.drive.axis(axis);
+        let misread = self.misread.get(axis);
+        let torque_n_m = misread.map_or(view.torque_n_m, |misread| misread.torque_n_m(view.torque_n_m, view.state));
+        AxisView { torque_n_m, ..view }
     }
 }

@@ -1,0 +1,47 @@
+//! Axes of a device as its objects show them.
+
+use yieldwall_drives::objects as cia;
+use yieldwall_drives::profiles::AxisOffset;
+use yieldwall_fieldbus::objects::Address;
+
+/// Axes that a device of CiA 402 has at most.
+pub const MOST_AXES: u8 = 8;
+
+/// The statusword of an axis, 0 to 7, by CiA 402.
+pub fn statusword_of(axis: u8) -> Address {
+    Address::new(AxisOffset::standard(axis).index(cia::STATUSWORD.index), cia::STATUSWORD.sub)
+}
+
+/// Number of axes of a device: the first ones that have supported modes (6502h, 6D02h and so on). `has` says whether the device has an object.
+///
+/// # Errors
+/// The first error of `has`.
+pub fn count_axes<E>(mut has: impl FnMut(Address) -> Result<bool, E>) -> Result<u8, E> {
+    let modes = cia::SUPPORTED_MODES;
+    for axis in 0..MOST_AXES {
+        if !has(Address::new(AxisOffset::standard(axis).index(modes.index), modes.sub))? {
+            return Ok(axis);
+        }
+    }
+    Ok(MOST_AXES)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn axes_are_counted_up_to_the_first_that_lacks_modes() {
+        for axes in 0..=MOST_AXES {
+            let mut asked = Vec::new();
+            let count = count_axes(|at| {
+                asked.push(at.index);
+                Ok::<_, ()>(usize::from(axes) >= asked.len())
+            });
+            assert_eq!(count, Ok(axes));
+            assert!([0x6502, 0x6d02, 0x7502].starts_with(&asked[..asked.len().min(3)]), "{asked:04x?}");
+        }
+        assert_eq!(count_axes(|_| Err(1)), Err(1));
+        assert_eq!(statusword_of(2), Address::new(0x7041, 0));
+    }
+}
