@@ -1,14 +1,19 @@
 //! The end of a run: with each shipped drive in each mode it has, on both buses, however the run ends, no drive is left with torque.
 
+use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use hil_tests::Scenario;
 use hil_tests::cable::{Cable, permit};
 use hil_tests::segment_cable::SegmentCable;
-use yieldwall::config::{CommandMode, ProfileName};
+use yieldwall::config::{CommandMode, Positive, ProfileName, Source, builtin, load_rig};
+use yieldwall::cycle::LeadLimits;
 use yieldwall::injection::{Injection, Kind, Target};
-use yieldwall::rig::{self, DeviceServer, SegmentServer};
-use yieldwall::run::{Ended, Pace, Place, Play, Played, Runner};
+use yieldwall::quantity::JointAngles;
+use yieldwall::rig::{self, DeviceServer, EmbeddedRig, SegmentServer};
+use yieldwall::run::commission::{Step, Verdict};
+use yieldwall::run::{Bounds, Ended, HomePlan, Jog, Pace, Place, Play, Played, Runner};
 use yieldwall::time::Time;
 use yieldwall_drives::cia402;
 use yieldwall_drives::profiles::{EncoderKind, Fieldbus, Role};
@@ -140,6 +145,81 @@ fn no_drive_is_left_with_torque_whatever_its_profile_says_of_its_quick_stop() {
             let drilled = if has_can { &can } else { &segment };
             let drilled = rig::drill(&drilled.rig, &drilled.scene, |_| ()).unwrap();
             assert!(!drilled.findings.is_empty(), "{name} {mode:?}");
+        }
+    }
+}
+
+/// The profile of a shipped drive with what no document says of its watches: five periods, and a fault. Without these no drill is passed.
+fn completed(name: &str, base: &str) -> ProfileName {
+    let profile = builtin(&format!("profiles/{name}.yaml")).read().unwrap();
+    let profile = profile.replace("periods: null", "periods: 5").replace("reaction: unknown", "reaction: fault");
+    let drive = |side| format!("  - {{name: {side}, profile: completed.yaml, encoder: multi_turn}}\n");
+    let rig = format!("like: builtin:{base}\ndrives:\n{}{}", drive("left"), drive("right"));
+    let files = [("rig.yaml", rig), ("completed.yaml", profile.to_string())];
+    let files = files.map(|(path, text)| (PathBuf::from(path), Arc::from(text)));
+    let rig = load_rig(Source::among("rig.yaml", files)).unwrap_or_else(|report| panic!("{name}: {report}"));
+    rig.value.drives[0].profile.clone()
+}
+
+fn machine(scenario: &Scenario) -> EmbeddedRig {
+    EmbeddedRig::new(&scenario.rig, &scenario.scene, &scenario.rig.fixture, scenario.seed).unwrap()
+}
+
+/// The ends of a jog, of a commissioning and of homing, in a word each, and whether any of them leaves torque.
+fn brought_up(scenario: &Scenario, is_commissioned: bool) -> ([String; 3], bool) {
+    let positive = |value| Positive::new(value).unwrap();
+    let go_on = AtomicBool::new(false);
+    let rig = &scenario.rig;
+    let mut machine = machine(scenario);
+    let limits = LeadLimits { rate_rad_per_s: 0.2, acceleration_rad_per_s2: 1.0 };
+    let jog = Jog { by: JointAngles::from([0.05, 0.0]), keys: None, limits, settling: 20, is_metered: false };
+    let bounds = Bounds { motion_rad: positive(0.1), torque_n_m: positive(15.0) };
+    let jogged = machine.jog(rig, &jog, bounds, &go_on, |_| ()).unwrap();
+    let jogged = jogged.map_or_else(|error| error.to_string(), |jogged| format!("{:?}", jogged.ended));
+    let mut off = is_off(machine.drive_states());
+    let mut commissioned = "-".to_owned();
+    if is_commissioned {
+        let mut machine = self::machine(scenario);
+        let done = machine.commission(rig, Step::Communication.into(), &go_on, |_| ()).unwrap();
+        let failed = done.steps.iter().find(|step| step.verdict == Verdict::Fail);
+        commissioned = failed.map_or("Pass".to_owned(), |step| format!("{}: {:?}", step.step.name(), step.reason));
+        off &= is_off(machine.drive_states());
+    }
+    let mut homed = "-".to_owned();
+    if let Some(plan) = HomePlan::of(rig, [true; 2], 20) {
+        let mut machine = self::machine(scenario);
+        let done = machine.home(rig, &plan, positive(15.0), &go_on).unwrap();
+        homed = done.map_or_else(
+            |error| error.to_string(),
+            |homed| homed.failed.map_or("Pass".to_owned(), |why| format!("{why:?}")),
+        );
+        off &= is_off(machine.drive_states());
+    }
+    ([jogged, commissioned, homed], off)
+}
+
+#[test]
+fn shipped_drives_are_jogged_commissioned_and_homed_and_left_without_torque() {
+    println!("{:18} {:9} {:9} {:6} {:10} homing", "profile", "mode", "bus", "jog", "commission");
+    for (name, profile) in ProfileName::shipped() {
+        let Some(servo) = profile.servo() else { continue };
+        let buses = [(Fieldbus::Canopen, "CAN"), (Fieldbus::Ethercat, "EtherCAT")];
+        for (bus, word) in buses.into_iter().filter(|(bus, _)| profile.is_for(*bus)) {
+            let base = if bus == Fieldbus::Canopen { "paper-admittance.yaml" } else { "paper-ethercat.yaml" };
+            let completed = completed(name, base);
+            // A commissioning takes as long as all else; it is made in one mode.
+            let mut is_first = true;
+            for (file, mode, _) in MODES.into_iter().filter(|(_, _, mode)| servo.process_data.of(*mode).is_some()) {
+                let can = scenario(file, name);
+                let mut used = if bus == Fieldbus::Canopen { can } else { on_ethercat(&can, name) };
+                used.rig.drives.iter_mut().for_each(|drive| drive.profile = completed.clone());
+                let ([jogged, commissioned, homed], is_off) = brought_up(&used, is_first);
+                println!("{name:18} {:9} {word:9} {jogged:6} {commissioned:10} {homed}", format!("{mode:?}"));
+                assert!(is_off, "{name} {mode:?} {word}");
+                assert_eq!(jogged, "Whole", "{name} {mode:?} {word}");
+                assert!(["Pass", "-"].contains(&commissioned.as_str()), "{name} {mode:?} {word}: {commissioned}");
+                is_first = false;
+            }
         }
     }
 }

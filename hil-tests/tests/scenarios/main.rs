@@ -10,6 +10,7 @@ mod bus_budget;
 mod buses;
 mod captured;
 mod data_sheets;
+mod device_descriptions;
 mod endings;
 mod examples;
 mod exchange;
