@@ -172,6 +172,14 @@ pub const AUTO_ZERO_SIGNATURE: u32 = u32::from_le_bytes(*b"zero");
 /// CiA 301, object 1010h.
 pub const STORE_SIGNATURE: u32 = u32::from_le_bytes(*b"save");
 
+/// The index of an object of CiA 402 of any axis as that of a first axis; of other objects their own.
+///
+/// # Source
+/// CiA 402-2: objects of axes lie 800h apart, from 6000h to 9FFFh.
+pub const fn of_first_axis(index: u16) -> u16 {
+    if index >= 0x6000 && index < 0xa000 { 0x6000 | index & 0x07ff } else { index }
+}
+
 /// What [`SIMULATION_MARK`] and the three sub-indices behind it say: the text `simulated device`, first letter in the lowest byte.
 pub const SIMULATED_DEVICE: [u32; 4] = [
     u32::from_le_bytes(*b"simu"),

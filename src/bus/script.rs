@@ -180,7 +180,8 @@ const SET_HOME: &str = "set the home offset";
 impl Written {
     pub(super) fn new(bus: BusId, number: u16, name: &str, steps: &[Step]) -> Self {
         let mut objects = Vec::new();
-        for step in steps.iter().filter(|step| step.action.writes() && !STAYS.contains(&step.doing)) {
+        let is_written = |action: Action| action.writes() || matches!(action, Action::Bits { value: 1.., .. });
+        for step in steps.iter().filter(|step| is_written(step.action) && !STAYS.contains(&step.doing)) {
             let at = step.at();
             if !objects.contains(&at) {
                 objects.push(at);
@@ -481,7 +482,6 @@ fn interpolation_time(period_us: u32) -> Option<(u32, u32)> {
     (value <= u32::from(u8::MAX)).then_some((value, u32::from(exponent as u8)))
 }
 
-/// The object of the device that is meant.
 /// The value of an output that is nothing to the rig: the one of the profile, otherwise the one that the boot writes to the object; 0 of any other.
 pub(super) fn constant(object: &MappedObject, steps: &[Step]) -> i32 {
     let at = Address::new(object.index, object.sub);

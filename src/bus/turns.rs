@@ -1,9 +1,12 @@
 //! Requests for objects by the drives of one device, which has one mailbox or one SDO server.
 
+use yieldwall_drives::objects;
 use yieldwall_drives::profiles::AxisOffset;
 use yieldwall_fieldbus::objects::{Address, ObjectAnswer, ObjectError, ObjectRequest};
 use yieldwall_motion::guard::Device;
 
+/// Objects by which a simulated device shows itself.
+const SIMULATION: std::ops::RangeInclusive<u16> = objects::SIMULATION_LACKS.index..=objects::SIMULATION_MARK.index;
 /// Bytes of an answer that can wait for its drive; no object of a drive has more.
 const LONGEST: usize = 8;
 
@@ -76,7 +79,11 @@ impl Turns {
     /// Real-time: yes.
     pub(super) fn moved<'a>(&self, device: Device, request: ObjectRequest<'a>) -> ObjectRequest<'a> {
         let offset = place(device).and_then(|place| self.offsets.get(place)).copied().unwrap_or_default();
-        let moved = |at: Address| Address::new(offset.index(at.index), at.sub);
+        let moved = |at: Address| match at.index {
+            // Those by which a simulated device shows itself are of all axes.
+            index if SIMULATION.contains(&index) => at,
+            index => Address::new(offset.index(index), at.sub),
+        };
         match request {
             ObjectRequest::Read(at) => ObjectRequest::Read(moved(at)),
             ObjectRequest::Write(at, data) => ObjectRequest::Write(moved(at), data),

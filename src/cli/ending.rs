@@ -173,9 +173,11 @@ fn position_of(title: &str, rig: &config::Rig) -> Option<u16> {
     devices.find(|(name, _)| is_title(title, name))?.1
 }
 
-/// Whether a failure of the boot is of the device of this name; on EtherCAT its position stands behind the name.
+/// Whether a failure of the boot is of the device of this name; on EtherCAT its position stands behind the name, and drives of one device
+/// are named together.
 pub(super) fn is_title(title: &str, name: &str) -> bool {
-    title.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with(" (position "))
+    let names = title.split(" (position ").next().unwrap_or(title);
+    names == name || names.split(" and ").any(|one| one == name)
 }
 
 /// Whether a device is another one than its profile says, or has other process data.

@@ -57,7 +57,7 @@ const MEASURED_WORDS: [&str; 10] = [
 impl Caution {
     /// What speaks against writing this value.
     pub fn of_write(at: Address, value: &[u8]) -> Option<Self> {
-        if at.index == objects::CONTROLWORD.index {
+        if objects::of_first_axis(at.index) == objects::CONTROLWORD.index {
             let word = number(value) as u16;
             let is_down = matches!(Command::decode(word), Command::DisableVoltage | Command::QuickStop)
                 || word == Command::FaultReset.controlword();
@@ -70,14 +70,14 @@ impl Caution {
     pub fn of_restore(at: Address, name: &str) -> Option<Self> {
         let lower = name.to_lowercase().replace(['_', '-'], " ");
         let is_measured = || MEASURED_WORDS.iter().any(|word| lower.contains(word));
-        match at.index {
+        match objects::of_first_axis(at.index) {
             0x6040 => Some(Self::Enables),
             _ => Self::of_object(at).or_else(|| is_measured().then_some(Self::Measured)),
         }
     }
 
     fn of_object(at: Address) -> Option<Self> {
-        match at.index {
+        match objects::of_first_axis(at.index) {
             index if SET_POINTS.contains(&index) => Some(Self::SetPoint),
             index if MEASURED.contains(&index) => Some(Self::Measured),
             0x1010 | 0x1011 => Some(Self::Memory),
@@ -92,8 +92,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_controlword_goes_down_only() {
-        let at = Address::new(0x6040, 0);
+    fn a_controlword_of_any_axis_goes_down_only() {
         for (word, caution) in [
             (0x00_u16, None),
             (0x02, None),
@@ -103,7 +102,10 @@ mod tests {
             (0x0f, Some(Caution::Enables)),
             (0x8f, Some(Caution::Enables)),
         ] {
-            assert_eq!(Caution::of_write(at, &word.to_le_bytes()), caution, "{word:02x}");
+            for index in [0x6040, 0x6840, 0x7040, 0x9840] {
+                let at = Address::new(index, 0);
+                assert_eq!(Caution::of_write(at, &word.to_le_bytes()), caution, "{word:02x}");
+            }
         }
     }
 
@@ -115,6 +117,8 @@ mod tests {
             (0x2011, "HALL_SEQUENCE", Some(Caution::Measured)),
             (0x6072, "Max torque", None),
             (0x607a, "Target position", Some(Caution::SetPoint)),
+            (0x687a, "Target position", Some(Caution::SetPoint)),
+            (0x6840, "Controlword", Some(Caution::Enables)),
             (0x1010, "Store", Some(Caution::Memory)),
             (0x1f51, "Program control", Some(Caution::Program)),
         ] {

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
 use yieldwall_drives::eds::{Eds, Entry, Value};
+use yieldwall_drives::objects::of_first_axis;
 
 use super::caution::Caution;
 use super::connection::Error;
@@ -242,7 +243,7 @@ pub fn carry_out(objects: &mut (impl ObjectAccess + ?Sized), step: &Step) -> Res
 /// Whether an object shows something, or is told all the time, and keeps nothing: process data, errors, the identity, the mode.
 pub fn is_shown(at: Address) -> bool {
     matches!(
-        at.index,
+        of_first_axis(at.index),
         0x1000..=0x1004
             | 0x1008..=0x100b
             | 0x1018

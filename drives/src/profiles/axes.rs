@@ -9,8 +9,6 @@ use schemars::JsonSchema;
 #[cfg(feature = "config")]
 use serde::{Deserialize, Serialize};
 
-use crate::objects;
-
 use super::{
     DeviceProfile, Entry, Fieldbus, HeartbeatWatch, Pdo, Quantity, Role, Servo, SetPointWatch, SyncWatch, Unused,
 };
@@ -19,10 +17,6 @@ use super::{
 const FIRST_OF_AXIS: u16 = 0x6000;
 const FIRST_OF_VENDOR: u16 = 0x2000;
 const BEHIND_AXES: u16 = 0xa000;
-
-/// Objects by which a simulated device shows itself.
-const SIMULATION_LACKS: u16 = objects::SIMULATION_LACKS.index;
-const SIMULATION_MARK: u16 = objects::SIMULATION_MARK.index;
 
 /// Axes of a device that has several: all that `device.servo` says is for the first one, and the others lie beside it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -116,12 +110,11 @@ impl AxisOffset {
         Self { objects: (axis as u16).saturating_mul(0x800), vendor: 0 }
     }
 
-    /// The index at this axis of an object of the first one; objects of the device stay, and so do those by which a simulated device shows itself.
+    /// The index at this axis of an object of the first one; objects of the device stay.
     ///
     /// Real-time: yes.
     pub const fn index(self, index: u16) -> u16 {
         match index {
-            SIMULATION_LACKS..=SIMULATION_MARK => index,
             FIRST_OF_AXIS..BEHIND_AXES => index.saturating_add(self.objects),
             FIRST_OF_VENDOR..FIRST_OF_AXIS => index.saturating_add(self.vendor),
             _ => index,
@@ -270,7 +263,7 @@ mod tests {
         let at = |index| [0, 1, 2].map(|axis| axes.index(index, axis));
         assert_eq!(at(0x6040), [0x6040, 0x6840, 0x7040]);
         assert_eq!(at(0x2000), [0x2000, 0x2100, 0x2200]);
-        for index in [0x0005, 0x1029, 0x2012, 0xa000] {
+        for index in [0x0005, 0x1029, 0xa000] {
             assert_eq!(at(index), [index; 3]);
         }
         assert_eq!([Fieldbus::Canopen, Fieldbus::Ethercat].map(|bus| axes.pdo_step_on(bus)), [64, 16]);

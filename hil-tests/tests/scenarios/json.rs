@@ -230,7 +230,7 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
     let run = format!("run {rig} --duration 0.2");
     let new = "new real.yaml --yes --drives maxon-epos4 --encoder multi_turn --mode position";
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 94] = [
+    let cases: [(&str, i32); 95] = [
         ("--help", 0),
         ("run --help", 0),
         ("run", 2),
@@ -242,6 +242,7 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
         (&format!("{run} --fault node-reset@0.1:lefft"), 2),
         (&format!("run {rig} --dry-run"), 0),
         ("run builtin:paper-ethercat.yaml --dry-run", 0),
+        ("run builtin:paper-ethercat-can-sensor.yaml --dry-run", 0),
         (&format!("run {rig} --fault wrong-bit-rate"), 5),
         ("run builtin:sphere.yaml --duration 0.2", 0),
         ("run builtin:vendors/four-entries.yaml --duration 0.2", 0),

@@ -6,8 +6,8 @@ use crate::setup::{DriveSetup, MasterSetup, SensorNode};
 use std::time::Duration;
 use yieldwall_drives::objects;
 use yieldwall_drives::profiles::{
-    DeviceProfile, Entry, HeartbeatWatch, Identity, MappedObject, MappedPdo, Reset, Servo, SetPointWatch, SyncWatch,
-    TimeUnit, TimedObject,
+    DeviceProfile, Entry, Fieldbus, HeartbeatWatch, Identity, MappedObject, MappedPdo, Reset, Servo, SetPointWatch,
+    SyncWatch, TimeUnit, TimedObject,
 };
 use yieldwall_drives::watchdog::{HEARTBEAT_PERIODS, WATCHED_CYCLES};
 use yieldwall_fieldbus::canopen::{Frame, NmtCommand, NodeId, Outbox, SdoClient, SdoOutcome, cob};
@@ -226,6 +226,32 @@ fn free_identifiers(master: &MasterSetup, drives: &[&DriveSetup]) -> Result<Vec<
                 let index = communication + number - 1;
                 steps.push(Step { doing: "free identifiers for its other axes", index, sub: 1, bytes: 4, action });
             }
+        }
+    }
+    steps.extend(unused_axes(master, drives)?);
+    Ok(steps)
+}
+
+/// Switches off process data that an earlier rig may have stored for axes that no drive is: they would take set-points of others.
+fn unused_axes(master: &MasterSetup, drives: &[&DriveSetup]) -> Result<Vec<Step>, BootFailure> {
+    let mut steps = Vec::new();
+    let Some((profile, own)) = drives.first().and_then(|drive| Some((&drive.profile, drive.profile.axis()?))) else {
+        return Ok(steps);
+    };
+    let step =
+        profile.servo().and_then(|servo| servo.axes.as_ref()).map_or(0, |axes| axes.pdo_step_on(Fieldbus::Canopen));
+    let maps = script::pdos(profile, Some(master.mode.operation_mode()))?;
+    let is_used = |axis: &u8| drives.iter().any(|drive| drive.profile.axis() == Some(*axis));
+    for axis in (0..profile.axes()).filter(|axis| !is_used(axis)) {
+        for (pdos, communication) in maps.iter().zip([0x1400, 0x1800]) {
+            let first = |pdo: &MappedPdo| pdo.number.saturating_sub(step * u16::from(own));
+            steps.extend(pdos.iter().map(|pdo| Step {
+                doing: "switch off axes that are not used",
+                index: communication + (first(pdo) + step * u16::from(axis)).saturating_sub(1),
+                sub: 1,
+                bytes: 4,
+                action: Action::Bits { mask: cob::INVALID, value: cob::INVALID },
+            }));
         }
     }
     Ok(steps)

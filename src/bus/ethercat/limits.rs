@@ -4,12 +4,13 @@ use std::time::Duration;
 
 use super::writes::{Altered, WriteTarget};
 use crate::script::{Action, Step};
+use yieldwall_drives::objects::of_first_axis;
 use yieldwall_fieldbus::objects::{Address, ObjectAnswer, ObjectRequest};
 use yieldwall_fieldbus::time::Time;
 
 /// Without the master (6007h), following error window (6065h), torque limit (6072h).
 const INDICES: [u16; 3] = [0x6007, 0x6065, 0x6072];
-/// Time from one object to the next: all of them within ten seconds, also where frames are lost.
+/// Time from one object of an axis to the next: all of them within ten seconds, also where frames are lost.
 const EVERY: Duration = Duration::from_millis(2500);
 
 /// Whether an index is that of such an object, of whatever axis.
@@ -17,7 +18,7 @@ const EVERY: Duration = Duration::from_millis(2500);
 /// # Source
 /// CiA 402-2: objects of axes lie 800h apart.
 fn is_limit(index: u16) -> bool {
-    (0x6000..0xa000).contains(&index) && INDICES.contains(&(0x6000 | index & 0x07ff))
+    INDICES.contains(&of_first_axis(index))
 }
 
 /// One object.
@@ -74,7 +75,8 @@ impl Limits {
         if self.is_asked || now < self.at {
             return None;
         }
-        (self.at, self.next) = (now + EVERY, (self.next + 1) % self.all.len().max(1));
+        let axes = self.all.len().div_ceil(INDICES.len()).max(1) as u32;
+        (self.at, self.next) = (now + EVERY / axes, (self.next + 1) % self.all.len().max(1));
         let limit = self.all.get(self.next).filter(|limit| limit.is_known)?;
         self.is_asked = true;
         Some(ObjectRequest::Read(limit.at))

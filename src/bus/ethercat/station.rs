@@ -310,15 +310,16 @@ impl Station {
         self.wanted = (self.disarming == Disarming::Leaves && !is_left).then_some(AlState::PreOperational);
     }
 
-    /// Has the drive of this controlword lose its voltage; behind the last one there is nothing left but PRE-OP.
+    /// Disable Voltage for the drive of this controlword; behind the last one only PRE-OP is left.
     fn disable(&mut self, now: Time, axis: usize) {
         let Some(at) = self.controlwords.get(axis).copied() else {
             self.disarming = Disarming::Leaves;
             return;
         };
-        self.disarming = Disarming::Asked(axis);
-        // Without an answer PRE-OP is what is left.
-        let _ = self.ask(now, ObjectRequest::Write(at, &[0, 0]));
+        // While another request runs the next cycle tries again; without an answer PRE-OP is what is left.
+        if self.ask(now, ObjectRequest::Write(at, &[0, 0])) != Err(ObjectError::Busy) {
+            self.disarming = Disarming::Asked(axis);
+        }
     }
 
     /// Asks for one of its limits, if one is due and nobody has asked for anything.
@@ -409,13 +410,10 @@ impl Station {
         self.sample.map(|sample| RawSample { age_ns, ..sample })
     }
 
-    /// Writes what its drives are sent into its outputs, which are 0 before and stay 0 for a sensor.
+    /// Writes what its drives are sent, and the constants of a drive or a sensor, into its outputs, which are 0 before.
     ///
     /// Real-time: yes.
     pub(super) fn put_outputs(&self, orders: &[DriveOrders; 2], data: &mut [u8]) {
-        if (self.setup.devices & DeviceSet::DRIVES).is_empty() {
-            return;
-        }
         for (field, value) in &self.outputs.constants {
             field.put(data, *value);
         }

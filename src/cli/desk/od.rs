@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value as Json, json};
 use yieldwall_drives::eds::{Eds, Value, is_concise, read_concise};
+use yieldwall_drives::objects::of_first_axis;
 
 use super::keeping::{back_up, store};
 use super::place::BusArguments;
@@ -260,6 +261,8 @@ fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
     let at = object(&arguments.object, eds.as_ref())?;
     let mut reached = DeviceHandle::open(&arguments.place, &arguments.node, output)?;
     let name = words::name(at, eds.as_ref());
+    // A name is that of an object of the axis that is meant; an address is taken as it is.
+    let at = if words::address(&arguments.object).is_none() { reached.at(at) } else { at };
     let old = match reached.read(at) {
         Ok(old) => Some(old),
         // Write only.
@@ -293,7 +296,7 @@ fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
         };
         return Err(Failure::new(Exit::Usage, message, help));
     }
-    let is_control = at.index == 0x6040;
+    let is_control = of_first_axis(at.index) == 0x6040;
     if !is_control {
         refuse_powered(&mut reached)?;
     }

@@ -388,9 +388,12 @@ fn entries(rig: &Rig) -> Result<Vec<Entry>, Failure> {
         let node = node_id(raw).map_err(|error| Failure::new(Exit::ConfigInvalid, error.to_string(), ""))?;
         Ok::<_, Failure>((bus, node))
     };
-    let on_ethercat = || rig_failure(&AssemblyError::OnEthercat.into());
+    if rig.own_node().is_none() {
+        return Err(rig_failure(&AssemblyError::OnEthercat.into()));
+    }
     for drive in &rig.drives {
-        let (bus, node) = place(&drive.bus, drive.address.node_id().ok_or_else(on_ethercat)?)?;
+        let Some(raw) = drive.address.node_id() else { continue };
+        let (bus, node) = place(&drive.bus, raw)?;
         let scaling = scaling(drive).map_err(|error| rig_failure(&error.into()))?;
         let profile = rig.model(drive);
         let mode = Some(rig.rig.command_mode.operation_mode());

@@ -14,7 +14,7 @@ use crate::ending::rig_failure;
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
 use yieldwall_bus::{BootPlan, NodePlan, PlannedWrite, words_to_enable};
-use yieldwall_config::{Loaded, Rig};
+use yieldwall_config::{Bus, Loaded, Rig};
 use yieldwall_fieldbus::canopen::{BusId, Frame, NmtCommand, nmt};
 use yieldwall_fieldbus::objects::Address;
 use yieldwall_motion::guard::DeviceSet;
@@ -107,7 +107,7 @@ pub(crate) fn run(rig: &Loaded<Rig>, buses: &[String], sender: Sender, output: &
     };
     let (mut lines, mut end) = lines(&rig.value, &plan.unwrap_or_default(), &mut desks)?;
     if let Some(desk) = &mut segment {
-        let (of_segment, refused) = segment::lines(&rig.value, desk, output)?;
+        let (of_segment, refused) = segment::lines(&rig.value, desk)?;
         end = refused.and(end);
         lines = segment::joined(of_segment, lines);
     }
@@ -179,7 +179,7 @@ fn lines(rig: &Rig, plan: &BootPlan, desks: &mut [DeviceSession]) -> Result<(Vec
     of_frames("boot", &plan.reset, &mut lines);
     let mut end = Ok(());
     for node in &plan.nodes {
-        let (writes, refused) = ask(node, desks)?;
+        let (writes, refused) = ask(node, rig, desks)?;
         end = end.and(refused);
         let owner = Some(Owner::node(node.id.raw(), &node.name));
         lines.extend(writes.into_iter().map(|write| Line {
@@ -223,13 +223,18 @@ fn lines(rig: &Rig, plan: &BootPlan, desks: &mut [DeviceSession]) -> Result<(Vec
 }
 
 /// What would be written to one node; and that it does not answer, or would be refused.
-fn ask(plan: &NodePlan, desks: &mut [DeviceSession]) -> Result<(Vec<PlannedWrite>, Result<(), Failure>), Failure> {
-    let (desk, entry) = desk_of(plan.bus, desks).ok_or_else(|| Failure::new(Exit::Internal, "a bus is missing", ""))?;
+fn ask(
+    plan: &NodePlan,
+    rig: &Rig,
+    desks: &mut [DeviceSession],
+) -> Result<(Vec<PlannedWrite>, Result<(), Failure>), Failure> {
+    let (desk, entry) =
+        desk_of(plan.bus, rig, desks).ok_or_else(|| Failure::new(Exit::Internal, "a bus is missing", ""))?;
     desk.service.turn_to(entry);
     let node = Node::of(plan.id, desk.entry(plan.id).cloned());
     let mut broken: Option<(Address, Error)> = None;
     let (writes, refused) = plan.writes(|at| {
-        // Who does not answer once is not asked again.
+        // A device that does not answer once is not asked again.
         if broken.is_some() {
             return None;
         }
@@ -250,9 +255,13 @@ fn ask(plan: &NodePlan, desks: &mut [DeviceSession]) -> Result<(Vec<PlannedWrite
 }
 
 /// The desk at which a bus of the rig is, and what the bus is called there: one interface is one bus to its link.
-fn desk_of(bus: BusId, desks: &mut [DeviceSession]) -> Option<(&mut DeviceSession, BusId)> {
-    let is_simulated = desks.first()?.is_simulated;
-    if is_simulated { Some((desks.first_mut()?, bus)) } else { Some((desks.get_mut(bus.index())?, BusId::FIRST)) }
+fn desk_of<'a>(bus: BusId, rig: &Rig, desks: &'a mut [DeviceSession]) -> Option<(&'a mut DeviceSession, BusId)> {
+    if desks.first()?.is_simulated {
+        return Some((desks.first_mut()?, bus));
+    }
+    // Desks are those of the buses on CAN, in their order.
+    let before = rig.buses.values().take(bus.index()).filter(|bus| !matches!(bus, Bus::Ethercat(_))).count();
+    Some((desks.get_mut(before)?, BusId::FIRST))
 }
 
 fn heading(line: &Line, rig: &Rig, sender: Sender) -> String {
@@ -625,13 +634,12 @@ mod tests {
 
     #[test]
     fn of_a_segment_too_what_is_told_is_what_the_boot_sends() {
-        let output = Output::new(true, false, false);
         for name in
             ["paper-ethercat", "paper-ethercat-can-sensor", "vendors/ethercat-fixed-assignment", "vendors/float-sensor"]
         {
             let rig = load_rig(Source::named(&format!("builtin:{name}.yaml"))).unwrap();
             let mut desk = SegmentSession::of_rig(&rig, None).unwrap();
-            let (lines, end) = segment::lines(&rig.value, &mut desk, &output).unwrap();
+            let (lines, end) = segment::lines(&rig.value, &mut desk).unwrap();
             assert!(end.is_ok(), "{name}");
             let told = lines.iter().filter_map(|line| match (&line.what, line.owner.as_ref()?.place) {
                 (What::Write(write), Place::Position(position)) => {

@@ -142,9 +142,14 @@ pub(super) fn statusword(reached: &mut DeviceHandle) -> Result<u16, Failure> {
 /// Why a device gets nothing written: the power stage of an axis is on, or about to go off.
 pub(super) fn refuse_powered(reached: &mut DeviceHandle) -> Result<(), Failure> {
     for axis in 0..MOST_AXES {
-        // Behind its last axis a device has no statusword; without any it is no drive.
+        // Without the first statusword it is no drive; axes may lie farther apart than by CiA 402.
         let word = reached.number_of(statusword_of(axis), "reading its statusword")?;
-        let Some(word) = word.map(|word| word as u16) else { return Ok(()) };
+        let Some(word) = word.map(|word| word as u16) else {
+            if axis == 0 {
+                return Ok(());
+            }
+            continue;
+        };
         if is_powered(Statusword(word)) {
             return Err(powered(&reached.words(), reached.number(), (axis, reached.arguments()), word));
         }

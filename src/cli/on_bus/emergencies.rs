@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 
 use crate::desk::{placed_text, state_words};
+use crate::ending;
 use crate::failure::Failure;
 use yieldwall_bus::{BootError, BootFailure, EmergencyReport};
 use yieldwall_config as config;
@@ -150,7 +151,7 @@ pub(crate) fn told_at_boot(error: &BootError, known: &[EmergencyReport], rig: &c
         return known;
     };
     let device = [Device::LeftDrive, Device::RightDrive, Device::Sensor];
-    let device = device.into_iter().find(|device| name(*device, rig) == error.name);
+    let device = device.into_iter().find(|device| ending::is_title(&error.name, name(*device, rig)));
     let told = said.emergency.zip(device).map(|(emergency, device)| {
         let Emergency { code, register, vendor, .. } = emergency;
         EmergencyReport { time: Time::default(), device, code, register, vendor, is_withdrawn: false }

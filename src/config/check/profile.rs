@@ -9,6 +9,8 @@ use yieldwall_drives::profiles::{
 use super::Findings;
 use crate::suggest::nearest;
 
+/// Distance of the objects of two axes by CiA 402.
+const AXIS_STEP: u16 = 0x800;
 /// Bytes that a CAN frame carries, and PDOs of a direction that CANopen has identifiers for.
 const FRAME_BYTES: usize = 8;
 const CANOPEN_PDOS: u16 = 4;
@@ -418,6 +420,12 @@ impl Checked<'_> {
     fn axes(&mut self, servo: &Servo) {
         const KEY: &str = "device.servo.axes";
         let Some(axes) = &servo.axes else { return };
+        if !axes.object_step.is_multiple_of(AXIS_STEP) {
+            let message =
+                format!("`{KEY}.object_step` is {:#x}, which is no multiple of {AXIS_STEP:#x}", axes.object_step);
+            let help = "CiA 402 has 0x800; compare with the manual, which has both axes";
+            self.findings.error(&format!("{KEY}.object_step"), message, help);
+        }
         if let Some(Entry { index, sub, .. }) = axes.misplaced(servo) {
             let last = axes.index(*index, axes.count.saturating_sub(1));
             let message = match last == *index {

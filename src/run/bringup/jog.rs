@@ -37,7 +37,7 @@ pub struct Jog<'a> {
     pub is_metered: bool,
 }
 
-/// HostedRun of a jog.
+/// Outcome of a jog.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Jogged {
     /// The end; [`Ended::Whole`] if the joints came to their targets.

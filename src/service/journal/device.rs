@@ -217,9 +217,14 @@ impl Device<'_> {
     /// Refuses a drive whose power stage is on.
     pub(super) fn refuse_powered(&mut self) -> Result<(), DeviceError> {
         for axis in 0..MOST_AXES {
-            // Behind its last axis a device has no statusword; without any it is no drive.
+            // Without the first statusword it is no drive; axes may lie farther apart than by CiA 402.
             let at = statusword_of(axis);
-            let Some(word) = self.read(at, "reading its statusword")? else { return Ok(()) };
+            let Some(word) = self.read(at, "reading its statusword")? else {
+                if axis == 0 {
+                    return Ok(());
+                }
+                continue;
+            };
             let statusword = Statusword(number(&word) as u16);
             if is_powered(statusword) {
                 return Err(DeviceError::Powered { place: self.place.clone(), axis, statusword });

@@ -97,6 +97,11 @@ impl<L: EthernetLink> SegmentService<L> {
         &self.is_over
     }
 
+    /// From now on nobody can end what is done.
+    pub fn end_later(&mut self) {
+        self.is_over = Arc::new(AtomicBool::new(false));
+    }
+
     /// The time of the link.
     pub fn now(&self) -> Time {
         self.link.now()

@@ -129,7 +129,7 @@ impl<L: EthernetLink> DeviceObjects<'_, L> {
 
     /// From now on nobody can end what is done.
     pub(crate) fn end_later(&mut self) {
-        self.service.is_over = std::sync::Arc::new(std::sync::atomic::AtomicBool::new(false));
+        self.service.end_later();
     }
 
     /// Whether the SII of the device says that it gives no information about its objects.

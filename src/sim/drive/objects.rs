@@ -97,7 +97,8 @@ handles! {
 
 /// An object of CiA 402 as that of an axis; those of a simulated device are of all axes.
 const fn of_axis(object: cia::Object, offset: AxisOffset) -> cia::Object {
-    cia::Object { index: offset.index(object.index), ..object }
+    let is_of_all = object.index >= cia::SIMULATION_LACKS.index && object.index <= cia::SIMULATION_MARK.index;
+    if is_of_all { object } else { cia::Object { index: offset.index(object.index), ..object } }
 }
 
 /// The dictionary at power-on, with the objects of a bus and of each axis.

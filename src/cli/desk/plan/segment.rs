@@ -4,7 +4,6 @@ use super::{CONFIGURE, Line, Owner, Place, What};
 use crate::desk::segment::SegmentSession;
 use crate::ending::rig_failure;
 use crate::failure::Failure;
-use crate::output::Output;
 use yieldwall_bus::ethercat::{Acts, StationSetup};
 use yieldwall_bus::{BootError, words_to_enable};
 use yieldwall_config::{Bus, Rig};
@@ -26,11 +25,7 @@ pub(super) fn is_one(rig: &Rig, bus: &str) -> bool {
 pub(super) const HEADING: &str = "\nAll devices to INIT; addresses and mailboxes, then PRE-OP\n";
 
 /// The lines of a segment, and why the boot would not come to its end, if it would not.
-pub(super) fn lines(
-    rig: &Rig,
-    desk: &mut SegmentSession,
-    output: &Output,
-) -> Result<(Vec<Line>, Result<(), Failure>), Failure> {
+pub(super) fn lines(rig: &Rig, desk: &mut SegmentSession) -> Result<(Vec<Line>, Result<(), Failure>), Failure> {
     let segment = assembly::segment(rig).map_err(|error| rig_failure(&error.into()))?;
     let bus = segment.bus;
     let owner = |station: &StationSetup| Owner { place: Place::Position(station.position), name: station.name.clone() };
@@ -49,7 +44,7 @@ pub(super) fn lines(
     }
     let mut end = Ok(());
     for station in &segment.stations {
-        let (writes, refused) = ask(station, desk, output)?;
+        let (writes, refused) = ask(station, desk)?;
         end = end.and(refused);
         let owner = Some(owner(station));
         lines.extend(writes.into_iter().map(|write| Line {
@@ -97,35 +92,47 @@ fn process_data(station: &StationSetup, period: std::time::Duration) -> Vec<Stri
 fn ask(
     station: &StationSetup,
     desk: &mut SegmentSession,
-    output: &Output,
 ) -> Result<(Vec<yieldwall_bus::PlannedWrite>, Result<(), Failure>), Failure> {
     let device = desk.device(&station.position.to_string())?;
     let position = device.position;
     let (before, _) =
         desk.service.state(position).map_err(|error| desk.failure(&device, "reading its state", error))?;
-    desk.reach(&device, output)?;
+    let is_in_init = before == AlStatus::new(AlState::Init, false);
+    if is_in_init {
+        desk.refuse_led()?;
+    }
     let mut broken: Option<(Address, Error)> = None;
-    let mut objects = desk.objects(&device)?;
-    let (writes, refused) = station.plan().writes(|at| {
-        // Who does not answer once is not asked again.
-        if broken.is_some() {
-            return None;
-        }
-        match objects.read(at) {
-            Ok(bytes) => Some(bytes.to_vec()),
-            Err(Error::Refused(_)) => None,
-            Err(error) => {
-                broken = Some((at, error));
-                None
+    let planned = desk.objects(&device).map(|mut objects| {
+        station.plan().writes(|at| {
+            // A device that does not answer once is not asked again.
+            if broken.is_some() {
+                return None;
             }
-        }
+            match objects.read(at) {
+                Ok(bytes) => Some(bytes.to_vec()),
+                Err(Error::Refused(_)) => None,
+                Err(error) => {
+                    broken = Some((at, error));
+                    None
+                }
+            }
+        })
     });
-    if before == AlStatus::new(AlState::Init, false) {
+    if is_in_init {
+        // Nobody ends the way back.
+        desk.service.end_later();
         let back = desk.service.change_state(position, AlState::Init);
         back.map_err(|error| desk.failure(&device, "bringing it back to INIT", error))?;
     }
-    if let Some((at, error)) = broken {
-        return Ok((writes, Err(desk.object_failure(&device, &format!("reading {at}"), error))));
+    let (writes, refused) = planned?;
+    match broken {
+        Some((at, error @ (Error::Interrupted | Error::Link(_)))) => {
+            return Err(desk.object_failure(&device, &format!("reading {at}"), error));
+        }
+        Some((at, error)) => {
+            return Ok((writes, Err(desk.object_failure(&device, &format!("reading {at}"), error))));
+        }
+        None => {}
     }
     let refused = refused.map_err(|(step, failure)| {
         let name = format!("{} (position {position})", station.name);

@@ -65,6 +65,8 @@ impl Sii {
         general[3] = strings.number(&self.name);
         general[0] = strings.number(&self.group);
         general[5] = self.coe_details;
+        general[6] = u8::from(self.protocols & super::protocols::FOE != 0);
+        general[7] = u8::from(self.protocols & super::protocols::EOE != 0);
         general[12..14].copy_from_slice(&self.e_bus_ma.to_le_bytes());
         // Two MII ports.
         general[16] = 0x11;

@@ -226,11 +226,13 @@ impl Bench<'_> {
                 let Some(Some(held)) = all[joint].last() else { continue };
                 read += 1;
                 if let Some((own, wanted)) = left_over(object, is_limit, held, limit) {
-                    let at = Address::new(object.index, object.sub);
+                    let model = self.rig.model(&self.rig.drives[joint]);
+                    let offset = model.map(|model| model.offset()).unwrap_or_default();
+                    let at = Address::new(offset.index(object.index), object.sub);
                     return Err(Halt::Failed(format!(
                         "{name} holds {own} in {at}, {meaning}, and no boot of this program writes it: `yieldwall od write {name} {:04X}h {wanted} \
                          --save` with --bus and --rig",
-                        object.index
+                        at.index
                     )));
                 }
             }
