@@ -150,9 +150,16 @@ fn no_drive_is_left_with_torque_whatever_its_profile_says_of_its_quick_stop() {
 }
 
 /// The profile of a shipped drive with what no document says of its watches: five periods, and a fault. Without these no drill is passed.
-fn completed(name: &str, base: &str) -> ProfileName {
+fn completed(name: &str, bus: Fieldbus, has_torque: bool) -> ProfileName {
     let profile = builtin(&format!("profiles/{name}.yaml")).read().unwrap();
     let profile = profile.replace("periods: null", "periods: 5").replace("reaction: unknown", "reaction: fault");
+    // A rig is read in a mode that the drive has.
+    let base = match (bus, has_torque) {
+        (Fieldbus::Canopen, true) => "paper-admittance.yaml",
+        (Fieldbus::Canopen, false) => "paper-admittance-csp.yaml",
+        (Fieldbus::Ethercat, true) => "paper-ethercat.yaml",
+        (Fieldbus::Ethercat, false) => "paper-ethercat.yaml\nrig: {command_mode: position}",
+    };
     let drive = |side| format!("  - {{name: {side}, profile: completed.yaml, encoder: multi_turn}}\n");
     let rig = format!("like: builtin:{base}\ndrives:\n{}{}", drive("left"), drive("right"));
     let files = [("rig.yaml", rig), ("completed.yaml", profile.to_string())];
@@ -205,8 +212,7 @@ fn shipped_drives_are_jogged_commissioned_and_homed_and_left_without_torque() {
         let Some(servo) = profile.servo() else { continue };
         let buses = [(Fieldbus::Canopen, "CAN"), (Fieldbus::Ethercat, "EtherCAT")];
         for (bus, word) in buses.into_iter().filter(|(bus, _)| profile.is_for(*bus)) {
-            let base = if bus == Fieldbus::Canopen { "paper-admittance.yaml" } else { "paper-ethercat.yaml" };
-            let completed = completed(name, base);
+            let completed = completed(name, bus, servo.process_data.torque.is_some());
             // A commissioning takes as long as all else; it is made in one mode.
             let mut is_first = true;
             for (file, mode, _) in MODES.into_iter().filter(|(_, _, mode)| servo.process_data.of(*mode).is_some()) {

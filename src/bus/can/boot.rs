@@ -437,7 +437,7 @@ mod tests {
             assert_eq!(of(index, 0).count(), 1, "{index:04X}h");
         }
         assert_eq!([of(0x1016, 1).count(), of(0x1018, 1).count(), of(0x1029, 1).count()], [1; 3]);
-        // What each axis has, and nothing of the axis between them.
+        // What each axis has, and of the axis between them nothing but that its process data are off.
         for index in [0x6007, 0x605a, 0x6060, 0x6061, 0x6065, 0x6072, 0x6502] {
             let counts = [0, 0x800, 0x1000].map(|offset| of(index + offset, 0).count());
             assert_eq!(counts, [1, 0, 1], "{index:04X}h");
@@ -453,7 +453,8 @@ mod tests {
         let mapped = |index: u16, sub: u8| of(index, sub).next_back().unwrap().action;
         assert_eq!([mapped(0x1680, 1), mapped(0x1680, 2)], [state(0x7040_0010, 0), state(0x7071_0010, 0)]);
         assert_eq!([mapped(0x1a80, 1), mapped(0x1a80, 2)], [state(0x7041_0010, 0), state(0x7064_0020, 0)]);
-        assert_eq!([0x1440, 0x1840].map(|index| of(index, 1).count()), [0; 2]);
+        assert_eq!([0x1440, 0x1840].map(|index| of(index, 1).count()), [1; 2]);
+        assert_eq!([last(0x1440), last(0x1840)], [off; 2]);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use serde_json::Value as Json;
-use yieldwall_drives::profiles::AxisOffset;
+use yieldwall_drives::profiles::{AxisOffset, DeviceProfile};
 use yieldwall_drives::scaling::AxisScaling;
 
 use super::keeping::Named;
@@ -21,6 +21,12 @@ pub(super) enum DeviceHandle {
     Node(Box<DeviceSession>, Node),
     /// Its mailbox is open.
     Device(Box<SegmentSession>, Device),
+}
+
+/// Distances of the objects of an axis of a device that the rig names by these profiles, if it names it.
+fn offset_of<'a>(mut profiles: impl Iterator<Item = Option<&'a DeviceProfile>>, axis: u8) -> AxisOffset {
+    let axes = profiles.find_map(|profile| profile?.servo()?.axes.as_ref());
+    axes.map_or(AxisOffset::standard(axis), |axes| axes.offset(axis))
 }
 
 impl DeviceHandle {
@@ -101,7 +107,8 @@ impl DeviceHandle {
         }
     }
 
-    /// Turns to an axis of the device: the drive of the rig that it is, or, without one, where CiA 402 has its objects.
+    /// Turns to an axis of the device: the drive of the rig that it is, or, without one, where a profile of the device has its objects, else
+    /// CiA 402.
     pub(super) fn turn_to_axis(&mut self, axis: u8) {
         match self {
             Self::Node(desk, node) => {
@@ -109,7 +116,11 @@ impl DeviceHandle {
                 let own = |entry: &&super::place::Entry| (entry.bus, entry.node, entry.axis()) == (bus, node.id, axis);
                 *node = match desk.entries.iter().find(own) {
                     Some(entry) => Node::of(node.id, Some(entry.clone())),
-                    None => Node { id: node.id, entry: None, axis: AxisOffset::standard(axis) },
+                    None => {
+                        let same = desk.entries.iter().filter(|entry| (entry.bus, entry.node) == (bus, node.id));
+                        let axis = offset_of(same.map(|entry| entry.profile.as_deref()), axis);
+                        Node { id: node.id, entry: None, axis }
+                    }
                 };
             }
             Self::Device(desk, device) => {
@@ -117,7 +128,11 @@ impl DeviceHandle {
                 let own = |entry: &&super::segment::Entry| (entry.position, entry.axis()) == (position, axis);
                 *device = match desk.entries.iter().find(own) {
                     Some(entry) => Device::of(position, Some(entry.clone())),
-                    None => Device { position, entry: None, axis: AxisOffset::standard(axis) },
+                    None => {
+                        let same = desk.entries.iter().filter(|entry| entry.position == position);
+                        let axis = offset_of(same.map(|entry| entry.profile.as_deref()), axis);
+                        Device { position, entry: None, axis }
+                    }
                 };
             }
         }
