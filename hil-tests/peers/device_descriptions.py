@@ -35,7 +35,7 @@ def device(element):
 def description(path):
     root = ElementTree.parse(path).getroot()
     devices = root.findall("Descriptions/Devices/Device")
-    return {"vendor": number(root.findtext("Vendor/Id")), "devices": [device(one) for one in devices]}
+    return {"root": root.tag, "vendor": number(root.findtext("Vendor/Id")), "devices": [device(one) for one in devices]}
 
 
 print(json.dumps([description(path) for path in sys.argv[1:]]))
