@@ -151,7 +151,7 @@ fn no_drive_is_left_with_torque_whatever_its_profile_says_of_its_quick_stop() {
 
 /// The profile of a shipped drive with what no document says of its watches: five periods, and a fault. Without these no drill is passed.
 fn completed(name: &str, bus: Fieldbus, has_torque: bool) -> ProfileName {
-    let profile = builtin(&format!("profiles/{name}.yaml")).read().unwrap();
+    let profile = builtin(format!("profiles/{name}.yaml")).read().unwrap();
     let profile = profile.replace("periods: null", "periods: 5").replace("reaction: unknown", "reaction: fault");
     // A rig is read in a mode that the drive has.
     let base = match (bus, has_torque) {
