@@ -8,7 +8,7 @@ use yieldwall_motion::sensing::RawSample;
 pub(crate) const NO_SAMPLE: RawSample =
     RawSample { counts: [0; 6], sequence: None, overload: false, invalid: false, age_ns: 0 };
 
-/// What the bits of a force sensor's process data mean.
+/// Meaning of the bits of a force sensor's process data.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SampleCodec {
     numbers: Numbers,

@@ -267,7 +267,7 @@ pub(super) fn pdos(profile: &DeviceProfile, mode: Option<OperationMode>) -> Resu
     profile.mapped(mode).ok_or_else(|| no_mapping(profile, mode))
 }
 
-/// What the boot does with a force sensor beside its process data: its counts per unit are those of the rig, and it zeroes itself if it is
+/// Steps of the boot for a force sensor beside its process data: its counts per unit are those of the rig, and it zeroes itself if it is
 /// to.
 pub(super) fn sensor(profile: &DeviceProfile, start: &SensorStart) -> Result<Vec<Step>, BootFailure> {
     let wanted = || BootFailure::Role { profile: profile.name().into(), wanted: "a force sensor" };

@@ -121,11 +121,11 @@ pub struct SensorNode {
     pub profile: Arc<DeviceProfile>,
     /// Period of the node's heartbeat.
     pub heartbeat: Duration,
-    /// What the boot does with it beside its process data.
+    /// Steps of the boot beside its process data.
     pub start: SensorStart,
 }
 
-/// What the boot does with a force sensor beside its process data.
+/// Steps of the boot for a force sensor beside its process data.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SensorStart {
     /// Whether the sensor is commanded to zero itself, by the objects of its profile.

@@ -80,7 +80,7 @@ impl Turns {
     pub(super) fn moved<'a>(&self, device: Device, request: ObjectRequest<'a>) -> ObjectRequest<'a> {
         let offset = place(device).and_then(|place| self.offsets.get(place)).copied().unwrap_or_default();
         let moved = |at: Address| match at.index {
-            // Those by which a simulated device shows itself are of all axes.
+            // Objects by which a simulated device shows itself are of all axes.
             index if SIMULATION.contains(&index) => at,
             index => Address::new(offset.index(index), at.sub),
         };

@@ -60,7 +60,7 @@ pub(super) trait Device {
 pub(super) trait Actuator: Device {
     /// The motion of the joint of an axis at this moment, in rad and rad/s.
     fn measure(&mut self, axis: usize, angle_rad: f64, rate_rad_per_s: f64);
-    /// What an axis does at its joint.
+    /// State and torque of an axis at its joint.
     fn axis(&self, axis: usize) -> AxisView;
 }
 
@@ -163,7 +163,7 @@ impl<S: Transducer> Transducer for Option<S> {
 pub(super) struct FarEnd<D = Option<Drive>, S = Option<ForceSensor>> {
     /// The drives on CAN; of drives that are axes of one device the first one, which is that device.
     pub(super) drives: [D; 2],
-    /// Which of them turns the left and the right joint, and by which axis.
+    /// The drive and the axis that turn the left and the right joint.
     pub(super) seats: [(usize, usize); 2],
     /// The sensor on CAN.
     pub(super) sensor: S,
@@ -327,7 +327,7 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
         self.line.iter_mut().for_each(|line| line.measure_joints(motions));
     }
 
-    /// What the drive of a joint does there: on a segment, or on CAN.
+    /// State and torque of the drive of a joint: on a segment, or on CAN.
     fn at_joint(&self, joint: usize) -> AxisView {
         match &self.line {
             Some(line) if line.has(joint) => line.at_joint(joint),

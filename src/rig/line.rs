@@ -108,7 +108,7 @@ impl Line {
         }
     }
 
-    /// What a drive does at its joint; as one that is switched off where it is not here.
+    /// State and torque of a drive at its joint; as one that is switched off where it is not here.
     pub(super) fn at_joint(&self, drive: usize) -> AxisView {
         let controller = self.places.get(drive).copied().flatten().and_then(|place| self.segment.controller(place));
         let device = controller.and_then(|controller| controller.device().drive());

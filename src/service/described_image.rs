@@ -60,7 +60,7 @@ pub enum ImageError {
 pub struct DescribedImage {
     /// Its bytes.
     pub image: Vec<u8>,
-    /// What the chip has no room for: names of entries, or the process data objects, which the device reports by CoE as well.
+    /// Parts for which the chip has no room: names of entries, or the process data objects, which the device reports by CoE as well.
     pub left_out: Option<&'static str>,
 }
 

@@ -105,7 +105,7 @@ pub struct AxisOffset {
 }
 
 impl AxisOffset {
-    /// Those of an axis by CiA 402, where no profile names others: 800h from one axis to the next.
+    /// Distances of an axis by CiA 402, where no profile names others: 800h from one axis to the next.
     pub const fn standard(axis: u8) -> Self {
         Self { objects: (axis as u16).saturating_mul(0x800), vendor: 0 }
     }

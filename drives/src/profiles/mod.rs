@@ -471,7 +471,7 @@ impl MappedPdo {
         u8::try_from(self.number).unwrap_or(0)
     }
 
-    /// Where in the payload the object of a quantity stands, counted from 0.
+    /// Place of the object of a quantity in the payload, counted from 0.
     pub fn position(&self, quantity: Quantity) -> Option<usize> {
         self.objects.iter().position(|object| object.quantity == Some(quantity))
     }

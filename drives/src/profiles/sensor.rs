@@ -49,7 +49,7 @@ pub struct SensorObjects {
     /// Process values Fx Fy Fz Tx Ty Tz, of 8, 16, 24 or 32 bits.
     #[cfg_attr(feature = "config", garde(dive))]
     pub channels: [Entry; 6],
-    /// What their bits are; signed whole numbers if left out.
+    /// Number format of the channels; signed whole numbers if left out.
     #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Numbers::is_signed"))]
     pub numbers: Numbers,
     /// Status of the newest sample; null if it has none.
@@ -66,7 +66,7 @@ pub struct SensorObjects {
     pub sample_counter: Option<Entry>,
 }
 
-/// What the bits of a channel are.
+/// Number format of a channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
@@ -105,7 +105,7 @@ pub struct StatusBits {
     pub invalid: u32,
 }
 
-/// How many counts a sensor has per unit.
+/// Counts per unit of a sensor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case", deny_unknown_fields), garde(allow_unvalidated))]

@@ -17,7 +17,7 @@ fn named(variable: &str) -> PathBuf {
     std::env::var_os(variable).map(PathBuf::from).unwrap_or_else(|| panic!("{variable} is not set"))
 }
 
-/// What Python reads in a file.
+/// The devices that Python reads in a file.
 fn of_python(path: &Path) -> Json {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("peers/device_descriptions.py");
     let seen = Command::new(named("YIELDWALL_PYTHON")).arg(script).arg(path).output().unwrap();

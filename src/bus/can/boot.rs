@@ -195,7 +195,7 @@ impl Boot {
     }
 }
 
-/// What a drive does by itself, its mode, limits and watchdogs.
+/// Steps that set the option codes, mode, limits and watchdogs of a drive.
 fn axis(master: &MasterSetup, drive: &DriveSetup) -> Result<Vec<Step>, BootFailure> {
     let (servo, mode) = (servo(&drive.profile)?, script::operation(master.mode, drive.homing));
     let mut steps = Vec::new();
@@ -432,12 +432,12 @@ mod tests {
         let boot = Boot::drives(&master, &[&drives[0], &drives[1]], node).unwrap();
         let steps = boot.steps().0;
         let of = |index: u16, sub: u8| steps.iter().filter(move |step| (step.index, step.sub) == (index, sub));
-        // What the device has once.
+        // Objects that the device has once.
         for index in [0x1000, 0x1005, 0x1012, 0x1017] {
             assert_eq!(of(index, 0).count(), 1, "{index:04X}h");
         }
         assert_eq!([of(0x1016, 1).count(), of(0x1018, 1).count(), of(0x1029, 1).count()], [1; 3]);
-        // What each axis has, and of the axis between them nothing but that its process data are off.
+        // Objects of each axis; of the axis between them only its process data are switched off.
         for index in [0x6007, 0x605a, 0x6060, 0x6061, 0x6065, 0x6072, 0x6502] {
             let counts = [0, 0x800, 0x1000].map(|offset| of(index + offset, 0).count());
             assert_eq!(counts, [1, 0, 1], "{index:04X}h");

@@ -116,7 +116,7 @@ pub(super) struct Image {
     slots: Box<[u8]>,
     incoming: Vec<Incoming>,
     outgoing: Vec<Outgoing>,
-    /// What the bits of the sensor's frames mean.
+    /// Meaning of the bits of the sensor's frames.
     codec: SampleCodec,
     /// When the last frame of the sensor came.
     sampled_at: Time,

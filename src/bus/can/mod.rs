@@ -255,7 +255,7 @@ impl CanNetwork {
     }
 }
 
-/// Where the objects of a drive are.
+/// Distances of the objects of a drive.
 fn axes_offset(drives: &[DriveSetup], device: Device) -> AxisOffset {
     let drive = Device::DRIVES.into_iter().zip(drives).find(|(own, _)| *own == device);
     drive.map(|(_, drive)| drive.profile.offset()).unwrap_or_default()

@@ -33,7 +33,7 @@ pub(super) struct Node {
     /// The bus that it is on.
     pub(super) bus: BusId,
     pub(super) id: NodeId,
-    /// Which devices of the rig it is: one, or drives that are axes of one device.
+    /// Devices of the rig that it is: one, or drives that are axes of one device.
     pub(super) devices: DeviceSet,
     /// Turns of its drives to ask for objects.
     pub(super) turns: Turns,

@@ -27,7 +27,7 @@ pub struct BootPlan {
 /// What one node is asked and told.
 #[derive(Clone, Debug)]
 pub struct NodePlan {
-    /// Which devices of the rig it is: one, or drives that are axes of one device.
+    /// Devices of the rig that it is: one, or drives that are axes of one device.
     pub devices: DeviceSet,
     /// Its name in the rig.
     pub name: String,

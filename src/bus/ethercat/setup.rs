@@ -57,7 +57,7 @@ impl Acts {
 pub struct StationSetup {
     /// Name for messages.
     pub name: String,
-    /// Which devices of the rig it is: one, or drives that are axes of one device.
+    /// Devices of the rig that it is: one, or drives that are axes of one device.
     pub devices: DeviceSet,
     /// Position on the segment, 0 at the master.
     pub position: u16,
@@ -79,9 +79,9 @@ pub struct StationSetup {
     pub inputs: Vec<ProcessData>,
     /// The output that takes the target, of a drive.
     pub set_point: Option<Quantity>,
-    /// What it is as the left and as the right drive.
+    /// Its part as the left and as the right drive.
     pub axes: [StationAxis; 2],
-    /// What the bits of a sensor's inputs mean.
+    /// Meaning of the bits of a sensor's inputs.
     pub codec: SampleCodec,
     /// Objects that are read and written before process data are mapped.
     pub(super) steps: Vec<Step>,
@@ -92,7 +92,7 @@ pub struct StationSetup {
 pub struct StationAxis {
     /// Its digital outputs, of a drive whose brake the master holds.
     pub brake: Option<BrakeWords>,
-    /// Where the objects of its axis are.
+    /// Distances of the objects of its axis.
     pub offset: AxisOffset,
 }
 
@@ -228,7 +228,7 @@ pub struct SegmentSensor {
     pub profile: Arc<DeviceProfile>,
     /// How long it is waited for.
     pub waits: Waits,
-    /// What is done with it beside its process data.
+    /// Steps of the boot beside its process data.
     pub start: SensorStart,
 }
 

@@ -166,7 +166,7 @@ pub(super) struct Station {
     pub(super) left: Option<(AlStatus, AlStatusCode)>,
     /// Whether its inputs came in this cycle, and what they were.
     pub(super) has_inputs: bool,
-    /// What the drives of both joints have said, as far as they are this device.
+    /// Words of the drives of both joints, as far as they are this device.
     words: [DriveWords; 2],
     /// Controlwords of its drives.
     controlwords: Vec<Address>,
@@ -393,7 +393,7 @@ impl Station {
         self.sample = has_counts.then_some(sample);
     }
 
-    /// What the drives have said in this cycle, each with its joint.
+    /// Words of the drives in this cycle, each with its joint.
     ///
     /// Real-time: yes.
     pub(super) fn words(&self) -> impl Iterator<Item = (usize, DriveWords)> {

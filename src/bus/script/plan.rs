@@ -1,4 +1,4 @@
-//! What the boot writes to one device, told before anything is sent: by the steps that the boot itself takes.
+//! The plan of one device: the objects that the boot would write, by the steps that the boot itself takes.
 
 use super::{Action, Step, check, check_current, cycle_time, little_endian, motor_speed, width_mask};
 use crate::error::BootFailure;

@@ -110,7 +110,7 @@ fn words(arrival: &Arrival, entries: &[Entry]) -> String {
 fn of_frame(frame: &Frame, entries: &[Entry]) -> String {
     let id = frame.id();
     let own = |entry: &&Entry| u16::from(entry.node.raw()) == id & 0x7f && entry.bus == frame.bus();
-    // Of drives that are axes of one node the one whose process data have this identifier.
+    // Drives that are axes of one node differ by the identifiers of their process data.
     let is_mapped = |entry: &&Entry| own(entry) && has_pdo(entry, id);
     let entry = entries.iter().find(is_mapped).or_else(|| entries.iter().find(own));
     let who = match entry {

@@ -65,7 +65,7 @@ pub(super) struct Entry {
 pub(super) struct Node {
     pub(super) id: NodeId,
     pub(super) entry: Option<Entry>,
-    /// Where the objects of the axis are that is meant.
+    /// Distances of the objects of the axis that is meant.
     pub(super) axis: AxisOffset,
 }
 

@@ -172,7 +172,7 @@ mod tests {
         assert!(found.key == "drives[1].address.canopen.node_id" && found.help.as_ref().unwrap().contains("`axis: 0`"));
     }
 
-    /// What is found in the profile of three axes with some of its text replaced.
+    /// Findings in the profile of three axes with some of its text replaced.
     fn of_profile(from: &str, to: &str) -> Vec<(String, String)> {
         let text = builtin("vendors/profiles/three-axes.yaml").read().unwrap();
         assert!(text.contains(from), "{from}");

@@ -384,7 +384,7 @@ pub fn sample_period(rig: &config::Rig) -> Duration {
     Duration::from_secs_f64(rig.sensor.sample_rate_hz.get().recip())
 }
 
-/// What the boot does with the force sensor beside its process data.
+/// Steps of the boot for the force sensor beside its process data.
 fn sensor_start(sensor: &config::Sensor) -> SensorStart {
     SensorStart { zeroes: sensor.protocol.zero_at_start(), counts_per_unit: sensor.counts_per_unit() }
 }

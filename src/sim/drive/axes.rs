@@ -49,7 +49,7 @@ impl Axes {
         }
     }
 
-    /// Has each axis act with the dictionary.
+    /// Lets each axis act with the dictionary.
     pub(super) fn each(&mut self, mut act: impl FnMut(&mut Device)) {
         let Self { front, others } = self;
         act(front);
@@ -96,7 +96,7 @@ impl Axes {
         std::iter::once(front).chain(others).find_map(|axis| axis.take_status_change().then_some(axis.first_pdo))
     }
 
-    /// Has an axis act on its outputs that came by the PDO of this number, or each one by what came for all.
+    /// Lets an axis act on its outputs that came by the PDO of this number, or each one by what came for all.
     fn with_outputs(&mut self, number: u8, mut act: impl FnMut(&mut Device)) {
         let is_one = self.others.is_empty();
         self.each(|axis| {

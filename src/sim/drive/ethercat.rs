@@ -129,7 +129,7 @@ impl EthercatDrive {
         Ok(EthercatDrive { axes, has_lost_master: false, untold: None, sync1_ns })
     }
 
-    /// Has `act` be done with another axis in place of the first one.
+    /// Does `act` with another axis in place of the first one.
     pub fn on_axis<R>(&mut self, axis: usize, act: impl FnOnce(&mut Self) -> R) -> R {
         self.axes.exchange(axis);
         let done = act(self);

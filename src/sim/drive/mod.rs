@@ -109,7 +109,7 @@ pub struct OddObject {
     pub write_time: Duration,
 }
 
-/// What an axis of a drive does at its joint.
+/// State and torque of an axis of a drive at its joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisView {
     /// State of the state machine.
@@ -217,7 +217,7 @@ impl Drive {
         Ok(Drive { node, axes, is_powered: false, ignores_heartbeats: false })
     }
 
-    /// Has `act` be done with another axis in place of the first one.
+    /// Does `act` with another axis in place of the first one.
     pub fn on_axis<R>(&mut self, axis: usize, act: impl FnOnce(&mut Self) -> R) -> R {
         self.axes.exchange(axis);
         let done = act(self);

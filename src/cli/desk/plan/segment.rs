@@ -88,7 +88,7 @@ fn process_data(station: &StationSetup, period: std::time::Duration) -> Vec<Stri
     all
 }
 
-/// What would be written to one device; and that it does not answer, or would be refused.
+/// The writes of the boot to one device; and that it does not answer, or would be refused.
 fn ask(
     station: &StationSetup,
     desk: &mut SegmentSession,

@@ -54,7 +54,7 @@ pub(super) struct Entry {
 pub(super) struct Device {
     pub(super) position: u16,
     pub(super) entry: Option<Entry>,
-    /// Where the objects of the axis are that is meant.
+    /// Distances of the objects of the axis that is meant.
     pub(super) axis: AxisOffset,
 }
 

@@ -120,7 +120,7 @@ pub(super) struct Bench<'a> {
     pub(super) wanted: Option<[DriveIdentity; 2]>,
     /// What the drives say that they are.
     pub(super) drives: Option<[DriveIdentity; 2]>,
-    /// What the drill of the watchdogs has shown.
+    /// Findings of the drill of the watchdogs.
     pub(super) drilled: Option<Drilled>,
 }
 

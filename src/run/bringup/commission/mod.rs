@@ -262,7 +262,7 @@ pub struct Commissioned {
     pub interrupted_in: Option<Step>,
     /// What the drives say that they are, if they were asked in a step.
     pub drives: Option<[DriveIdentity; 2]>,
-    /// What the drill of the watchdogs has shown, if it was made.
+    /// Findings of the drill of the watchdogs, if it was made.
     pub drilled: Option<Drilled>,
 }
 
