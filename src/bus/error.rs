@@ -228,10 +228,8 @@ pub enum BootFailure {
         received: u32,
     },
     /// An object that says what the device is has another value than the profile.
-    #[error("{what} ({index:04X}h:{sub}) is {received:#x}, the profile says {expected}")]
+    #[error("object {index:04X}h:{sub} is {received:#x}, and the profile says {expected}")]
     Identity {
-        /// What the object means.
-        what: &'static str,
         /// Index.
         index: u16,
         /// Sub-index.

@@ -194,7 +194,7 @@ impl Written {
 pub(super) fn check(step: &Step, received: u32, identity: &Identity) -> Result<(), BootFailure> {
     let Step { index, sub, .. } = *step;
     let other = |expected: String| {
-        Err(BootFailure::Identity { what: step.doing, index, sub, expected: expected.into(), received })
+        Err(BootFailure::Identity { index, sub, expected: expected.into(), received })
     };
     match step.action {
         Action::Expect { value, .. } if !step.is_held(received) => other(format!("{value:#x}")),
@@ -334,11 +334,13 @@ pub(super) fn common(doing: &'static str, object: Object, action: Action) -> Ste
 
 pub(super) fn identity(profile: &DeviceProfile) -> Vec<Step> {
     let expect = |value: u32| Action::Expect { value, mask: u32::MAX };
-    let mut steps = vec![
-        common("check the device type", objects::DEVICE_TYPE, expect(profile.identity.device_type)),
-        common("check the vendor", objects::VENDOR_ID, expect(profile.identity.vendor_id)),
-        common("check the product code", objects::PRODUCT_CODE, Action::Product),
-    ];
+    let device_type = profile.identity.device_type;
+    let mut steps: Vec<Step> = device_type
+        .map(|device_type| common("check the device type", objects::DEVICE_TYPE, expect(device_type)))
+        .into_iter()
+        .collect();
+    steps.push(common("check the vendor", objects::VENDOR_ID, expect(profile.identity.vendor_id)));
+    steps.push(common("check the product code", objects::PRODUCT_CODE, Action::Product));
     if profile.identity.revisions != Revisions::Any {
         steps.push(common("check the revision", objects::REVISION, Action::Revision));
     }

@@ -300,13 +300,7 @@ mod tests {
             SegmentFailure::Identity { what: "the vendor", expected: "0x732".into(), found: 0xb07a, fits_at: None }
                 .into()
         };
-        let count = || BootFailure::Identity {
-            what: "map the process data",
-            index: 0x1a00,
-            sub: 0,
-            expected: "0x8".into(),
-            received: 7,
-        };
+        let count = || BootFailure::Identity { index: 0x1a00, sub: 0, expected: "0x8".into(), received: 7 };
         let sensor = format!("{} (position 2)", rig.sensor.name);
         for help in [help(&sensor, vendor()), help(&sensor, count()), help(&rig.sensor.name, count())] {
             for word in [

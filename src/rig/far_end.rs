@@ -348,16 +348,11 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
         [0, 1].map(|joint| self.at_joint(joint).torque_n_m)
     }
 
-    /// Whether the brakes of both joints are closed that the master holds.
-    fn are_braked(&self) -> [bool; 2] {
-        [0, 1].map(|joint| self.at_joint(joint).is_braked)
-    }
-
     /// New torques and brakes act from now on; what was before is settled under the old ones.
     pub(super) fn take_torques(&mut self, now: Time) -> Result<(), RigError> {
-        let [left, right] = self.torques_n_m();
-        let torques = self.world.made_of(JointTorques::new(left, right));
-        let are_braked = self.are_braked();
+        let [left, right] = [0, 1].map(|joint| self.at_joint(joint));
+        let torques = self.world.made_of(JointTorques::new(left.torque_n_m, right.torque_n_m));
+        let are_braked = [left.is_braked, right.is_braked];
         if torques != self.world.torques || are_braked != self.world.are_braked {
             self.world.settle(now)?;
             self.world.torques = torques;

@@ -12,14 +12,18 @@ pub fn statusword_of(axis: u8) -> Address {
     Address::new(AxisOffset::standard(axis).index(cia::STATUSWORD.index), cia::STATUSWORD.sub)
 }
 
+/// The supported modes of an axis, 0 to 7.
+pub(crate) fn supported_modes_of(axis: u8) -> Address {
+    Address::new(AxisOffset::standard(axis).index(cia::SUPPORTED_MODES.index), cia::SUPPORTED_MODES.sub)
+}
+
 /// Number of axes of a device: the first ones that have supported modes (6502h, 6D02h and so on). `has` says whether the device has an object.
 ///
 /// # Errors
 /// The first error of `has`.
 pub fn count_axes<E>(mut has: impl FnMut(Address) -> Result<bool, E>) -> Result<u8, E> {
-    let modes = cia::SUPPORTED_MODES;
     for axis in 0..MOST_AXES {
-        if !has(Address::new(AxisOffset::standard(axis).index(modes.index), modes.sub))? {
+        if !has(supported_modes_of(axis))? {
             return Ok(axis);
         }
     }

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use yieldwall_drives::eds::Value;
 
+use super::axes::{MOST_AXES, supported_modes_of};
 use super::connection::{Error, NodeTraffic, Service};
 use yieldwall_fieldbus::canopen::{NodeId, node_id};
 use yieldwall_fieldbus::objects::Address;
@@ -27,6 +28,8 @@ pub struct FoundDevice {
     pub identity: [Option<u32>; 4],
     /// Its name (1008h), if it has one.
     pub name: Option<String>,
+    /// Axes of a drive; 0 for other devices.
+    pub axes: u8,
 }
 
 /// Asks all nodes from 1 to 127 for their type, and those that answer who they are; in the order of the node ids.
@@ -53,11 +56,31 @@ pub fn scan<L: CanLink>(service: &mut Service<L>) -> Result<Vec<FoundDevice>, Er
     }
     let answering: Vec<NodeId> = there.iter().filter(|(_, answers, _)| *answers).map(|(node, ..)| *node).collect();
     let mut identities = identify(service, &answering)?.into_iter();
+    let drives = there.iter().filter(|(.., device_type)| device_type.is_some_and(is_drive)).map(|(node, ..)| *node);
+    let axes = axes_of(service, drives.collect())?;
     let found = there.into_iter().map(|(node, answers, device_type)| {
         let (identity, name) = if answers { identities.next().unwrap_or_default() } else { Default::default() };
-        FoundDevice { node, heard: service.heard(node), device_type, identity, name }
+        let axes = axes.iter().filter(|drive| **drive == node).count() as u8;
+        FoundDevice { node, heard: service.heard(node), device_type, identity, name, axes }
     });
     Ok(found.collect())
+}
+
+/// Whether a device of this type (1000h) is one of CiA 402.
+fn is_drive(device_type: u32) -> bool {
+    device_type & 0xffff == 402
+}
+
+/// Each drive as often as it has axes, as [`count_axes`](crate::count_axes) counts them.
+fn axes_of<L: CanLink>(service: &mut Service<L>, mut drives: Vec<NodeId>) -> Result<Vec<NodeId>, Error> {
+    let mut axes = Vec::new();
+    for axis in 0..MOST_AXES {
+        let asked: Vec<(NodeId, Address)> = drives.iter().map(|drive| (*drive, supported_modes_of(axis))).collect();
+        let mut answers = service.read_each(&asked)?.into_iter();
+        drives.retain(|_| answers.next().is_some_and(|answer| answer.is_ok()));
+        axes.extend_from_slice(&drives);
+    }
+    Ok(axes)
 }
 
 /// Vendor, product, revision and serial number of a device, and its name.

@@ -85,10 +85,13 @@ pub(super) fn commanded(object: objects::Object, value: i64) -> Object {
     declare(object, value).mappable(Mappable::Both)
 }
 
+/// Device type of drives of CiA 402 that say no more (1000h).
+const DRIVES: u32 = 402;
+
 /// Who a device of a model says it is.
 pub(super) fn identity(profile: &DeviceProfile, serial: u32) -> DeviceIdentity {
     DeviceIdentity {
-        device_type: profile.identity.device_type,
+        device_type: profile.identity.device_type.unwrap_or(if profile.servo().is_some() { DRIVES } else { 0 }),
         name: profile.name().to_owned(),
         vendor_id: profile.identity.vendor_id,
         product_code: profile.identity.product_codes.first().copied().unwrap_or_default(),

@@ -36,6 +36,10 @@ pub struct Axes {
     /// Distance of a vendor's objects (2000h to 5FFFh) from one axis to the next; 0, for objects that all axes share, if left out.
     #[cfg_attr(feature = "config", serde(default))]
     pub vendor_object_step: u16,
+    /// Distance of the indices that stand for gaps in process data from one axis to the next; that of the last axis is below 0x1000. 0, for index
+    /// 0000h at all axes, if left out.
+    #[cfg_attr(feature = "config", serde(default))]
+    pub gap_step: u16,
     /// The axis of a profile that was moved to it.
     #[cfg_attr(feature = "config", serde(skip))]
     pub(super) moved: Option<Moved>,
@@ -245,8 +249,13 @@ impl Servo {
         for Pdo { number, maps, .. } in maps.flat_map(|map| map.rpdo.iter_mut().chain(&mut map.tpdo)) {
             *number = number.saturating_add(by);
             for quantity in maps {
-                if let Quantity::Unused(Unused { index, .. }) = quantity {
-                    *index = axes.index(*index, axis);
+                match quantity {
+                    Quantity::Unused(Unused { index, .. }) => *index = axes.index(*index, axis),
+                    Quantity::Gap(bits) if axes.gap_step > 0 && axis > 0 => {
+                        let index = axes.gap_step.saturating_mul(axis.into());
+                        *quantity = Quantity::Unused(Unused { index, sub: 0, bits: *bits, value: None });
+                    }
+                    _ => {}
                 }
             }
         }
@@ -259,7 +268,7 @@ mod tests {
 
     #[test]
     fn objects_of_an_axis_lie_behind_those_of_the_first_and_those_of_the_device_stay() {
-        let axes = Axes { count: 3, object_step: 0x800, pdo_step: None, vendor_object_step: 0x100, moved: None };
+        let axes = Axes { count: 3, object_step: 0x800, pdo_step: None, vendor_object_step: 0x100, gap_step: 0, moved: None };
         let at = |index| [0, 1, 2].map(|axis| axes.index(index, axis));
         assert_eq!(at(0x6040), [0x6040, 0x6840, 0x7040]);
         assert_eq!(at(0x2000), [0x2000, 0x2100, 0x2200]);

@@ -48,6 +48,7 @@ pub const SHIPPED: &[(&str, &str)] = shipped![
     "simulated-force-sensor",
     "simulated-servo",
     "synapticon-somanet",
+    "triamec-tsd80e",
     "zeroerr-edriver",
 ];
 
@@ -142,8 +143,9 @@ pub enum Tried {
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct Identity {
-    /// Device type, 1000h.
-    pub device_type: u32,
+    /// Device type, 1000h; `null` where no source gives it, and any is taken.
+    #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<u32>"))]
+    pub device_type: Option<u32>,
     /// Vendor, 1018h:1.
     pub vendor_id: u32,
     /// Products that the profile is for, 1018h:2.

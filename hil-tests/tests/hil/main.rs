@@ -37,6 +37,8 @@ mod programs;
 #[cfg(target_os = "linux")]
 mod refused;
 #[cfg(target_os = "linux")]
+mod shipped;
+#[cfg(target_os = "linux")]
 mod wall_clock;
 
 /// Every body once on each kind of bus.

@@ -7,7 +7,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use hil_tests::Scenario;
 use hil_tests::cable::{Cable, permit};
 use hil_tests::segment_cable::SegmentCable;
-use yieldwall::config::{CommandMode, Positive, ProfileName, Source, builtin, load_rig};
+use yieldwall::config::{
+    Address, CommandMode, EthercatAddress, Positive, ProfileName, Rig, SensorProtocol, Source, builtin, load_rig,
+};
 use yieldwall::cycle::LeadLimits;
 use yieldwall::injection::{Injection, Kind, Target};
 use yieldwall::quantity::JointAngles;
@@ -24,6 +26,8 @@ const MODES: [(&str, CommandMode, cia402::OperationMode); 3] = [
     ("paper-admittance-csv.yaml", CommandMode::Velocity, cia402::OperationMode::CyclicVelocity),
     ("paper-admittance-csp.yaml", CommandMode::Position, cia402::OperationMode::CyclicPosition),
 ];
+/// The shipped rig on EtherCAT.
+const ETHERCAT: &str = "paper-ethercat.yaml";
 const CYCLES: u64 = 400;
 
 /// A shipped rig with drives of this profile.
@@ -33,12 +37,28 @@ fn scenario(file: &'static str, profile: &'static str) -> Scenario {
         drive.profile = ProfileName::from(profile.to_owned());
         drive.encoder = Some(EncoderKind::MultiTurn);
     }
+    if file == ETHERCAT {
+        share_device(&mut scenario.rig);
+    }
     scenario
+}
+
+/// Makes both drives axes of one device, if their profile is of one that has several.
+fn share_device(rig: &mut Rig) {
+    if rig.drives[0].profile.get().is_none_or(|profile| profile.axes() < 2) {
+        return;
+    }
+    for (axis, drive) in (0..).zip(&mut rig.drives) {
+        drive.address = Address::Ethercat(EthercatAddress { position: 0, axis: Some(axis) });
+    }
+    if let SensorProtocol::Ethercat { position, .. } = &mut rig.sensor.protocol {
+        *position = 1;
+    }
 }
 
 /// The shipped rig on EtherCAT, in the mode of one on CAN.
 fn on_ethercat(can: &Scenario, profile: &'static str) -> Scenario {
-    let mut segment = scenario("paper-ethercat.yaml", profile);
+    let mut segment = scenario(ETHERCAT, profile);
     segment.rig.rig.command_mode = can.rig.rig.command_mode;
     segment.rig.control = can.rig.control;
     segment

@@ -60,8 +60,13 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let state = desk.service.state(node.id).map_err(|error| failed(&desk, error))?;
     let identities = identify(&mut desk.service, &[node.id]).map_err(|error| failed(&desk, error))?;
     let (identity_parts, name) = identities.into_iter().next().unwrap_or_default();
-    let found =
-        FoundDevice { node: node.id, heard: desk.service.heard(node.id), device_type, identity: identity_parts, name };
+    let axes = count_axes(|at| match desk.service.read(node.id, at) {
+        Ok(_) => Ok(true),
+        Err(Error::Refused(_)) => Ok(false),
+        Err(error) => Err(failed(&desk, error)),
+    })?;
+    let heard = desk.service.heard(node.id);
+    let found = FoundDevice { node: node.id, heard, device_type, identity: identity_parts, name, axes };
     let asked: Vec<_> = asked(node.axis).map(|at| (node.id, at)).collect();
     let answers = desk.service.read_each(&asked).map_err(|error| desk.bus_failure(error))?;
     let mut rows =
@@ -71,11 +76,6 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     rows.push(["rig".to_owned(), fit(&desk, &found)]);
     rows.push(["NMT".to_owned(), state.map_or("tells none".to_owned(), |state| nmt_words(state).to_owned())]);
-    let axes = count_axes(|at| match desk.service.read(node.id, at) {
-        Ok(_) => Ok(true),
-        Err(Error::Refused(_)) => Ok(false),
-        Err(error) => Err(failed(&desk, error)),
-    })?;
     rows.extend(axes_row(axes));
     let (more, objects) = objects(answers, node.scaling(), node.axis, |code| desk.explained(&node, code));
     rows.extend(more);

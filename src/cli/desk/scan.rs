@@ -72,7 +72,7 @@ fn heard(desk: &mut DeviceSession) -> Result<Vec<FoundDevice>, Failure> {
     let nodes = (1..=127).filter_map(|raw| yieldwall_fieldbus::canopen::node_id(raw).ok());
     let heard = nodes.map(|node| (node, desk.service.heard(node))).filter(|(_, heard)| heard.frames > 0);
     Ok(heard
-        .map(|(node, heard)| FoundDevice { node, heard, device_type: None, identity: [None; 4], name: None })
+        .map(|(node, heard)| FoundDevice { node, heard, device_type: None, identity: [None; 4], name: None, axes: 0 })
         .collect())
 }
 
@@ -84,7 +84,11 @@ fn text(desk: &DeviceSession, found: &[FoundDevice], others: OtherTraffic) -> St
     for found in found {
         let state = state(found);
         let name = found.name.clone().unwrap_or_else(|| "-".to_owned());
-        rows.push([found.node.raw().to_string(), state, kind(found.device_type), name, fit(desk, found)]);
+        let kind = match found.axes {
+            0 | 1 => kind(found.device_type),
+            axes => format!("{}, {axes} axes", kind(found.device_type)),
+        };
+        rows.push([found.node.raw().to_string(), state, kind, name, fit(desk, found)]);
     }
     let table = table(&rows);
     // Under each device who it is, so that a line stays within 80 columns.
@@ -188,7 +192,7 @@ fn is_one(wanted: &Wanted, identity: [Option<u32>; 4], device_type: Option<u32>)
     vendor == Some(wanted.vendor_id)
         && product.is_some_and(|product| wanted.product_codes.contains(&product))
         && wanted.revisions.includes(revision.unwrap_or_default())
-        && device_type.is_none_or(|device_type| device_type == wanted.device_type)
+        && device_type.zip(wanted.device_type).is_none_or(|(device_type, wanted)| device_type == wanted)
 }
 
 fn document(desk: &DeviceSession, bus: &str, found: &FoundDevice) -> Value {
@@ -199,6 +203,7 @@ fn document(desk: &DeviceSession, bus: &str, found: &FoundDevice) -> Value {
         "state": state(found),
         "device_type": found.device_type,
         "kind": kind(found.device_type),
+        "axes": found.axes,
         "name": found.name,
         "vendor_id": vendor,
         "product_code": product,

@@ -203,6 +203,8 @@ mod tests {
             matches!(&found[..], [(key, says)] if key == "device.servo.axes" && says.contains("A040h")),
             "{found:?}"
         );
+        let found = of_profile("vendor_object_step: 0x100", "vendor_object_step: 0x100\n      gap_step: 0x800");
+        assert!(matches!(&found[..], [(key, _)] if key == "device.servo.axes.gap_step"), "{found:?}");
         let two = |text: &str| text.replace("rpdo: [{number: 1,", "rpdo: [{number: 2,");
         let text = two(&builtin("vendors/profiles/three-axes.yaml").read().unwrap());
         let text = text.replace(STEP, &format!("pdo_step: 1\n      {STEP}"));

@@ -9,6 +9,8 @@ use yieldwall_drives::profiles::{
 use super::Findings;
 use crate::suggest::nearest;
 
+/// First index of an object; those before are types of data, and stand for gaps in a mapping.
+const COMMUNICATION: u16 = 0x1000;
 /// Distance of the objects of two axes by CiA 402.
 const AXIS_STEP: u16 = 0x800;
 /// Bytes that a CAN frame carries, and PDOs of a direction that CANopen has identifiers for.
@@ -441,6 +443,11 @@ impl Checked<'_> {
                 "write the distance of the objects from one axis to the next in `{step}`: the manual has both axes"
             );
             self.findings.error(KEY, message, help);
+        }
+        if axes.gap_step.saturating_mul(axes.count.saturating_sub(1).into()) >= COMMUNICATION {
+            let message = format!("`{KEY}.gap_step` is {:#x}, by which a gap of the last axis is an object", axes.gap_step);
+            let help = "write what the device's mapping has as index of a gap of the second axis, such as 0x800, or leave it out";
+            self.findings.error(&format!("{KEY}.gap_step"), message, help);
         }
         for bus in Fieldbus::all().into_iter().filter(|bus| self.profile.is_for(*bus)) {
             let step = axes.pdo_step_on(bus);

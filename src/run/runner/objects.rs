@@ -8,7 +8,7 @@ use crate::permit::Ask;
 use crate::place::Place;
 use crate::proof::DriveIdentity;
 use yieldwall_drives::objects;
-use yieldwall_fieldbus::objects::{Address, ObjectAnswer, ObjectRequest, write_patience};
+use yieldwall_fieldbus::objects::{Address, ObjectAnswer, ObjectError, ObjectRequest, write_patience};
 use yieldwall_fieldbus::time::Time;
 use yieldwall_motion::guard::Device;
 
@@ -45,8 +45,6 @@ impl<P: Place + ?Sized> Runner<P> {
     fn transfer(&mut self, device: Device, request: ObjectRequest<'_>) -> Result<Vec<u8>, RunError> {
         let (ObjectRequest::Read(Address { index, sub }) | ObjectRequest::Write(Address { index, sub }, _)) = request;
         let unread = RunError::Unread { which: self.which(device), index, sub };
-        self.send(|master, now, out| master.networks_mut().ask(now, device, request, out))
-            .map_err(|_| unread.clone())?;
         // Time may stand still in lockstep, and a cycle that has panicked moves nothing on: the place's own clock goes on.
         let usual = self.patience.into_iter().max().unwrap_or_default();
         let patience = match request {
@@ -55,9 +53,18 @@ impl<P: Place + ?Sized> Runner<P> {
         };
         let until = self.place.now() + patience + BEYOND_PATIENCE;
         let has_cycles = self.next_sync != Time::NEVER && self.master.networks().segment().is_some();
+        let mut is_asked = false;
         loop {
             if self.has_panicked || self.place.now() >= until {
                 return Err(unread);
+            }
+            if !is_asked {
+                match self.send(|master, now, out| master.networks_mut().ask(now, device, request, out)) {
+                    Ok(()) => is_asked = true,
+                    // The other axis of the device has its turn.
+                    Err(ObjectError::Busy) => {}
+                    Err(_) => return Err(unread),
+                }
             }
             if has_cycles {
                 // Their frames carry what is asked.
@@ -70,6 +77,9 @@ impl<P: Place + ?Sized> Runner<P> {
                 self.wait_until(self.started + next.since(Time(0)));
                 self.drain();
                 self.send(|master, now, out| master.networks_mut().poll(now, out));
+            }
+            if !is_asked {
+                continue;
             }
             match self.master.networks().answer(device) {
                 ObjectAnswer::Pending => {}

@@ -1,5 +1,6 @@
 //! The axes of one device: one dictionary and one place on the network, and a state machine, a control loop and a joint each.
 
+use super::AxisView;
 use super::device::Device;
 use yieldwall_drives::cia402::State;
 use yieldwall_fieldbus::canopen::{Application, HeartbeatEvent, NmtState};
@@ -39,6 +40,11 @@ impl Axes {
             0 => Some(&self.front),
             _ => self.others.get(axis - 1),
         }
+    }
+
+    /// State, torque and brake of an axis.
+    pub(super) fn view(&self, axis: usize) -> Option<AxisView> {
+        self.get(axis).map(|axis| AxisView::of(axis, &self.front.od))
     }
 
     /// Brings an axis to the front, and the one in front to its place.

@@ -233,10 +233,10 @@ impl Device {
     }
 
     /// Whether a brake that the master holds is closed.
-    pub(super) fn is_braked(&self) -> bool {
+    pub(super) fn is_braked(&self, od: &ObjectDictionary) -> bool {
         self.brake.as_ref().is_some_and(|output| {
-            let value = self.od.get(self.objects.digital_outputs);
-            output.is_closed(value, self.od.get(self.objects.digital_output_mask))
+            let value = od.get(self.objects.digital_outputs);
+            output.is_closed(value, od.get(self.objects.digital_output_mask))
         })
     }
 

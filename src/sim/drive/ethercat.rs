@@ -139,7 +139,7 @@ impl EthercatDrive {
 
     /// State, torque in N m and closed brake of an axis; as of a drive that is switched off if there is none.
     pub fn axis(&self, axis: usize) -> AxisView {
-        self.axes.get(axis).map(AxisView::of).unwrap_or_default()
+        self.axes.view(axis).unwrap_or_default()
     }
 
     /// The joint's motion at this moment, in rad and rad/s; see [`Drive::measure`](super::Drive::measure).
@@ -154,7 +154,7 @@ impl EthercatDrive {
 
     /// Whether a brake that the master holds by an output is closed.
     pub fn is_braked(&self) -> bool {
-        self.axes.front().is_braked()
+        self.axes.view(0).is_some_and(|front| front.is_braked)
     }
 
     /// State of the state machine.

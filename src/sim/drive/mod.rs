@@ -27,7 +27,7 @@ use axes::Axes;
 use device::{Device, PROFILE_ERROR};
 use watches::Watch;
 use yieldwall_fieldbus::canopen::{EmcyCode, ErrorRegister, Frame, Node, NodeId, Outbox, cob};
-use yieldwall_fieldbus::objects::{Address, Object, ServedDevice};
+use yieldwall_fieldbus::objects::{Address, Object, ObjectDictionary, ServedDevice};
 use yieldwall_fieldbus::time::Time;
 
 /// What the drive knows about the joint angle.
@@ -128,8 +128,8 @@ impl Default for AxisView {
 }
 
 impl AxisView {
-    fn of(axis: &Device) -> Self {
-        Self { state: axis.state(), torque_n_m: axis.torque_n_m(), is_braked: axis.is_braked() }
+    fn of(axis: &Device, od: &ObjectDictionary) -> Self {
+        Self { state: axis.state(), torque_n_m: axis.torque_n_m(), is_braked: axis.is_braked(od) }
     }
 }
 
@@ -227,10 +227,10 @@ impl Drive {
 
     /// State, torque in N m and closed brake of an axis; as of a drive that is switched off if there is none.
     pub fn axis(&self, axis: usize) -> AxisView {
-        match self.axes.get(axis) {
-            Some(axis) if self.is_powered => AxisView::of(axis),
-            Some(axis) => AxisView { is_braked: axis.has_brake(), ..AxisView::default() },
-            None => AxisView::default(),
+        if self.is_powered {
+            self.axes.view(axis).unwrap_or_default()
+        } else {
+            AxisView { is_braked: self.axes.get(axis).is_some_and(Device::has_brake), ..AxisView::default() }
         }
     }
 
@@ -260,7 +260,7 @@ impl Drive {
 
     /// Whether a brake that the master holds by an output is closed; without supply it is.
     pub fn is_braked(&self) -> bool {
-        if self.is_powered { self.axes.front().is_braked() } else { self.axes.front().has_brake() }
+        self.axis(0).is_braked
     }
 
     /// Takes one frame from the bus.

@@ -13,7 +13,7 @@ use yieldwall_drives::scaling::AxisScaling;
 
 use super::super::device::{DeviceError, commanded, declare, handle, holding, identity, mapping, mark, plain, shown};
 use super::{DriveSettings, OddObject};
-use yieldwall_fieldbus::canopen::{CanopenError, CommunicationProfile, NodeId, PdoParameters, cob};
+use yieldwall_fieldbus::canopen::{CanopenError, CommunicationProfile, NodeId, PdoParameters, cob, is_dummy};
 use yieldwall_fieldbus::objects::{
     Access, Address, Builder, DictionaryError, Handle, Mappable, Object, ObjectDictionary, load_le,
 };
@@ -31,8 +31,6 @@ const HOMING_RAD_PER_S: f64 = 0.05;
 const HOMING_RAD_PER_S2: f64 = 0.5;
 /// Rated current of a drive that limits its current, and its limit at power-on, mA.
 const RATED_CURRENT_MA: u16 = 5000;
-/// First index that no data type and no communication object has.
-const FIRST_OF_VENDOR: u16 = 0x2000;
 /// Speed limit at power-on, r/min of the motor.
 const MAX_MOTOR_RPM: i64 = 3000;
 
@@ -181,7 +179,7 @@ fn mapped(mut builder: Builder, servo: &Servo) -> Result<Builder, DeviceError> {
     let all = maps.flat_map(|map| map.rpdo.iter().chain(&map.tpdo)).flat_map(|pdo| &pdo.maps);
     let mut unused: Vec<Unused> = all
         .filter_map(|quantity| if let Quantity::Unused(unused) = quantity { Some(*unused) } else { None })
-        .filter(|unused| unused.index >= FIRST_OF_VENDOR)
+        .filter(|unused| !is_dummy(unused.index))
         .collect();
     unused.sort_by_key(|unused| (unused.index, unused.sub));
     unused.dedup_by_key(|unused| (unused.index, unused.sub));

@@ -68,7 +68,7 @@ impl ForceTorqueSettings {
     fn identity(&self) -> DeviceIdentity {
         let identity = &self.profile.identity;
         DeviceIdentity {
-            device_type: identity.device_type,
+            device_type: identity.device_type.unwrap_or_default(),
             name: "six-axis force/torque sensor".to_owned(),
             vendor_id: identity.vendor_id,
             product_code: identity.product_codes.first().copied().unwrap_or_default(),
@@ -116,10 +116,11 @@ impl ForceTorqueSensor {
         check("phase_us", settings.phase_us.into(), is_within, "less than the sample period")?;
         let period = Duration::from_nanos(1000 * u64::from(1_000_000 + settings.slow_ppm) / u64::from(rate));
         let phase = Duration::from_micros(settings.phase_us.into());
+        let od = build(settings, model)?;
         Ok(ForceTorqueSensor {
-            od: build(settings, model)?,
+            shown: Shown::new(&od, model)?,
+            od,
             sampler: Sampler::new(settings.range_counts, Some(period), phase),
-            shown: Shown::new(model),
             zeroing: Zeroing::new(model, NONE),
         })
     }

@@ -38,10 +38,11 @@ impl CanopenSensor {
     ) -> Result<Self, DeviceError> {
         let role = || DeviceError::Role { profile: profile.name().to_owned(), wanted: "force sensor" };
         let model = profile.force_sensor().ok_or_else(role)?;
+        let od = build(node, profile, model, serial, counts_per_unit)?;
         let device = Device {
-            od: build(node, profile, model, serial, counts_per_unit)?,
+            shown: Shown::new(&od, model)?,
+            od,
             sampler,
-            shown: Shown::new(model),
             // Auto zero is that of the simulated sensor, in each channel.
             zeroing: Zeroing::new(model, cia::AUTO_ZERO.index),
         };

@@ -1,7 +1,9 @@
 //! The objects of a simulated force sensor, by its profile: what they show of a sample, and what takes the zero.
 
 use yieldwall_drives::profiles::{Entry, ForceSensor, Numbers, Pdo, Quantity, Scaling, StatusBits, Unused};
-use yieldwall_fieldbus::objects::{Access, Address, Builder, DataType, Mappable, Object, ObjectDictionary, mask};
+use yieldwall_fieldbus::objects::{
+    Access, Address, Builder, DataType, DictionaryError, Handle, Mappable, Object, ObjectDictionary,
+};
 
 use super::super::DeviceError;
 use super::sampler::{CHANNELS, Conversion, Sampler};
@@ -15,38 +17,43 @@ const FORCES: usize = 3;
 /// The objects that show a sample.
 #[derive(Clone, Debug)]
 pub(super) struct Shown {
-    channels: [(Address, u8); CHANNELS],
+    /// Each with its bits, 8 to 32.
+    channels: [(Handle<u64>, u8); CHANNELS],
     numbers: Numbers,
     /// Counts per N and per N m, of numbers that are in N and N m.
     counts_per_unit: [f64; 2],
-    status: Option<(Address, u8)>,
-    overload: Option<(Address, u8)>,
+    status: Option<Handle<u64>>,
+    overload: Option<Handle<u64>>,
     status_bits: StatusBits,
-    counter: Option<(Address, u8)>,
+    counter: Option<Handle<u64>>,
     count: u32,
 }
 
-fn place(entry: &Entry) -> (Address, u8) {
-    (Address::new(entry.index, entry.sub), entry.bits)
-}
-
 impl Shown {
-    pub(super) fn new(model: &ForceSensor) -> Self {
+    /// The objects of a profile in the dictionary that [`declare`] has put them into.
+    ///
+    /// # Errors
+    /// If one is not there.
+    pub(super) fn new(od: &ObjectDictionary, model: &ForceSensor) -> Result<Self, DictionaryError> {
         let objects = &model.objects;
-        let place_of = |entry: &Option<Entry>| entry.as_ref().map(place);
-        Self {
-            channels: objects.channels.each_ref().map(place),
+        let mut channels = [(Handle::NOWHERE, 0); CHANNELS];
+        for (entry, to) in objects.channels.iter().zip(&mut channels) {
+            *to = (od.bits_handle(entry.index, entry.sub)?, entry.bits);
+        }
+        let handle = |entry: &Option<Entry>| entry.as_ref().map(|at| od.bits_handle(at.index, at.sub)).transpose();
+        Ok(Self {
+            channels,
             numbers: objects.numbers,
             counts_per_unit: match model.scaling {
                 Some(Scaling::Constant { per_n, per_n_m }) => [per_n, per_n_m].map(f64::from),
                 _ => [1.0; 2],
             },
-            status: place_of(&objects.status),
-            overload: place_of(&objects.overload),
+            status: handle(&objects.status)?,
+            overload: handle(&objects.overload)?,
             status_bits: model.status_bits,
-            counter: place_of(&objects.sample_counter),
+            counter: handle(&objects.sample_counter)?,
             count: 0,
-        }
+        })
     }
 
     /// As after power-on.
@@ -57,27 +64,22 @@ impl Shown {
     /// Shows a sample. One that is not valid is shown by the first of the bits for it, or by numbers that are none where there is no such bit.
     pub(super) fn show(&mut self, od: &mut ObjectDictionary, conversion: &Conversion) {
         self.count = self.count.wrapping_add(1);
-        let mut set = |(at, bits): (Address, u8), word: u64| {
-            let bytes = (word & mask(bits)).to_le_bytes();
-            // All of them are declared with this length.
-            let _ = od.set_bytes(at, bytes.get(..usize::from(bits / 8)).unwrap_or_default());
-        };
         let bits = self.status_bits;
         let is_nan = conversion.is_invalid && bits.invalid == 0;
-        for (channel, (&at, &counts)) in self.channels.iter().zip(&conversion.counts).enumerate() {
-            set(at, self.word(channel, at.1, counts, is_nan));
+        for (channel, (&(handle, width), &counts)) in self.channels.iter().zip(&conversion.counts).enumerate() {
+            od.set(handle, self.word(channel, width, counts, is_nan));
         }
         let first = |is_set: bool, mask: u32| u64::from(if is_set { mask & mask.wrapping_neg() } else { 0 });
         let overload = first(conversion.is_overloaded, bits.overload);
         let invalid = first(conversion.is_invalid, bits.invalid);
         if let Some(status) = self.status {
-            set(status, invalid | if self.overload.is_some() { 0 } else { overload });
+            od.set(status, invalid | if self.overload.is_some() { 0 } else { overload });
         }
         if let Some(status) = self.overload {
-            set(status, overload);
+            od.set(status, overload);
         }
         if let Some(counter) = self.counter {
-            set(counter, self.count.into());
+            od.set(counter, self.count.into());
         }
     }
 

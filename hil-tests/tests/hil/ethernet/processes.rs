@@ -9,8 +9,10 @@ use serde_json::Value;
 
 use super::super::power_cycle::a_power_cycle_is_seen_and_no_word_is_taken_for_it;
 use super::super::programs::*;
+use super::super::shipped::no_command_leaves_torque;
 use super::rigs::{NEAR, PERIOD_US, Slow};
 use super::served::FAR;
+use yieldwall_drives::profiles::Fieldbus;
 
 /// Five cycles, and a tick of 100 us by which the watchdog is coarser.
 const WATCHED: Duration = Duration::from_micros(5 * PERIOD_US + 100);
@@ -69,6 +71,12 @@ fn a_joint_of_another_process_is_moved_by_an_angle() {
     assert!((angle("to_rad", 0) - angle("from_rad", 0) + 4.0).abs() < 0.1, "{document:#}");
     assert!((angle("to_rad", 1) - angle("from_rad", 1)).abs() < 0.1, "{document:#}");
     sim.interrupted();
+}
+
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn no_command_leaves_torque_on_a_segment() {
+    no_command_leaves_torque(Fieldbus::Ethercat, NEAR, &format!("main={FAR}"));
 }
 
 /// In lockstep: what the simulated machine of another process is made of is identified, and gains are proposed.

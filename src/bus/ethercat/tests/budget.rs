@@ -6,7 +6,7 @@ use proptest::prelude::*;
 
 /// A device with so many bytes of inputs and of outputs.
 fn device(name: &str, device: Device, position: u16, inputs: usize, outputs: usize) -> StationSetup {
-    let identity = Identity { device_type: 0, vendor_id: 1, product_codes: vec![1], revisions: Revisions::Any };
+    let identity = Identity { device_type: Some(0), vendor_id: 1, product_codes: vec![1], revisions: Revisions::Any };
     let mapped = |sub| Mapped { at: Address::new(0x2000, sub), bits: 8, quantity: None, value: 0 };
     let pdo = |index, bytes: usize| {
         vec![ProcessData { device, index, is_fixed: true, entries: (1..).take(bytes).map(mapped).collect() }]

@@ -265,10 +265,7 @@ fn a_mailbox_that_hangs_and_an_object_that_is_not_there_are_told() {
     let mut other = setup();
     other.stations[2].inputs[0].entries[3].at = Address::new(0x6000, 5);
     let message = refused(&other, devices());
-    assert!(
-        message.starts_with("force sensor (position 2): map the process data: map the process data (1A00h:4)"),
-        "{message}"
-    );
+    assert!(message.starts_with("force sensor (position 2): map the process data: object 1A00h:4 is"), "{message}");
 }
 
 #[test]

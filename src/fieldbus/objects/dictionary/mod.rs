@@ -113,9 +113,26 @@ impl ObjectDictionary {
     /// # Errors
     /// [`DictionaryError::NoObject`], or [`DictionaryError::TypeMismatch`] if `T` does not hold the object's type.
     pub fn handle<T: Scalar>(&self, index: u16, sub: u8) -> Result<Handle<T>, DictionaryError> {
+        self.handle_if(index, sub, T::holds)
+    }
+
+    /// The handle of the bits of an object of a basic type, whatever their meaning: zero-extended, a REAL32 as it is stored.
+    ///
+    /// # Errors
+    /// [`DictionaryError::NoObject`], or [`DictionaryError::TypeMismatch`] if the object is a string.
+    pub fn bits_handle(&self, index: u16, sub: u8) -> Result<Handle<u64>, DictionaryError> {
+        self.handle_if(index, sub, |_| true)
+    }
+
+    fn handle_if<T: Scalar>(
+        &self,
+        index: u16,
+        sub: u8,
+        is_held: impl FnOnce(DataType) -> bool,
+    ) -> Result<Handle<T>, DictionaryError> {
         let (_, entry) = self.find(Address::new(index, sub)).map_err(|_| DictionaryError::NoObject { index, sub })?;
         match entry.data_type.bits() {
-            Some(bits) if T::holds(entry.data_type) => Ok(Handle { offset: entry.offset, bits, value: PhantomData }),
+            Some(bits) if is_held(entry.data_type) => Ok(Handle { offset: entry.offset, bits, value: PhantomData }),
             _ => Err(DictionaryError::TypeMismatch { index, sub, is: entry.data_type, wanted: T::DATA_TYPE }),
         }
     }
