@@ -54,6 +54,7 @@ mod new;
 #[cfg(target_os = "linux")]
 mod on_bus;
 mod output;
+mod page;
 #[cfg(target_os = "linux")]
 mod pace;
 mod picture;
@@ -185,6 +186,8 @@ enum Command {
     Replay(replay::Arguments),
     /// Draw a recording
     Plot(plot::Arguments),
+    /// Show a recording on a page in the browser: play it, jump to faults and impacts, lay another one over it
+    View(page::Arguments),
     /// Put runs and recordings side by side: measures, curves, and what differs in their configurations
     Compare(compare::Arguments),
     /// Look into recordings and mend them
@@ -312,6 +315,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Reproduce(arguments) => reproduce::run(&arguments, &mut output),
         Command::Replay(arguments) => replay::run(&arguments, &mut output),
         Command::Plot(arguments) => plot::run(&arguments, &mut output),
+        Command::View(arguments) => page::view(&arguments, &mut output),
         Command::Compare(arguments) => compare::run(&arguments, &mut output),
         Command::Record(command) => record::run(&command, &mut output),
         Command::Soak(arguments) => soak::run(&arguments, &mut output),

@@ -19,6 +19,7 @@ use super::on_bus::{
     thread_failure, told_before, warn, warn_of, with_findings, with_told,
 };
 use super::output::Output;
+use super::page::Viewing;
 use super::pace::PaceArgument;
 use super::run::{Arguments, check, check_candump, check_loop, draw, view, with_files};
 use super::tui::Screen;
@@ -102,7 +103,8 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     let view = arguments.tui.then(|| view(&rig, &place, duration_s));
     view.iter().for_each(|view| events.show_on(view));
     let (listening, heard) = Listening::start(events, watched, &rig)?;
-    on_bus.set_watch(watch.and(heard));
+    let (viewing, viewed) = Viewing::start(&arguments.page, &rig, None)?.unzip();
+    on_bus.set_watch(watch.and(heard).and(viewed.unwrap_or_default()));
     let period_s = f64::from(rig.cycle.period_us) * 1e-6;
     let mut scene_rows = report::RunLog::with_room(Play::on_bus(&rig, duration_s).cycles.min(LONGEST_TRACE) as usize);
     let mut seen = LoopTimes { stages: StageTimes::default(), skipped: 0 };
@@ -162,6 +164,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     let end = failure.map_or(Ok(()), |failure| Err(kept.point_to_black_box(failure)));
     let end = with_files(end, [drawn, kept.is_written()]);
     events.end(&end);
+    viewing.into_iter().for_each(|viewing| viewing.end(&end));
     if !output.is_json() {
         output.news(&facts.lines(time_s).join("\n"))?;
         return end;

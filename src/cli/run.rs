@@ -21,6 +21,7 @@ use super::margins::{Margins, has_other_inertia};
 use super::masses::{Masses, advice};
 use super::on_bus::{standing, told_at_boot, with_findings, with_told};
 use super::output::Output;
+use super::page::{ViewArgument, Viewing};
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
 use super::replace::{Replace, Written};
@@ -92,6 +93,8 @@ pub(super) struct Arguments {
     /// Show axes, force, lateness and events on the whole terminal, with a key that stops the rig; the simulation then runs by the wall
     #[arg(long, conflicts_with_all = ["jsonl", "json", "quiet", "verbose"])]
     pub(super) tui: bool,
+    #[command(flatten)]
+    pub(super) page: ViewArgument,
     /// Where the time around a fault is kept, in place of the record's folder or yieldwall/black-box in the state folder
     #[arg(long, value_name = "DIR")]
     pub(super) black_box: Option<PathBuf>,
@@ -152,15 +155,18 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     view.iter().for_each(|view| events.show_on(view));
     let (listening, heard) = Listening::start(events, watched, &rig.value)?;
     let (keep, watch) = Keep::start(watched, &rig.value, &about, &arguments.wanted())?;
+    let (viewing, viewed) = Viewing::start(&arguments.page, &rig.value, None)?.unzip();
+    let watch = watch.and(heard).and(viewed.unwrap_or_default());
+    let is_looked_at = arguments.tui || viewing.is_some();
     let progress = if arguments.tui { Progress::hidden() } else { Progress::new(output) };
     progress.begin(&rig.value.rig.name);
     let is_interrupted = on_interrupt()?;
     let screen = view.map(|view| Screen::start(&view, &is_interrupted, None)).transpose()?;
     let mut onward = ControlFlow::Continue(());
     let started = Instant::now();
-    let report = run_rig(&rig.value, &scene.value, &overrides, watch.and(heard), |stage| {
+    let report = run_rig(&rig.value, &scene.value, &overrides, watch, |stage| {
         progress.at(stage);
-        if arguments.tui {
+        if is_looked_at {
             // Nobody can look at a scene that is over in a blink.
             std::thread::sleep(Duration::from_secs_f64(stage.time_s.max(0.0)).saturating_sub(started.elapsed()));
         }
@@ -188,6 +194,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     };
     let end = with_files(end, [drawn, kept.is_written()]);
     events.end(&end);
+    viewing.into_iter().for_each(|viewing| viewing.end(&end));
     if !output.is_json() {
         output.news(&facts.text(arguments))?;
         return end;

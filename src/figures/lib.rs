@@ -30,7 +30,7 @@ pub use trajectory::trajectory_and_time;
 
 use page::Page;
 use std::path::Path;
-use yieldwall_record::{FaultMark, Row, Trace};
+use yieldwall_record::{FaultMark, Reference, Row, Trace};
 
 /// Part of the plane of x and y: a square, or the middle square of a wider panel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -202,6 +202,13 @@ fn heading(page: &mut Page, options: &Options) {
 fn panel_letter(page: &mut Page, at: curve::Point, number: usize) {
     let letter = ('a'..='z').nth(number).unwrap_or('?');
     page.bold_text(at, &format!("({letter})"));
+}
+
+/// Lines of surfaces in the plane of x and y, in m, base frame, for a drawing elsewhere: the forbidden side of a unilateral fixture lies to the
+/// right of the way along the points. The first point of a closed line is its last one too. Surfaces that no line shows are left out. `window_m` is
+/// the part of the plane that is shown: least x, least y, greatest x, greatest y.
+pub fn surface_lines(references: &[Reference], window_m: [f64; 4]) -> Vec<Vec<[f64; 2]>> {
+    plane::lines_m(references, window_m)
 }
 
 /// The drawing of one run: trajectory with forces, force and power against time.

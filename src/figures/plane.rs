@@ -3,7 +3,7 @@
 use super::axes::{Axes, Kind, number, range_of};
 use super::curve::{Frame, Point};
 use super::legend::{Entry, Sample};
-use super::page::{GREY, PALE, Page, SKY, Stroke, VERMILION};
+use super::page::{self, GREY, PALE, Page, SKY, Stroke, VERMILION};
 use super::{Error, Excerpt, Window, marks};
 use std::f64::consts::TAU;
 use yieldwall_motion::elementary;
@@ -294,6 +294,17 @@ pub(super) fn line(reference: &Reference, moved_m: [f64; 3], axes: &Axes) -> Opt
             Some(round(center, capture_radius_m * MM_PER_M, false, axes))
         }
     }
+}
+
+/// Lines of surfaces at their place in m, in the order of `references`; those that no line shows in the plane of x and y are left out.
+/// `window_m` is what is shown: least x, least y, greatest x, greatest y.
+pub(super) fn lines_m(references: &[Reference], window_m: [f64; 4]) -> Vec<Vec<[f64; 2]>> {
+    let [x, y, end_x, end_y] = window_m.map(|value| value * MM_PER_M);
+    let frame = Frame { left: 0.0, top: 0.0, right: page::WIDTH, bottom: page::WIDTH };
+    let axes = Axes { frame, x: [x, end_x], y: [y, end_y] };
+    let lines = references.iter().filter_map(|reference| line(reference, [0.0; 3], &axes));
+    let in_m = |line: Vec<Point>| line.into_iter().map(|(x, y)| [x / MM_PER_M, y / MM_PER_M]).collect();
+    lines.filter(|line| !line.is_empty()).map(in_m).collect()
 }
 
 /// Points of a circle: against the clock, or with it where the inside is to be on the right.
