@@ -22,6 +22,10 @@ macro_rules! files {
 pub(crate) const FILES: &[PageFile] = files! {
     "/" "text/html; charset=utf-8" "index.html";
     "/view.js" "text/javascript; charset=utf-8" "view.js";
+    "/charts.js" "text/javascript; charset=utf-8" "charts.js";
+    "/pen.js" "text/javascript; charset=utf-8" "pen.js";
+    "/records.js" "text/javascript; charset=utf-8" "records.js";
+    "/scene.js" "text/javascript; charset=utf-8" "scene.js";
     "/view.css" "text/css; charset=utf-8" "view.css";
     "/uplot.js" "text/javascript; charset=utf-8" "uplot.js";
     "/uplot.css" "text/css; charset=utf-8" "uplot.css";

@@ -42,6 +42,17 @@ fn the_page_needs_no_token_and_has_strict_headers() {
 }
 
 #[test]
+fn every_file_of_the_page_is_served() {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/page");
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let name = entry.unwrap().file_name().into_string().unwrap();
+        let path = if name == "index.html" { "/".to_owned() } else { format!("/{name}") };
+        let is_licence = name.ends_with("LICENSE");
+        assert_eq!(FILES.iter().filter(|file| file.path == path).count(), usize::from(!is_licence), "{name}");
+    }
+}
+
+#[test]
 fn the_address_has_port_and_token() {
     let (server, _sink) = live(Limits::default());
     let line = server.address_line();
