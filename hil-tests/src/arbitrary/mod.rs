@@ -11,6 +11,7 @@ mod config;
 mod cycle;
 mod device;
 mod ethercat;
+mod handshake;
 mod laws;
 mod pdo;
 mod plain_can;
@@ -26,6 +27,7 @@ pub use config::configuration;
 pub use cycle::cycle;
 pub use device::{device, dictionary};
 pub use ethercat::{coe_client, ethercat_description, ethercat_frames, ethercat_master, ethercat_sii};
+pub use handshake::handshake;
 pub use pdo::{pdo_layout, pdo_parameters};
 pub use plain_can::plain_can;
 pub use recording::recording;
@@ -67,6 +69,7 @@ targets! {
     ethercat_sii: ethercat::images,
     force_sensor: sim::force_sensors,
     frames: watch::messages,
+    handshake: handshake::heads,
     heartbeat: watch::heartbeats,
     master: bus::networks,
     pdo_layout: pdo::layouts,

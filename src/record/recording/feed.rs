@@ -24,6 +24,9 @@ pub trait Sink<T>: Send + 'static {
     /// If it is lost. What follows is lost too, but counted.
     fn take(&mut self, item: &T) -> io::Result<()>;
 
+    /// Takes note that the ring is empty, every few milliseconds. So far the ring had no room for `dropped` items.
+    fn rest(&mut self, _dropped: u64) {}
+
     /// Puts all that was taken in place.
     ///
     /// # Errors
@@ -208,6 +211,7 @@ fn drain<T: Copy, S: Sink<T>>(
             }
             shared.taken.fetch_add(1, Ordering::Relaxed);
         }
+        sink.rest(shared.dropped.load(Ordering::Relaxed));
         if is_over {
             break;
         }

@@ -64,16 +64,25 @@ impl Visitor for Table {
 pub fn encode<T: Recorded>(record: &T, out: &mut Vec<u8>) {
     out.clear();
     out.extend_from_slice(&ENCAPSULATION);
-    { *record }.walk(&mut Encoder(out));
+    append(record, out);
 }
 
-struct Encoder<'a>(&'a mut Vec<u8>);
+/// Appends the data of `record` to `out`; alignment counts from its first byte.
+fn append<T: Recorded>(record: &T, out: &mut Vec<u8>) {
+    let start = out.len();
+    { *record }.walk(&mut Encoder { out, start });
+}
+
+struct Encoder<'a> {
+    out: &'a mut Vec<u8>,
+    start: usize,
+}
 
 impl Visitor for Encoder<'_> {
     fn visit<S: Scalar>(&mut self, _: Field, value: &mut S) {
-        let data = self.0.len() - ENCAPSULATION.len();
-        self.0.resize(ENCAPSULATION.len() + data.next_multiple_of(S::SIZE), 0);
-        self.0.extend(value.bits().to_le_bytes().iter().take(S::SIZE));
+        let data = self.out.len() - self.start;
+        self.out.resize(self.start + data.next_multiple_of(S::SIZE), 0);
+        self.out.extend(value.bits().to_le_bytes().iter().take(S::SIZE));
     }
 }
 
@@ -135,11 +144,86 @@ impl Visitor for Decoder<'_> {
             self.error = Some(DecodeError::Length { length, is_long: false });
             return;
         };
-        let bits = bytes.iter().rev().fold(0, |bits, byte| bits << 8 | u64::from(*byte));
+        let bits = bits_of(bytes);
         match S::of_bits(bits) {
             Some(read) => *value = read,
             None => self.error = Some(DecodeError::Value { field: field.name, bits }),
         }
+    }
+}
+
+/// The bits in at most eight little-endian bytes.
+fn bits_of(bytes: &[u8]) -> u64 {
+    bytes.iter().rev().fold(0, |bits, byte| bits << 8 | u64::from(*byte))
+}
+
+/// Alignment of a packed record in bytes: the size of the largest field.
+const PACKED_ALIGNMENT: usize = 8;
+
+/// Appends `record` to `out` as [`layout`] describes it: the data of [`encode`] without what stands before, and zeros up to
+/// [`Layout::stride`].
+pub fn pack<T: Recorded>(record: &T, out: &mut Vec<u8>) {
+    let start = out.len();
+    append(record, out);
+    out.resize(start + (out.len() - start).next_multiple_of(PACKED_ALIGNMENT), 0);
+}
+
+/// Place of every field in a packed record.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Layout {
+    /// The fields in the order of their offsets.
+    pub fields: Vec<FieldLayout>,
+    /// Distance from one record to the next in bytes, a multiple of 8.
+    pub stride: usize,
+}
+
+/// Place of one field in a packed record.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FieldLayout {
+    /// Name, unique; ends in the unit where there is one.
+    pub name: &'static str,
+    /// Unit; empty for a number without one.
+    pub unit: &'static str,
+    /// Meaning in a few words.
+    pub meaning: &'static str,
+    /// Type as a message definition names it, such as `float64` or `uint8`.
+    pub type_name: &'static str,
+    /// First byte, from the first one of the record; a multiple of `size`.
+    pub offset: usize,
+    /// Size in bytes: 1, 2, 4 or 8.
+    pub size: usize,
+    /// Names with their numbers, where the value is one of few; of a set of devices the bits.
+    pub codes: Vec<(String, u64)>,
+}
+
+impl Layout {
+    /// Returns the field of this name.
+    pub fn field(&self, name: &str) -> Option<&FieldLayout> {
+        self.fields.iter().find(|field| field.name == name)
+    }
+}
+
+impl FieldLayout {
+    /// Returns the bits of this field in a packed record; `None` if the record is too short.
+    pub fn bits(&self, record: &[u8]) -> Option<u64> {
+        record.get(self.offset..self.offset + self.size).map(bits_of)
+    }
+}
+
+/// Returns the layout of the records that [`pack`] writes.
+pub fn layout<T: Recorded>() -> Layout {
+    let mut layout = Layout::default();
+    T::blank().walk(&mut layout);
+    layout.stride = layout.stride.next_multiple_of(PACKED_ALIGNMENT);
+    layout
+}
+
+impl Visitor for Layout {
+    fn visit<S: Scalar>(&mut self, Field { name, unit, meaning }: Field, _: &mut S) {
+        let offset = self.stride.next_multiple_of(S::SIZE);
+        let (type_name, size, codes) = (S::TYPE, S::SIZE, S::codes());
+        self.fields.push(FieldLayout { name, unit, meaning, type_name, offset, size, codes });
+        self.stride = offset + size;
     }
 }
 

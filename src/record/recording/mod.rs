@@ -25,7 +25,10 @@ pub use about::{About, Machine};
 pub use black_box::{BlackBox, Saved};
 pub use error::ReadError;
 pub use feed::{Backpressure, Counts, Feed, Finished, Inlet, Outlet, Producer, Sink, side_ring};
-pub use forms::{DecodeError, Difference, csv_header, csv_row, decode, definition, difference, encode, table};
+pub use forms::{
+    DecodeError, Difference, FieldLayout, Layout, csv_header, csv_row, decode, definition, difference, encode, layout,
+    pack, table,
+};
 pub use reader::{Damage, Reader, Recording, open};
 pub use recorded::Recorded;
 pub use writer::{Recorder, Writer};

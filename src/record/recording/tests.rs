@@ -132,7 +132,45 @@ fn comes_back<T: Recorded>(record: &T) -> Result<(), TestCaseError> {
     Ok(())
 }
 
+/// Names and bits of the fields.
+struct Named(Vec<(&'static str, u64)>);
+
+impl Visitor for Named {
+    fn visit<S: Scalar>(&mut self, field: Field, value: &mut S) {
+        self.0.push((field.name, value.bits()));
+    }
+}
+
+/// Two records behind an odd byte are read back field by field, each from where the layout has it.
+fn is_where_the_layout_says<T: Recorded>(records: [T; 2]) -> Result<(), TestCaseError> {
+    let layout = layout::<T>();
+    let mut bytes = vec![0xff];
+    records.iter().for_each(|record| pack(record, &mut bytes));
+    prop_assert_eq!(bytes.len(), 1 + 2 * layout.stride);
+    for (mut record, packed) in records.into_iter().zip(bytes[1..].chunks(layout.stride)) {
+        let mut named = Named(Vec::new());
+        record.walk(&mut named);
+        let read = layout.fields.iter().map(|field| (field.name, field.bits(packed).unwrap()));
+        prop_assert_eq!(read.collect::<Vec<_>>(), named.0);
+        let (mut message, mut data) = (Vec::new(), 0);
+        encode(&record, &mut message);
+        layout.fields.iter().for_each(|field| data = field.offset + field.size);
+        prop_assert_eq!(&message[4..], &packed[..data]);
+    }
+    Ok(())
+}
+
 proptest! {
+    #[test]
+    fn a_packed_record_has_its_fields_where_the_layout_says(
+        cycles in any_record::<CycleRecord>().prop_map(|cycle| [cycle, CycleRecord::blank()]),
+        one in any_record::<DeviceRecord>(),
+        other in any_record::<DeviceRecord>(),
+    ) {
+        is_where_the_layout_says(cycles)?;
+        is_where_the_layout_says([one, other])?;
+    }
+
     #[test]
     fn a_record_comes_back_bit_by_bit(cycle in any_record::<CycleRecord>(), sample in any_record::<DeviceRecord>()) {
         comes_back(&cycle)?;

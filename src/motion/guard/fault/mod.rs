@@ -6,6 +6,7 @@
 mod counts;
 mod devices;
 mod table;
+mod words;
 
 pub use counts::{Cause, FaultCounts};
 pub use devices::{Device, DeviceSet};

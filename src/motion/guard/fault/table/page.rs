@@ -2,41 +2,10 @@
 
 use std::fmt::Write;
 
-use super::super::{Bound, Rate};
 use super::*;
 
 /// Where the table begins in the page.
 const MARK: &str = "<!-- From here on: the table of src/motion/guard/fault/table.rs, compared by a test. -->\n";
-
-fn rate(step: &Step, stage: Stage) -> String {
-    let unit = if stage == Stage::Sensing { "sample" } else { "cycle" };
-    match step.rate {
-        Rate::InARow(1) => "at once".to_owned(),
-        Rate::InARow(times) => format!("{times} {unit}s in a row"),
-        Rate::Within { count, cycles } => format!("{count} times in {cycles} cycles"),
-    }
-}
-
-fn reaction(reaction: Reaction) -> &'static str {
-    match reaction {
-        Reaction::Count => "R0 count",
-        Reaction::Freeze => "R1 freeze",
-        Reaction::StopRamp => "R2 stop ramp",
-        Reaction::QuickStop => "R3 quick stop",
-        Reaction::TorqueOff => "R4 torque off",
-        Reaction::Silence => "R5 silence",
-    }
-}
-
-fn bound(bound: Bound) -> String {
-    match bound {
-        Bound::Cycles(1) => "1 cycle".to_owned(),
-        Bound::Cycles(cycles) => format!("{cycles} cycles"),
-        Bound::Samples(1) => "1 sample".to_owned(),
-        Bound::Samples(samples) => format!("{samples} samples"),
-        Bound::HeartbeatTime => "heartbeat time and 1 cycle".to_owned(),
-    }
-}
 
 fn stage(stage: Stage) -> &'static str {
     match stage {
@@ -70,8 +39,8 @@ fn rendered() -> String {
         for row in TABLE.iter().filter(|row| row.stage == at) {
             let each = |step: &Step| {
                 let state = row.final_state(step.reaction);
-                let (rate, reaction, bound) = (rate(step, at), reaction(step.reaction), bound(step.bound));
-                format!("{rate}: **{reaction}**, {bound}, {state:?}")
+                let Step { reaction, bound, .. } = step;
+                format!("{}: **{reaction}**, {bound}, {state:?}", row.rate_in_words(step))
             };
             let steps: Vec<String> = row.steps.iter().map(each).collect();
             let FaultRow { name, meaning, cause, next, .. } = row;

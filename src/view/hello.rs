@@ -1,0 +1,182 @@
+//! The first message to a client: the machine, its fixture, the fields of its records.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use yieldwall_motion::guard::fault::{FaultRow, Step, TABLE};
+use yieldwall_record::recording::{FieldLayout, Layout};
+
+/// Version of the messages.
+const PROTOCOL: u32 = 1;
+
+/// Description of the machine that the page shows. The server adds the layout of the records and the list of recordings.
+///
+/// Lengths are in m in the base frame, forces in N. JSON has no infinite numbers; such a number arrives as `null`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Hello {
+    /// Name and version of the program, such as `yieldwall 0.1.0`.
+    pub program: String,
+    /// Command that serves the page.
+    pub command: Command,
+    /// Name of the rig.
+    pub name: String,
+    /// Period of the cycle in s.
+    pub period_s: f64,
+    /// Tier of real time that this computer has proved.
+    pub tier: Option<String>,
+    /// Dimensions of the five-bar arm; `None` for an impedance device.
+    pub arm: Option<Arm>,
+    /// Surfaces of the fixture at their first place.
+    pub surfaces: Vec<Surface>,
+    /// Part of the plane to show: least x, least y, greatest x, greatest y.
+    pub view_m: [f64; 4],
+    /// Law and parameters of the fixture.
+    pub fixture: Fixture,
+    /// Words for each fault by its name, as [`faults`] returns them.
+    pub faults: BTreeMap<String, FaultWords>,
+}
+
+/// Command that serves the page.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Command {
+    /// `sim`.
+    Sim,
+    /// `run`.
+    Run,
+    /// `commission`.
+    Commission,
+    /// `view`.
+    View,
+}
+
+/// Dimensions of a five-bar arm.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Arm {
+    /// Axes of the left and the right motor, each x and y.
+    pub bases_m: [[f64; 2]; 2],
+    /// Length of the proximal links.
+    pub proximal_m: f64,
+    /// Length of the distal links.
+    pub distal_m: f64,
+    /// Least distance of the tool from the edge of the workspace.
+    pub reach_margin_m: Option<f64>,
+}
+
+/// A surface as a polyline.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Surface {
+    /// Corners, each x and y.
+    pub points_m: Vec<[f64; 2]>,
+    /// Whether the last corner joins the first.
+    pub is_closed: bool,
+    /// Forbidden side, as seen from a walk along the corners.
+    pub forbidden: Forbidden,
+}
+
+/// Forbidden side of a surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Forbidden {
+    /// The left side.
+    Left,
+    /// The right side.
+    Right,
+    /// Neither side: a guide.
+    None,
+}
+
+/// Law and parameters of a fixture.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Fixture {
+    /// Law, such as `plastic`, `elastic`, `viscous` or `none`.
+    pub law: String,
+    /// Yield force R in N; `None` for a law without one.
+    pub yield_force_n: Option<f64>,
+    /// All parameters: name and value as text, such as `Yield force R` and `20 N`.
+    pub rows: Vec<(String, String)>,
+}
+
+/// Words for a fault.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct FaultWords {
+    /// Meaning of the fault.
+    pub meaning: String,
+    /// Each reaction with its rate, its bound and the state in which the rig ends.
+    pub reaction: String,
+    /// Advice for the person at the rig.
+    pub next: String,
+}
+
+/// Returns the words of `docs/faults.md` for every fault, by the names that `cause` has in records.
+pub fn faults() -> BTreeMap<String, FaultWords> {
+    let words = |row: &FaultRow| {
+        let step = |step: &Step| {
+            let Step { reaction, bound, .. } = *step;
+            let (rate, state) = (row.rate_in_words(step), row.final_state(reaction));
+            format!("{rate}: {reaction} within {bound}, ends in {state:?}")
+        };
+        let reaction = row.steps.iter().map(step).collect::<Vec<_>>().join("; ");
+        (row.name.to_owned(), FaultWords { meaning: row.meaning.into(), reaction, next: row.next.into() })
+    };
+    TABLE.iter().map(words).collect()
+}
+
+/// The first message as JSON.
+#[derive(Serialize)]
+struct FirstMessage<'a> {
+    kind: &'static str,
+    protocol: u32,
+    is_live: bool,
+    record: RecordMessage<'a>,
+    recordings: &'a [RecordingMessage],
+    #[serde(flatten)]
+    hello: &'a Hello,
+}
+
+#[derive(Serialize)]
+struct RecordMessage<'a> {
+    bytes: usize,
+    fields: Vec<FieldMessage<'a>>,
+}
+
+#[derive(Serialize)]
+struct FieldMessage<'a> {
+    name: &'a str,
+    unit: &'a str,
+    meaning: &'a str,
+    r#type: &'a str,
+    offset: usize,
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    codes: BTreeMap<&'a str, u64>,
+}
+
+/// A recording in the first message.
+#[derive(Serialize)]
+pub(crate) struct RecordingMessage {
+    pub(crate) name: String,
+    pub(crate) records: u64,
+}
+
+impl Hello {
+    /// Returns the first message. `recordings` is `None` while a rig runs.
+    pub(crate) fn first_message(
+        &self,
+        layout: &Layout,
+        recordings: Option<&[RecordingMessage]>,
+    ) -> Result<String, serde_json::Error> {
+        let field = |field| {
+            let &FieldLayout { name, unit, meaning, type_name, offset, ref codes, .. } = field;
+            let codes = codes.iter().map(|(name, number)| (name.as_str(), *number)).collect();
+            FieldMessage { name, unit, meaning, r#type: type_name, offset, codes }
+        };
+        serde_json::to_string(&FirstMessage {
+            kind: "hello",
+            protocol: PROTOCOL,
+            is_live: recordings.is_none(),
+            record: RecordMessage { bytes: layout.stride, fields: layout.fields.iter().map(field).collect() },
+            recordings: recordings.unwrap_or_default(),
+            hello: self,
+        })
+    }
+}
