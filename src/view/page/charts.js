@@ -3,6 +3,8 @@
 import { envelope } from "./records.js";
 
 const LEFT = 54;
+/// A shorter drag is a click.
+const LEAST_DRAG = 4;
 
 /// Traces that the fields of the records allow: title, unit, series (column, name, factor, colour, dash).
 export function traces(records) {
@@ -64,8 +66,10 @@ export class Charts {
       playhead.className = "playhead";
       chart.plot.over.append(playhead);
       chart.playhead = playhead;
+      let pressed = 0;
+      chart.plot.over.addEventListener("mousedown", (event) => { pressed = event.clientX; });
       chart.plot.over.addEventListener("click", (event) => {
-        if (chart.plot.select.width < 3) this.events.seek(chart.plot.posToVal(event.offsetX, "x"));
+        if (Math.abs(event.clientX - pressed) < LEAST_DRAG) this.events.seek(chart.plot.posToVal(event.offsetX, "x"));
       });
     }
   }
@@ -100,7 +104,7 @@ export class Charts {
       series: [{}, ...series(false), ...(this.hasOther ? series(true) : [])],
       hooks: {
         setSelect: [(plot) => {
-          if (plot.select.width < 3) return;
+          if (plot.select.width < LEAST_DRAG) return;
           const from = plot.posToVal(plot.select.left, "x"), to = plot.posToVal(plot.select.left + plot.select.width, "x");
           plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
           this.events.zoom(from, to);
@@ -156,7 +160,9 @@ export class Charts {
       if (!plot || !playhead) continue;
       const isInside = isShown && time >= window[0] && time <= window[1];
       playhead.hidden = !isInside;
-      if (isInside) playhead.style.transform = `translateX(${plot.valToPos(time, "x")}px)`;
+      // uPlot takes a new window after this frame's script: its own scale may be that of the earlier one.
+      const share = (time - window[0]) / (window[1] - window[0]);
+      if (isInside) playhead.style.transform = `translateX(${(share * plot.bbox.width) / devicePixelRatio}px)`;
     }
   }
 

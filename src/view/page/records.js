@@ -10,6 +10,7 @@ const READERS = {
   bool: (view, at) => view.getUint8(at),
 };
 
+const COLUMNS = ["time", "force", "power", "energy", "left", "right", "distance"];
 const PACKET_HEAD = 16;
 /// Steps over which the velocity of the displayed power is averaged, as in the program's figures.
 const VELOCITY_STEPS = 5;
@@ -27,6 +28,8 @@ export const BINS = 60;
 export const BINS_PER_DECADE = 12;
 
 export class Records {
+  static DERIVED_BYTES = COLUMNS.length * 8;
+
   /// `capacity` records are kept; a further one replaces the oldest.
   constructor(hello, capacity) {
     this.capacity = Math.max(2, Math.floor(capacity));
@@ -41,8 +44,7 @@ export class Records {
     }
     this.bytes = new Uint8Array(this.capacity * this.stride);
     this.view = new DataView(this.bytes.buffer);
-    const column = () => new Float64Array(this.capacity);
-    this.columns = { time: column(), force: column(), power: column(), energy: column(), left: column(), right: column(), distance: column() };
+    this.columns = Object.fromEntries(COLUMNS.map((name) => [name, new Float64Array(this.capacity)]));
     // A device without an arm reports its handle, and the force of its actuators in place of the hand's.
     this.isDevice = this.has("reported_x_m");
     this.forceSign = this.isDevice ? -1 : 1;

@@ -40,12 +40,12 @@ export function posture(hello, records, index) {
   const toElbows = elbows.map((elbow) => [elbow[0] - wrist[0], elbow[1] - wrist[1]]);
   const [[ax, ay], [bx, by]] = toElbows;
   const margins = [
-    { name: "left chain stretched", chain: 0, type: 1, margin_m: proximal[0] + distal[0] - reach[0] },
-    { name: "left chain folded", chain: 0, type: 1, margin_m: reach[0] - Math.abs(proximal[0] - distal[0]) },
-    { name: "right chain stretched", chain: 1, type: 1, margin_m: proximal[1] + distal[1] - reach[1] },
-    { name: "right chain folded", chain: 1, type: 1, margin_m: reach[1] - Math.abs(proximal[1] - distal[1]) },
-    { name: "distal links stretched", chain: null, type: 2, margin_m: distal[0] + distal[1] - parted },
-    { name: "distal links folded", chain: null, type: 2, margin_m: parted - Math.abs(distal[0] - distal[1]) },
+    { name: "left chain stretched", chain: 0, margin_m: proximal[0] + distal[0] - reach[0] },
+    { name: "left chain folded", chain: 0, margin_m: reach[0] - Math.abs(proximal[0] - distal[0]) },
+    { name: "right chain stretched", chain: 1, margin_m: proximal[1] + distal[1] - reach[1] },
+    { name: "right chain folded", chain: 1, margin_m: reach[1] - Math.abs(proximal[1] - distal[1]) },
+    { name: "distal links stretched", chain: null, margin_m: distal[0] + distal[1] - parted },
+    { name: "distal links folded", chain: null, margin_m: parted - Math.abs(distal[0] - distal[1]) },
   ];
   const angle = Math.abs(Math.atan2(ax * by - ay * bx, ax * bx + ay * by));
   return { bases: arm.bases_m, elbows, wrist, tool, margins, distalAngle_deg: (angle * 180) / Math.PI, nearest: margins.reduce((a, b) => (b.margin_m < a.margin_m ? b : a)) };

@@ -6,7 +6,7 @@ import { drawScene, posture, projection } from "./scene.js";
 import { Charts } from "./charts.js";
 
 const LIVE_SPAN_S = 60;
-/// Most bytes of records that the page holds of one recording.
+/// Most bytes that the page holds of one recording, and of a running rig.
 const LARGEST_RECORDING = 1e9;
 const LARGEST_LIVE = 256e6;
 const TEXT_INTERVAL_MS = 100;
@@ -58,6 +58,7 @@ function connect() {
       if (typeof data === "string") message(JSON.parse(data)); else packet(new Uint8Array(data));
     } catch (error) {
       notice(`The page cannot read a message of the program: ${error.message}. Reload the page; if this stays, report it.`);
+      badge("not connected", "lost");
       page.hasEnded = true;
       socket.close();
     }
@@ -150,6 +151,7 @@ function begin(hello) {
   page.other = null;
   page.shown = 0;
   notice("");
+  document.body.classList.remove("waiting");
   write($("name"), hello.name || "yieldwall");
   write($("program"), `${hello.program}, ${hello.command}`);
   document.title = `${hello.name} - yieldwall`;
@@ -158,7 +160,7 @@ function begin(hello) {
   const { yield_force_n: yield_n } = fixture;
   $("yield-key").hidden = !(yield_n > 0);
   for (const key of document.querySelectorAll(".yield-key")) key.hidden = !(yield_n > 0);
-  write($("yield"), yield_n > 0 ? `R = ${yield_n} N` : "R");
+  write($("yield"), `circle of the yield force R = ${yield_n} N`);
   $("forbidden-key").hidden = !(hello.surfaces ?? []).some((surface) => surface.forbidden !== "none");
   $("margin-panel").hidden = !hello.arm;
   $("live").hidden = !page.isLive;
@@ -166,13 +168,14 @@ function begin(hello) {
   $("other-choice").hidden = page.isLive || hello.recordings.length < 2;
   page.isFollowing = page.isLive;
   page.isPlaying = page.isLive;
+  write($("play"), page.isPlaying ? "Pause" : "Play");
   page.selection = page.isLive ? null : "all";
   $("window").value = page.isLive ? "10" : "all";
   write($("time-axis"), page.isLive ? "time since switching on (s)" : "time of the scene (s)");
   if (page.isLive) {
     badge("live", "live");
     const wanted = LIVE_SPAN_S / (hello.period_s > 0 ? hello.period_s : 0.001);
-    use(new Records(hello, Math.min(wanted, LARGEST_LIVE / hello.record.bytes)), null);
+    use(new Records(hello, Math.min(wanted, LARGEST_LIVE / (hello.record.bytes + Records.DERIVED_BYTES))), null);
   } else {
     const names = hello.recordings.map(({ name }) => name);
     options($("main-recording"), names);
@@ -210,10 +213,10 @@ async function loadChosen() {
 
 async function load(which, signal, whenBegun) {
   const { records: count, name } = page.hello.recordings[which];
-  const most = Math.floor(LARGEST_RECORDING / page.hello.record.bytes);
+  const most = Math.floor(LARGEST_RECORDING / (page.hello.record.bytes + Records.DERIVED_BYTES));
   const answer = await fetch(`/recordings/${which}`, { headers: { Authorization: `Bearer ${page.token}` }, signal });
   if (!answer.ok) throw new Error(`the program answered ${answer.status}`);
-  if (count > most) notice(`${name} has ${count} records. The page shows the first ${most}, about 1 GB; \`yieldwall\` reads all of them.`.replaceAll("`", ""), { isCalm: true });
+  if (count > most) notice(`${name} has ${count.toLocaleString("en")} records. The page shows the first ${most.toLocaleString("en")}, which take about 1 GB.`, { isCalm: true });
   const records = new Records(page.hello, Math.min(count, most));
   whenBegun(records);
   const reader = answer.body.getReader();
@@ -368,7 +371,7 @@ function frame(now) {
     if (page.draws.length > 1200) page.draws.splice(0, 600);
   }
   const other = page.other && { records: page.other, offset: offset(page.other) };
-  const isWaiting = main.total > 0 && charts.draw(span(), { records: main, offset: offset(main) }, other, page.isPlaying ? 2 : 9);
+  const isWaiting = main.total > 0 && charts.draw(span(), { records: main, offset: offset(main) }, other, page.isPlaying ? 1 : 9);
   charts.moveTo(page.time, !page.isFollowing);
   if (isWaiting || (page.isPlaying && !page.isFollowing)) schedule();
 }
@@ -489,7 +492,7 @@ function stateTexts() {
     ["Proxy to surface", withUnit(value("signed_distance_m"), 1000, 2, "mm")],
     ["Tool to proxy", withUnit(main.column("distance", index), 1000, 2, "mm")],
     ["Proxy on the surface", yesOrNo(value("is_on_surface"))],
-    ["Hold counter", `${value("hold_counter")}`],
+    ["Hold counter", withUnit(value("hold_counter"), 1, 0, main.fields.get("hold_counter")?.unit ?? "")],
     ...(main.has("is_saturated") ? [["Torque at its limit", yesOrNo(value("is_saturated"))]] : []),
   ]);
 }
@@ -513,7 +516,7 @@ function faultTexts() {
     write($("fault-reaction"), fault.reaction ?? "unknown");
     withCode($("fault-next"), fault.next ?? "see the table of faults");
   }
-  const listed = there.slice(-8), key = `${listed}:${main.sceneStart}`;
+  const listed = there.slice(-5), key = `${listed}:${main.sceneStart}`;
   if (page.listedFaults === key) return;
   page.listedFaults = key;
   $("fault-list").replaceChildren(...listed.map((fault) => {
@@ -548,12 +551,12 @@ function marginTexts() {
   const most = Math.max(...arm.margins.map((margin) => margin.margin_m), 1e-3);
   const all = [nearest(0), nearest(1), nearest(null)];
   if (list.children.length !== 4) list.replaceChildren(...["", "", "", ""].map(() => meter()));
-  all.forEach(({ name, type, margin_m }, k) => {
-    set(list.children[k], `${name} (type ${type})`, `${(margin_m * 1000).toFixed(0)} mm`, margin_m / most, limit !== null && limit !== undefined ? limit / most : null, margin_m < (limit ?? 0));
+  all.forEach(({ name, margin_m }, k) => {
+    set(list.children[k], name, `${(margin_m * 1000).toFixed(0)} mm`, margin_m / most, limit !== null && limit !== undefined ? limit / most : null, margin_m < (limit ?? 0));
   });
   const angle = arm.distalAngle_deg;
   set(list.children[3], "angle between the distal links", `${angle.toFixed(0)}\u00b0`, angle / 180, null, angle < 15 || angle > 165);
-  write($("nearest"), `Nearest: ${arm.nearest.name}, ${(arm.nearest.margin_m * 1000).toFixed(0)} mm${limit > 0 ? `; limit ${(limit * 1000).toFixed(0)} mm` : ""}. The distal links are singular at 0\u00b0 and 180\u00b0.`);
+  write($("nearest"), `Nearest: ${arm.nearest.name}, ${(arm.nearest.margin_m * 1000).toFixed(0)} mm${limit > 0 ? `; limit ${(limit * 1000).toFixed(0)} mm` : ""}. A stretched or folded chain is a type 1 singularity. Distal links at 0\u00b0 or 180\u00b0 are a type 2 singularity.`);
 }
 
 function meter() {
@@ -610,7 +613,7 @@ function stageTexts() {
   page.stageCounts = STAGES.map(() => main.total);
 }
 
-const micro = (us) => (us >= 1000 ? `${(us / 1000).toPrecision(2)} ms` : `${us.toPrecision(us >= 100 ? 3 : 2)} \u00b5s`);
+const micro = (us) => (us >= 1000 ? `${(us / 1000).toPrecision(2)}\u00a0ms` : `${us.toPrecision(us >= 100 ? 3 : 2)}\u00a0\u00b5s`);
 
 function histogram(canvas, bins, period_s) {
   const { width, height } = sized(canvas), context = canvas.getContext("2d");
@@ -653,7 +656,8 @@ function streamTexts() {
     ...(page.isLive ? [
       ["Lost in the program", `${Math.max(main.serverLost, status?.lost ?? 0)}`],
       ["Missed by this page", `${page.lagged}`],
-      ["Pages, refused", status ? `${status.clients}, ${status.refused}` : "unknown"],
+      ["Pages open", status ? `${status.clients}` : "unknown"],
+      ["Connections refused", status ? `${status.refused}` : "unknown"],
     ] : []),
   ]);
 }
