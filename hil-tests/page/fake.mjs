@@ -32,7 +32,7 @@ const FIELDS = [
   { name: "index", unit: "", meaning: "number of the cycle", type: "uint64" },
   { name: "sync_ns", unit: "ns", meaning: "planned moment of SYNC", type: "uint64" },
   ...NUMBERS.map((name) => F64(name)),
-  ...["sync_woke_ns", "woke_ns", "stepped_ns", "sent_ns", "hold_counter"].map((name) => ({ name, unit: "ns", meaning: name, type: "uint32" })),
+  ...["sync_woke_ns", "woke_ns", "stepped_ns", "sent_ns", "hold_counter"].map((name) => ({ name, unit: name.endsWith("_ns") ? "ns" : "cycles", meaning: name, type: "uint32" })),
   { name: "cause_devices", unit: "", meaning: "devices", type: "uint16", codes: { left: 1, right: 2, sensor: 4 } },
   U8("state", STATE), U8("left_state", DRIVE), U8("right_state", DRIVE), U8("motion", { rest: 0, run: 1, halt: 2 }),
   U8("cause", { "stop-requested": 0, "force-limit": 1, "sensor-lost": 2 }),

@@ -184,6 +184,45 @@ test("a recording plays, pauses, steps and ends", async () => {
   await page.context().close();
 });
 
+test("a click on a trace goes to its time, a drag selects, a double click shows all", async () => {
+  const page = await openedRecording();
+  const box = await page.locator(".u-over").first().boundingBox();
+  const at = (share) => [box.x + share * box.width, box.y + box.height / 2];
+  await page.mouse.click(...at(0.5));
+  await page.waitForTimeout(300);
+  const total = await page.evaluate(() => window.yieldwall.total), half = await page.evaluate(() => window.yieldwall.shown);
+  assert.ok(Math.abs(half / total - 0.5) < 0.01, `record ${half} of ${total}`);
+  await page.mouse.move(...at(0.4));
+  await page.mouse.down();
+  await page.mouse.move(...at(0.5));
+  await page.mouse.move(...at(0.8));
+  await page.mouse.up();
+  await page.waitForTimeout(300);
+  assert.equal(await page.evaluate(() => window.yieldwall.shown), half);
+  assert.equal(await page.inputValue("#window"), "custom");
+  const line = await page.locator(".playhead").first().boundingBox();
+  assert.ok(Math.abs((line.x - box.x) / box.width - 0.25) < 0.01, "the line lies a quarter into the selection");
+  await page.mouse.dblclick(...at(0.5));
+  await page.waitForTimeout(300);
+  assert.equal(await page.inputValue("#window"), "all");
+  await page.context().close();
+});
+
+test("a live page pauses, goes back and follows again", async () => {
+  const page = await opened(live);
+  await page.waitForFunction(() => window.yieldwall?.total > 1500);
+  await page.keyboard.press(" ");
+  const paused = await page.evaluate(() => window.yieldwall.shown);
+  await page.waitForTimeout(500);
+  assert.equal(await page.evaluate(() => window.yieldwall.shown), paused);
+  await page.keyboard.press("Shift+ArrowLeft");
+  assert.equal(await page.evaluate(() => window.yieldwall.shown), paused - 100);
+  await page.keyboard.press("End");
+  await page.waitForTimeout(500);
+  assert.ok(await page.evaluate(() => window.yieldwall.total - window.yieldwall.shown) < 50);
+  await page.context().close();
+});
+
 test("what is seen is saved as SVG and PNG", async (t) => {
   const page = await openedRecording({ acceptDownloads: true });
   await seek(page, Math.floor((await page.evaluate(() => window.yieldwall.total)) / 2));
