@@ -48,7 +48,7 @@ export function posture(hello, records, index) {
     { name: "distal links folded", chain: null, margin_m: parted - Math.abs(distal[0] - distal[1]) },
   ];
   const angle = Math.abs(Math.atan2(ax * by - ay * bx, ax * bx + ay * by));
-  return { bases: arm.bases_m, elbows, wrist, tool, margins, distalAngle_deg: (angle * 180) / Math.PI, nearest: margins.reduce((a, b) => (b.margin_m < a.margin_m ? b : a)) };
+  return { bases: arm.bases_m, elbows, wrist, tool, margins, halfReach_m: (Math.min(...proximal) + Math.min(...distal)) / 2, distalAngle_deg: (angle * 180) / Math.PI, nearest: margins.reduce((a, b) => (b.margin_m < a.margin_m ? b : a)) };
 }
 
 /// The point at the given distances from both elbows that lies nearer to `near`.
@@ -87,7 +87,8 @@ export function drawScene(pen, size, shown, colors) {
 const finite = (value) => (Number.isFinite(value) ? value : 0);
 
 function drawSurface(pen, size, place, { points_m, is_closed, forbidden }, [dx, dy], colors) {
-  const points = points_m.map(([x, y]) => place.to(x + dx, y + dy));
+  // JSON has no infinite numbers: such a coordinate arrives as null.
+  const points = points_m.map(([x, y]) => place.to((x ?? NaN) + dx, (y ?? NaN) + dy));
   if (points.length < 2) return;
   const flat = points.flat();
   const hasSide = forbidden === "left" || forbidden === "right";

@@ -13,6 +13,7 @@ const TEXT_INTERVAL_MS = 100;
 const RETRY_MS = [1000, 2000, 4000, 8000, 15000, 30000, 30000, 30000];
 const STATES = ["idle", "enabling", "running", "holding", "stopping", "stopped", "disabled", "lost"];
 const ALARMS = ["holding", "stopping", "stopped", "disabled", "lost"];
+const DRIVE_ALARMS = ["quick-stop-active", "fault-reaction-active", "fault"];
 const COLORS = ["ink", "muted", "panel", "grid", "edge", "tool", "proxy", "path", "force", "power", "energy", "other", "proximal", "distal", "surface", "forbidden"];
 
 const $ = (id) => document.getElementById(id);
@@ -163,6 +164,7 @@ function begin(hello) {
   write($("yield"), `circle of the yield force R = ${yield_n} N`);
   $("forbidden-key").hidden = !(hello.surfaces ?? []).some((surface) => surface.forbidden !== "none");
   $("margin-panel").hidden = !hello.arm;
+  write($("scene-title"), hello.arm ? "Arm and surfaces" : "Handle and surfaces");
   $("live").hidden = !page.isLive;
   $("main-choice").hidden = page.isLive || hello.recordings.length < 2;
   $("other-choice").hidden = page.isLive || hello.recordings.length < 2;
@@ -445,11 +447,12 @@ function laterTexts() {
 
 function rows(list, pairs) {
   while (list.children.length > pairs.length) list.lastChild.remove();
-  pairs.forEach(([name, value], k) => {
+  pairs.forEach(([name, value, isAlarm], k) => {
     const row = list.children[k] ?? list.appendChild(make("div"));
     if (row.children.length === 0) row.append(make("dt"), make("dd"));
     write(row.children[0], name);
     write(row.children[1], value);
+    row.children[1].className = isAlarm ? "alarm" : "";
   });
 }
 
@@ -482,7 +485,10 @@ function stateTexts() {
     if (isNow) item.setAttribute("aria-current", "true"); else item.removeAttribute("aria-current");
   }
   const value = (name) => main.value(name, index);
-  const coded = (name, label) => (main.has(name) ? [[label, main.code(name, index)]] : []);
+  const coded = (name, label) => {
+    const text = main.code(name, index);
+    return main.has(name) ? [[label, text, DRIVE_ALARMS.includes(text)]] : [];
+  };
   rows($("values"), [
     ...coded("left_state", "Left drive"),
     ...coded("right_state", "Right drive"),
@@ -493,7 +499,7 @@ function stateTexts() {
     ["Tool to proxy", withUnit(main.column("distance", index), 1000, 2, "mm")],
     ["Proxy on the surface", yesOrNo(value("is_on_surface"))],
     ["Hold counter", withUnit(value("hold_counter"), 1, 0, main.fields.get("hold_counter")?.unit ?? "")],
-    ...(main.has("is_saturated") ? [["Torque at its limit", yesOrNo(value("is_saturated"))]] : []),
+    ...(main.has("is_saturated") ? [["Torque at its limit", yesOrNo(value("is_saturated")), value("is_saturated") === 1]] : []),
   ]);
 }
 
@@ -548,7 +554,7 @@ function marginTexts() {
     return;
   }
   const nearest = (chain) => arm.margins.filter((margin) => margin.chain === chain).reduce((a, b) => (b.margin_m < a.margin_m ? b : a));
-  const most = Math.max(...arm.margins.map((margin) => margin.margin_m), 1e-3);
+  const most = arm.halfReach_m;
   const all = [nearest(0), nearest(1), nearest(null)];
   if (list.children.length !== 4) list.replaceChildren(...["", "", "", ""].map(() => meter()));
   all.forEach(({ name, margin_m }, k) => {
