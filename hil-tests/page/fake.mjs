@@ -126,7 +126,7 @@ export async function serve(packages, { recorded = 0, csv = null } = {}) {
   const hello = {
     kind: "hello", protocol: 1, program: "yieldwall 0.1.0", command: recorded ? "view" : "sim", name: "paper-admittance", is_live: recorded === 0, period_s: 0.001, tier: null,
     record: { bytes: STRIDE, fields: FIELDS },
-    arm: { bases_m: BASES, proximal_m: PROXIMAL, distal_m: DISTAL, reach_margin_m: 0.02 },
+    arm: { bases_m: BASES, proximal_m: PROXIMAL, distal_m: DISTAL, singularity_margin_m: 0.02 },
     surfaces: [{ points_m: [[-0.3, WALL], [0.3, WALL]], is_closed: false, forbidden: "left" }, { points_m: circle, is_closed: true, forbidden: "none" }],
     view_m: [-0.42, -0.52, 0.42, 0.27],
     fixture: { law: "plastic", yield_force_n: YIELD, rows: [["Yield force R", "20 N"], ["Friction F", "3 N"], ["Virtual mass M", "2 kg"], ["Hold N_wait", "0 cycles"], ["Side", "unilateral"]] },

@@ -55,12 +55,12 @@ pub enum Command {
 pub struct Arm {
     /// Axes of the left and the right motor, each x and y.
     pub bases_m: [[f64; 2]; 2],
-    /// Length of the proximal links.
-    pub proximal_m: f64,
-    /// Length of the distal links.
-    pub distal_m: f64,
-    /// Least distance of the tool from the edge of the workspace.
-    pub reach_margin_m: Option<f64>,
+    /// Lengths of the proximal links, left and right.
+    pub proximal_m: [f64; 2],
+    /// Lengths of the distal links, left and right.
+    pub distal_m: [f64; 2],
+    /// Least distance from any singularity at which the guard lets the rig run.
+    pub singularity_margin_m: Option<f64>,
 }
 
 /// A surface as a polyline.

@@ -23,6 +23,7 @@ mod hostile;
 mod injections;
 mod json;
 mod live;
+mod live_page;
 mod mujoco;
 mod processes;
 mod profiles;

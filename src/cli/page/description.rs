@@ -43,7 +43,7 @@ pub(super) fn of_rig(rig: &config::Rig, command: Command) -> Hello {
 }
 
 fn of_device(device: &config::ImpedanceDevice) -> Hello {
-    let (trace, _) = measured_device(device, &device.fixture, RunLog::default());
+    let (trace, _) = measured_device(device, &device.fixture, Vec::new());
     let period_s = f64::from(device.cycle.period_us) * 1e-6;
     hello(&device.device.name, Command::View, period_s, &device.fixture, &trace, DEVICE_WINDOW_M)
 }

@@ -1,5 +1,6 @@
 //! The server of a page, for as long as a command runs.
 
+use std::io::{self, Write};
 use std::net::SocketAddr;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -44,7 +45,8 @@ impl Viewing {
         let (mut producer, feed) = started.map_err(no_thread)?;
         let hello = Hello { tier, ..description::of_rig(rig, Command::Run) };
         let server = start(address, hello, Source::Live(stream))?;
-        eprintln!("view      {}", server.address_line());
+        // Nobody can be told that standard error is closed.
+        let _ = writeln!(io::stderr(), "view      {}", server.address_line());
         let observer = Box::new(move |record: &CycleRecord| producer.push(record));
         Ok(Some((Self { server, feed }, Watch { observer: Some(observer), ..Watch::default() })))
     }

@@ -547,7 +547,7 @@ function withCode(element, text) {
 function marginTexts() {
   const { main, shown: index, hello } = page;
   if (!hello.arm) return;
-  const arm = posture(hello, main, index), list = $("margins"), limit = hello.arm.reach_margin_m;
+  const arm = posture(hello, main, index), list = $("margins"), limit = hello.arm.singularity_margin_m;
   if (!arm) {
     list.replaceChildren();
     write($("nearest"), "The angles of this record are missing or not finite.");
