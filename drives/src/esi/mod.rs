@@ -11,12 +11,16 @@ mod read;
 mod tests;
 mod write;
 
+pub use read::hex_bytes;
+
 /// Largest file that is read, in bytes.
 pub const MAX_BYTES: usize = 64 << 20;
 /// Deepest nesting of elements.
 pub const MAX_DEPTH: usize = 64;
 /// Most devices, process data objects, entries and other items together.
 pub const MAX_ITEMS: usize = 1_000_000;
+/// Most categories for the SII of a device.
+pub const MAX_CATEGORIES: usize = 256;
 /// Longest text of an element, in bytes.
 pub const MAX_TEXT: usize = 1 << 16;
 
@@ -34,6 +38,8 @@ pub struct Esi {
 /// One device, in one revision.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Device {
+    /// Ports 0 to 3, a letter each: `Y` Ethernet, `K` E-bus, `H` Ethernet for fast hot connect, a space for a port without use.
+    pub physics: String,
     /// Type, a short name.
     pub type_name: String,
     /// Product code, 1018h:2.
@@ -76,6 +82,17 @@ pub struct Device {
     pub config_data: String,
     /// Words 14h to 17h of its SII, the mailboxes in BOOT, likewise.
     pub bootstrap: String,
+    /// Further categories of its SII.
+    pub categories: Vec<Category>,
+}
+
+/// A category for the SII of a device.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Category {
+    /// Type.
+    pub number: u16,
+    /// Content.
+    pub bytes: Vec<u8>,
 }
 
 /// A sync manager.
@@ -216,6 +233,14 @@ pub enum EsiError {
         text: String,
         /// Greatest number there.
         most: u64,
+    },
+    /// Digits that are no bytes.
+    #[error("line {line}: {element} is no even number of hexadecimal digits")]
+    Digits {
+        /// Line.
+        line: usize,
+        /// Element.
+        element: &'static str,
     },
     /// Its outermost element is not `EtherCATInfo`.
     #[error("the file has no element EtherCATInfo: it is no device description")]

@@ -1,7 +1,8 @@
 //! Reading a file.
 
 use super::{
-    Coe, Device, Esi, EsiError, MAX_BYTES, MAX_DEPTH, MAX_ITEMS, MAX_TEXT, OpMode, Pdo, PdoEntry, SyncManager,
+    Category, Coe, Device, Esi, EsiError, MAX_BYTES, MAX_CATEGORIES, MAX_DEPTH, MAX_ITEMS, MAX_TEXT, OpMode, Pdo,
+    PdoEntry, SyncManager,
 };
 use quick_xml::XmlVersion;
 use quick_xml::events::{BytesStart, Event};
@@ -15,6 +16,13 @@ fn number(text: &str) -> Option<i64> {
         Some(digits) => i64::from_str_radix(digits, 16).ok().filter(|_| !digits.starts_with(['+', '-'])),
         None => text.parse().ok(),
     }
+}
+
+/// The bytes of hexadecimal digits, two a byte.
+pub fn hex_bytes(text: &str) -> Option<Vec<u8>> {
+    let digits: Option<Vec<u8>> = text.chars().map(|char| Some(char.to_digit(16)? as u8)).collect();
+    let (pairs, []) = digits.as_deref()?.as_chunks::<2>() else { return None };
+    Some(pairs.iter().map(|[high, low]| high << 4 | low).collect())
 }
 
 fn is_true(text: &str) -> bool {
@@ -189,7 +197,7 @@ impl Builder {
         let get = |name| attribute(place, start, name);
         if below.is_empty() {
             self.count(place)?;
-            self.esi.devices.push(Device::default());
+            self.esi.devices.push(Device { physics: get("Physics")?, ..Device::default() });
             self.has_english_name = false;
             return Ok(());
         }
@@ -249,6 +257,13 @@ impl Builder {
                     segmented: flag("SegmentedSdo")?,
                 });
             }
+            ["Eeprom", "Category"] => {
+                if device.categories.len() >= MAX_CATEGORIES {
+                    let what = "categories for the SII of a device";
+                    return Err(EsiError::TooMuch { line: place.line(), what, most: MAX_CATEGORIES });
+                }
+                device.categories.push(Category::default());
+            }
             ["Mailbox", "EoE"] => device.has_eoe = true,
             ["Mailbox", "FoE"] => device.has_foe = true,
             ["Dc", "OpMode"] => device.op_modes.push(OpMode::default()),
@@ -292,6 +307,10 @@ impl Builder {
             ["Eeprom", "ByteSize"] => device.eeprom_bytes = Some(place.u32("ByteSize", content)?),
             ["Eeprom", "ConfigData"] => device.config_data = text(),
             ["Eeprom", "BootStrap"] => device.bootstrap = text(),
+            ["Eeprom", "Category", inside] => {
+                let category = device.categories.last_mut();
+                category.map_or(Ok(()), |category| close_category(place, category, inside, content))?;
+            }
             ["Info", "Electrical", "EBusCurrent"] => {
                 device.e_bus_ma = Some(place.number("EBusCurrent", content, i32::MAX as u64)?);
             }
@@ -322,6 +341,26 @@ impl Builder {
         }
         Ok(())
     }
+}
+
+fn close_category(place: &Cursor<'_>, category: &mut Category, inside: &str, content: &str) -> Result<(), EsiError> {
+    match inside {
+        "CatNo" => category.number = place.u16("CatNo", content)?,
+        "Data" => {
+            let digits = EsiError::Digits { line: place.line(), element: "Data of a category" };
+            category.bytes = hex_bytes(content.trim()).ok_or(digits)?;
+        }
+        // Hexadecimal digits of it are a text that is read again.
+        "DataString" if content.len() >= MAX_TEXT / 2 => {
+            let what = "bytes of text in a category";
+            return Err(EsiError::TooMuch { line: place.line(), what, most: MAX_TEXT / 2 });
+        }
+        "DataString" => category.bytes = [content.as_bytes(), &[0]].concat(),
+        "DataUINT" => category.bytes = place.u16("DataUINT", content)?.to_le_bytes().to_vec(),
+        "DataUDINT" => category.bytes = place.u32("DataUDINT", content)?.to_le_bytes().to_vec(),
+        _ => {}
+    }
+    Ok(())
 }
 
 fn close_pdo(place: &Cursor<'_>, pdo: &mut Pdo, inside: &[&str], content: &str) -> Result<(), EsiError> {

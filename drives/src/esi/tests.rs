@@ -27,7 +27,12 @@ const DRIVE: &str = r##"<?xml version="1.0" encoding="utf-8"?>
         <TxPdo Sm="3"><Index>#x1A00</Index><Name>Inputs</Name></TxPdo>
         <Mailbox DataLinkLayer="true"><CoE SdoInfo="true" PdoAssign="1" CompleteAccess="0"/><FoE/></Mailbox>
         <Dc><OpMode><Name>DC</Name><AssignActivate>#x300</AssignActivate><CycleTimeSync0 Factor="1">0</CycleTimeSync0><ShiftTimeSync0>-250</ShiftTimeSync0></OpMode></Dc>
-        <Eeprom><ByteSize>2048</ByteSize><ConfigData>080C</ConfigData></Eeprom>
+        <Eeprom><ByteSize>2048</ByteSize><ConfigData>080C</ConfigData>
+          <Category><CatNo>2048</CatNo><Data>0a1B</Data></Category>
+          <Category><CatNo>#x801</CatNo><DataString> a</DataString></Category>
+          <Category><CatNo>2050</CatNo><DataUINT>258</DataUINT></Category>
+          <Category><CatNo>2051</CatNo><DataUDINT>#x01020304</DataUDINT></Category>
+        </Eeprom>
       </Device>
     </Devices>
   </Descriptions>
@@ -40,6 +45,7 @@ fn expected() -> Esi {
         vendor_id: 0x732,
         vendor: text("A & B"),
         devices: vec![Device {
+            physics: text("YY"),
             type_name: text("S1"),
             product_code: 0x402,
             revision: 1,
@@ -93,6 +99,12 @@ fn expected() -> Esi {
             has_foe: true,
             eeprom_bytes: Some(2048),
             config_data: text("080C"),
+            categories: vec![
+                Category { number: 0x800, bytes: vec![0x0a, 0x1b] },
+                Category { number: 0x801, bytes: b" a\0".to_vec() },
+                Category { number: 0x802, bytes: vec![2, 1] },
+                Category { number: 0x803, bytes: vec![4, 3, 2, 1] },
+            ],
             ..Device::default()
         }],
     }
@@ -119,6 +131,12 @@ fn what_is_wrong_is_named_with_its_line() {
     assert_eq!(told(&deep), "line 1: more than 64 elements within one another");
     let long = format!("<EtherCATInfo>{}</EtherCATInfo>", "x".repeat(MAX_TEXT + 1));
     assert_eq!(told(&long), "line 1: more than 65536 bytes of text in an element");
+    let odd = DRIVE.replace("0a1B", "0a1");
+    assert_eq!(told(&odd), "line 29: Data of a category is no even number of hexadecimal digits");
+    let many = DRIVE.replace("<Eeprom>", &format!("<Eeprom>{}", "<Category/>".repeat(300)));
+    assert_eq!(told(&many), "line 28: more than 256 categories for the SII of a device");
+    let long = DRIVE.replace(" a</DataString>", &format!("{}</DataString>", "a".repeat(MAX_TEXT / 2)));
+    assert_eq!(told(&long), "line 30: more than 32768 bytes of text in a category");
     assert!(told("<EtherCATInfo>").starts_with("line 1: this is no XML"));
     assert!(told("<EtherCATInfo></b>").starts_with("line 1: this is no XML"));
 }

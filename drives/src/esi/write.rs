@@ -73,7 +73,7 @@ impl Esi {
 }
 
 fn write(lines: &mut Lines, device: &Device) {
-    lines.inside("Device Physics=\"YY\"", "Device", |lines| {
+    lines.inside(&format!("Device Physics=\"{}\"", escaped(&device.physics)), "Device", |lines| {
         let (product, revision) = (device.product_code, device.revision);
         let kind = escaped(&device.type_name);
         lines.line(&format!("<Type ProductCode=\"#x{product:08X}\" RevisionNo=\"#x{revision:08X}\">{kind}</Type>"));
@@ -138,11 +138,18 @@ fn write(lines: &mut Lines, device: &Device) {
                 }
             });
         }
-        if let Some(bytes) = device.eeprom_bytes {
+        if device.eeprom_bytes.is_some() || !device.categories.is_empty() {
             lines.inside("Eeprom", "Eeprom", |lines| {
-                lines.element("ByteSize", bytes);
+                device.eeprom_bytes.into_iter().for_each(|bytes| lines.element("ByteSize", bytes));
                 for (name, digits) in [("ConfigData", &device.config_data), ("BootStrap", &device.bootstrap)] {
                     (!digits.is_empty()).then(|| lines.element(name, digits));
+                }
+                for category in &device.categories {
+                    lines.inside("Category", "Category", |lines| {
+                        lines.element("CatNo", category.number);
+                        let digits: String = category.bytes.iter().map(|byte| format!("{byte:02X}")).collect();
+                        lines.element("Data", digits);
+                    });
                 }
             });
         }

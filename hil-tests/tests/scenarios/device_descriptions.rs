@@ -58,7 +58,7 @@ fn has_image(esi: &Esi, device: &Device) -> bool {
     assert_eq!(who, (esi.vendor_id, device.product_code, device.revision, 7), "{}", device.type_name);
     assert_eq!(sii.warnings, [], "{}", device.type_name);
     assert_eq!(sii.sync_managers.len(), device.sync_managers.len(), "{}", device.type_name);
-    if made.left_out.is_none() {
+    if made.left_out.is_empty() {
         let bits =
             |pdos: &[Pdo]| pdos.iter().flat_map(|pdo| &pdo.entries).map(|entry| u32::from(entry.bits)).sum::<u32>();
         let held = sii.rx_pdos.iter().chain(&sii.tx_pdos).flat_map(|pdo| &pdo.entries);

@@ -5,7 +5,7 @@
 use super::process_data::{Flow, entry};
 use yieldwall_drives::esi;
 use yieldwall_fieldbus::ethercat::sii::{
-    FmmuUse, MailboxArea, Pdo, PdoEntry, Sii, SyncManagerUse, coe_details, protocols,
+    FmmuUse, MailboxArea, Pdo, PdoEntry, PortUse, Sii, SyncManagerUse, coe_details, protocols,
 };
 use yieldwall_fieldbus::ethercat::{SyncManager, registers};
 use yieldwall_fieldbus::objects::{Access, Address, DataType, DeviceIdentity, Object, ObjectDictionary};
@@ -158,6 +158,7 @@ pub fn sii(od: &ObjectDictionary) -> Sii {
             | coe_details::PDO_CONFIGURATION
             | coe_details::COMPLETE_ACCESS,
         e_bus_ma: 0,
+        ports: [PortUse::MII, PortUse::MII, PortUse::UNUSED, PortUse::UNUSED],
         fmmus: vec![FmmuUse::OUTPUTS, FmmuUse::INPUTS, FmmuUse::MAILBOX_STATE],
         sync_managers: vec![
             manager(RECEIVE_MAILBOX.start, RECEIVE_MAILBOX.len, mailbox | SyncManager::WRITE, 1),
@@ -211,6 +212,7 @@ pub fn esi(od: &ObjectDictionary, vendor: &str) -> esi::Esi {
         ..esi::OpMode::default()
     };
     let device = esi::Device {
+        physics: "YY".to_owned(),
         type_name: sii.order.clone(),
         product_code: sii.product_code,
         revision: sii.revision,
