@@ -182,6 +182,7 @@ pub fn esi(od: &ObjectDictionary, vendor: &str) -> esi::Esi {
             bits: entry.bits.into(),
             name: entry.name.clone(),
             data_type: type_name(od.data_type(Address::new(entry.index, entry.sub))).to_owned(),
+            depends_on_slot: false,
         };
         let pdo = |pdo: &Pdo| esi::Pdo {
             index: pdo.index,
@@ -189,6 +190,7 @@ pub fn esi(od: &ObjectDictionary, vendor: &str) -> esi::Esi {
             sync_manager: Some(pdo.sync_manager),
             is_fixed: od.check_writable(Address::new(pdo.index, 0)).is_err(),
             is_mandatory: false,
+            depends_on_slot: false,
             excludes: Vec::new(),
             entries: pdo.entries.iter().map(entry).collect(),
         };
@@ -238,7 +240,7 @@ pub fn esi(od: &ObjectDictionary, vendor: &str) -> esi::Esi {
         eeprom_bytes: Some(2048.max(sii.write().len().next_power_of_two() as u32)),
         ..esi::Device::default()
     };
-    esi::Esi { vendor_id: sii.vendor_id, vendor: vendor.to_owned(), devices: vec![device] }
+    esi::Esi { vendor_id: sii.vendor_id, vendor: vendor.to_owned(), devices: vec![device], modules: Vec::new() }
 }
 
 /// The name of a type in a device description.
