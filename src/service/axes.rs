@@ -16,10 +16,21 @@ pub fn statusword_of(axis: u8) -> Address {
 ///
 /// # Errors
 /// The first error of `has`.
-pub fn count_axes<E>(mut has: impl FnMut(Address) -> Result<bool, E>) -> Result<u8, E> {
+pub fn count_axes<E>(has: impl FnMut(Address) -> Result<bool, E>) -> Result<u8, E> {
+    count_axes_by(AxisOffset::standard, has)
+}
+
+/// Number of axes of a device whose axes have these offsets, as [`count_axes`].
+///
+/// # Errors
+/// The first error of `has`.
+pub fn count_axes_by<E>(
+    offset: impl Fn(u8) -> AxisOffset,
+    mut has: impl FnMut(Address) -> Result<bool, E>,
+) -> Result<u8, E> {
     let modes = cia::SUPPORTED_MODES;
     for axis in 0..MOST_AXES {
-        if !has(Address::new(AxisOffset::standard(axis).index(modes.index), modes.sub))? {
+        if !has(Address::new(offset(axis).index(modes.index), modes.sub))? {
             return Ok(axis);
         }
     }

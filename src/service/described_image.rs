@@ -77,6 +77,8 @@ pub enum LeftOutOfImage {
     EntryNames,
     /// Process data objects, which the device reports by CoE.
     ProcessData,
+    /// Process data objects of the modules in its slots.
+    Modules,
     /// A category for which the chip has no room.
     Category(u16),
     /// A category that the image makes of other elements, or whose type is the end of an image.
@@ -88,6 +90,12 @@ impl std::fmt::Display for LeftOutOfImage {
         match self {
             Self::EntryNames => write!(formatter, "names of entries, for which the chip has no room"),
             Self::ProcessData => write!(formatter, "process data objects, for which the chip has no room"),
+            Self::Modules => {
+                write!(
+                    formatter,
+                    "process data objects of modules: they depend on the plugged modules, which a device with CoE reports itself"
+                )
+            }
             Self::Category(number) => write!(formatter, "category {number}, for which the chip has no room"),
             Self::OwnCategory(number) => {
                 write!(formatter, "category {number}, whose type belongs to another part of the image")
@@ -98,7 +106,7 @@ impl std::fmt::Display for LeftOutOfImage {
 
 /// The image of a device of a description, with this alias and serial number: the head, names, general part, FMMUs, sync managers and process
 /// data objects, then the further categories of the description. The modes of its clock are left out: masters take them from the
-/// description. In a small chip, further categories have precedence over names of entries and over process data objects that CoE reports.
+/// description. So are the process data of modules, which change with the modules. In a small chip, further categories have precedence over names of entries and over process data objects that CoE reports.
 ///
 /// # Errors
 /// If the description does not say how the controller is configured or has impossible ports, or the chip has no room for the image.
@@ -111,6 +119,9 @@ pub fn described_image(esi: &Esi, device: &esi::Device, alias: u16, serial: u32)
     let room = device.eeprom_bytes.map(|bytes| bytes as usize);
     let (others, mut left_out) = other_categories(&sii, device, room.unwrap_or(2 * MOST_WORDS));
     sii.other_categories = others;
+    if !device.slots.is_empty() {
+        left_out.insert(0, LeftOutOfImage::Modules);
+    }
     let fits = |sii: &Sii| room.is_none_or(|room| sii.write().len() <= room);
     if !fits(&sii) {
         left_out.push(LeftOutOfImage::EntryNames);

@@ -35,7 +35,7 @@ mod segment;
 #[cfg(test)]
 mod tests;
 
-pub use axes::{MOST_AXES, count_axes, statusword_of};
+pub use axes::{MOST_AXES, count_axes, count_axes_by, statusword_of};
 pub use caution::Caution;
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
 pub use connect::OnInterfaces;

@@ -15,6 +15,9 @@ const TX_PDOS: RangeInclusive<u32> = 0x1a00..=0x1bff;
 const CONTROLWORD: u16 = 0x6040;
 /// Objects of a vendor.
 const OF_VENDOR: std::ops::Range<u16> = 0x2000..0x6000;
+/// Distances that a device profile can have, of objects and of PDOs.
+const OBJECT_STEPS: RangeInclusive<u16> = 1..=0x2000;
+const PDO_STEPS: RangeInclusive<u16> = 1..=255;
 /// Modules that a message lists.
 const MOST_LISTED: usize = 12;
 /// The word for a place that stays empty.
@@ -86,12 +89,12 @@ pub enum ModuleError {
         /// Names of the modules.
         modules: String,
     },
-    /// The device has no such place.
-    #[error("the device has no slot {place}; its last one is {last}")]
+    /// The description has no such place.
+    #[error("the device has no slot {place}: the file describes {last}")]
     NoSlot {
         /// The place that was named.
         place: u32,
-        /// The last place; 0 without slots.
+        /// Number of places.
         last: u32,
     },
     /// More places need modules than a device can have.
@@ -116,8 +119,8 @@ pub enum ModuleError {
         /// Greatest index.
         most: u32,
     },
-    /// Two modules have a process data object at one index.
-    #[error("slots {first} and {second} both have PDO {index:04X}h: the increments of the file cannot be")]
+    /// Two process data objects have one index.
+    #[error("PDO {index:04X}h is in slot {first} and again in slot {second}; two PDOs need two indices")]
     Twice {
         /// A place.
         first: u8,
@@ -148,10 +151,9 @@ impl ModuleError {
     /// The place for which another module can be named.
     pub fn place(&self) -> Option<u8> {
         match self {
-            Self::Several { place, .. }
-            | Self::NotDescribed { place, .. }
-            | Self::NoModules { place, .. }
-            | Self::NotTaken { place, .. } => Some(*place),
+            Self::Several { place, .. } | Self::NotDescribed { place, .. } | Self::NotTaken { place, .. } => {
+                Some(*place)
+            }
             _ => None,
         }
     }
@@ -215,7 +217,8 @@ impl Slot {
 
     /// Places that have a module unless another one is named.
     fn filled(&self) -> u32 {
-        if self.default.is_none() { self.min_instances } else { self.min_instances.max(1) }
+        let least = u32::from(self.default.is_some());
+        self.min_instances.max(least).min(self.places())
     }
 }
 
@@ -305,7 +308,7 @@ impl PluggedModule<'_> {
     }
 
     fn moved(&self, index: u16, increment: u16, most: u32) -> Result<u16, ModuleError> {
-        let moved = u32::from(index) + (u32::from(self.place) - 1) * u32::from(increment);
+        let moved = u32::from(index) + u32::from(self.place.saturating_sub(1)) * u32::from(increment);
         u16::try_from(moved).ok().filter(|_| moved <= most).ok_or_else(|| ModuleError::OutOfRange {
             slot: self.words(),
             module: shown(self.module.title()),
@@ -371,16 +374,18 @@ impl Device {
     }
 }
 
-/// Distances of the axes of a device whose first two axes are modules, the first one in place 1; `None` for any other.
+/// Distances of the axes of a device whose first two axes are modules, the first one in place 1. `None` for any other device, and for distances
+/// that a device profile cannot have.
 pub fn axis_steps(plugged: &[PluggedModule<'_>]) -> Option<AxisSteps> {
     let is_axis = |own: &&PluggedModule<'_>| {
         own.module.entries().any(|entry| entry.index == CONTROLWORD && entry.depends_on_slot)
     };
     let mut axes = plugged.iter().filter(is_axis);
     let (first, second) = (axes.next().filter(|first| first.place == 1)?, axes.next()?);
-    let places = u16::from(second.place - 1);
+    let places = u16::from(second.place.saturating_sub(1));
     let [objects, pdos] =
         [second.slot.index_increment, second.slot.pdo_increment].map(|increment| increment.saturating_mul(places));
+    let is_possible = OBJECT_STEPS.contains(&objects) && PDO_STEPS.contains(&pdos);
     let is_own = first.module.entries().any(|entry| entry.depends_on_slot && OF_VENDOR.contains(&entry.index));
-    Some(AxisSteps { objects, pdos, vendor_objects: if is_own { objects } else { 0 } })
+    is_possible.then_some(AxisSteps { objects, pdos, vendor_objects: if is_own { objects } else { 0 } })
 }

@@ -1,4 +1,5 @@
 use super::*;
+use proptest::prelude::*;
 
 const DRIVE: &str = r##"<?xml version="1.0" encoding="utf-8"?>
 <EtherCATInfo xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" Version="1.6">
@@ -253,7 +254,7 @@ fn modules_that_cannot_be_are_named_with_their_slot() {
     assert_eq!(told(MODULAR, &[(2, "Velocity")]), format!("slot 2 (Axis 2) takes no module `Velocity`; {taken}"));
     assert_eq!(told(MODULAR, &[(1, "none")]), format!("slot 1 (Axis 1) takes no module `none`; {taken}"));
     for place in [0, 5, u32::MAX] {
-        assert_eq!(told(MODULAR, &[(place, "x")]), format!("the device has no slot {place}; its last one is 4"));
+        assert_eq!(told(MODULAR, &[(place, "x")]), format!("the device has no slot {place}: the file describes 4"));
     }
     let far = MODULAR.replace("SlotPdoIncrement=\"16\"", "SlotPdoIncrement=\"#x200\"");
     assert_eq!(
@@ -263,7 +264,7 @@ fn modules_that_cannot_be_are_named_with_their_slot() {
     let far = MODULAR.replace("SlotIndexIncrement=\"#x800\"", "SlotIndexIncrement=\"#xFFFF\"");
     assert!(told(&far, &[]).contains("6040h of module `Position` would be 1603Fh"));
     let twice = MODULAR.replace("SlotPdoIncrement=\"16\"", "");
-    assert_eq!(told(&twice, &[]), "slots 1 and 2 both have PDO 1600h: the increments of the file cannot be");
+    assert_eq!(told(&twice, &[]), "PDO 1600h is in slot 1 and again in slot 2; two PDOs need two indices");
     let groups = MODULAR.replace("<Index DependOnSlot=\"1\">#x1602", "<Index DependOnSlotGroup=\"1\">#x1602");
     assert!(resolved(&groups, &[]).is_ok());
     assert!(
@@ -310,4 +311,21 @@ fn numbers_and_counts_of_slots_are_bounded_with_their_line() {
         told(&MODULAR.replace("<Modules>", &"<Modules>".repeat(100))),
         "line 13: more than 64 elements within one another"
     );
+}
+
+proptest! {
+    /// Parts of a description that are lost, doubled or changed: read or refused, resolved or refused.
+    #[test]
+    fn damaged_modules_never_panic(at in 0..MODULAR.len(), len in 0..200_usize, with in "[<>/\"#x0-9A-Fa-z ]{0,12}", twice: bool) {
+        let (start, end) = (at, (at + len).min(MODULAR.len()));
+        let part = if twice { &MODULAR[start..end] } else { "" };
+        let text = format!("{}{with}{part}{part}{}", &MODULAR[..start], &MODULAR[end..]);
+        if let Ok(esi) = Esi::read(text.as_bytes()) {
+            for device in &esi.devices {
+                let plugged = esi.plugged(device, &Default::default());
+                let _ = plugged.map(|plugged| (axis_steps(&plugged), device.with_modules(&plugged)));
+            }
+            prop_assert!(Esi::read(esi.write().as_bytes()).is_ok());
+        }
+    }
 }

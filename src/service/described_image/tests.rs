@@ -186,3 +186,17 @@ fn a_small_chip_has_its_vendors_categories_before_names_and_no_category_that_doe
     let DescribedImage { image, left_out } = made(&endless).unwrap();
     assert!(image.len() <= 2 * MOST_WORDS && left_out.len() == 8, "{} {left_out:?}", image.len());
 }
+
+#[test]
+fn process_data_of_modules_are_left_out_and_said() {
+    let slots = "<Slots SlotPdoIncrement=\"1\"><Slot><ModuleIdent Default=\"1\">1</ModuleIdent></Slot></Slots>";
+    let modules = "</Devices><Modules><Module><Type ModuleIdent=\"1\"/><TxPdo Sm=\"3\"><Index>#x1A10</Index></TxPdo></Module></Modules>";
+    let text = DRIVE.replace("<Mailbox>", &format!("{slots}<Mailbox>")).replace("</Devices>", modules);
+    let modular = made(&text).unwrap();
+    assert_eq!((modular.image, modular.left_out), (made(DRIVE).unwrap().image, vec![LeftOutOfImage::Modules]));
+    let said = LeftOutOfImage::Modules.to_string();
+    assert_eq!(
+        said,
+        "process data objects of modules: they depend on the plugged modules, which a device with CoE reports itself"
+    );
+}
