@@ -106,7 +106,8 @@ impl std::fmt::Display for LeftOutOfImage {
 
 /// The image of a device of a description, with this alias and serial number: the head, names, general part, FMMUs, sync managers and process
 /// data objects, then the further categories of the description. The modes of its clock are left out: masters take them from the
-/// description. So are the process data of modules, which change with the modules. In a small chip, further categories have precedence over names of entries and over process data objects that CoE reports.
+/// description. The process data of modules are left out because they change with the modules. In a small chip, further categories have
+/// precedence over names of entries and over process data objects that CoE reports.
 ///
 /// # Errors
 /// If the description does not say how the controller is configured or has impossible ports, or the chip has no room for the image.

@@ -45,7 +45,7 @@ pub struct AxisSteps {
     pub vendor_objects: u16,
 }
 
-/// Why the modules of a device cannot be said.
+/// Why the modules of a device are unknown.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ModuleError {

@@ -208,7 +208,7 @@ fn the_default_modules_of_slots_have_their_process_data_further_on_in_each_slot(
         (0x1a10, vec![0x6841]),
     ];
     assert_eq!(resolved(MODULAR, &[]), Ok(position.to_vec()));
-    // By name, type or number; the extension has an increment of its own and lies in the third and fourth place.
+    // A word is a type, a name or a number; the extension has an increment of its own and lies in the third and fourth place.
     for torque in ["torque", "Torque mode", "#x200", "512"] {
         let pdos = resolved(MODULAR, &[(2, torque), (4, "Inputs")]).unwrap();
         assert_eq!(pdos[2..5], [(0x1600, position[1].1.clone()), (0x1612, vec![0x6871]), (0x1a00, vec![0x6041])]);
@@ -277,7 +277,7 @@ fn modules_that_cannot_be_are_named_with_their_slot() {
     assert_eq!(told(&many, &[]), "slot 1 (Axis 1) needs modules beyond slot 255, the last one that a device can have");
     let many = MODULAR.replace("MaxInstances=\"2\"", "MaxInstances=\"4294967295\"");
     assert!(told(&many, &[(300, "Inputs")]).starts_with("slot 300 (Extension) needs modules beyond slot 255"));
-    // What a module holds is not kept for each of many slots.
+    // The process data of a module are not kept for each of many slots.
     let name = "n".repeat(60_000);
     let large = MODULAR.replace("MinInstances=\"0\" MaxInstances=\"2\"", "MinInstances=\"200\" MaxInstances=\"200\"");
     let pdos: String = (0..40)
@@ -301,7 +301,7 @@ fn numbers_and_counts_of_slots_are_bounded_with_their_line() {
     assert_eq!(told(&odd), "line 9: ModuleIdent is `axis`, which is no number from 0 to 4294967295");
     let many = MODULAR.replace("<Slots ", &format!("<Slots>{}</Slots><Slots ", "<Slot/>".repeat(1000)));
     assert_eq!(told(&many), "line 5: more than 255 slots of a device");
-    // A module within a module is none, and slots within slots are none.
+    // A module within a module is passed over.
     let nested = MODULAR.replace(
         "<Module><Type ModuleIdent=\"#x300\"",
         "<Module><Module><Type ModuleIdent=\"#x9\"/></Module><Type ModuleIdent=\"#x300\"",

@@ -130,7 +130,7 @@ pub struct Survey {
     pub limits: [bool; 3],
     /// Time from SYNC0 to SYNC1, us, where its device description switches both on.
     pub sync1_us: Option<u32>,
-    /// Where its device description says otherwise than the drive does, a line each.
+    /// Contradictions between its device description and the drive, a line each.
     pub pdo_contradictions: Vec<String>,
     /// The longest time that it took to answer.
     pub slowest: Duration,

@@ -34,7 +34,7 @@ pub(super) fn mapping_entries(sheet: &Eds) -> Option<u8> {
     sheet.objects.get(&RPDO.mapping)?.entries.keys().copied().max().filter(|last| (1..=64).contains(last))
 }
 
-/// Where a data sheet or a device description says otherwise than the drive does, a line each. The drive's word counts.
+/// Contradictions between a data sheet or a device description and the drive, a line each. The drive's word counts.
 pub fn contradictions(sheet: Option<&Eds>, survey: &Survey) -> Vec<String> {
     let mut found = survey.pdo_contradictions.clone();
     let Some(sheet) = sheet else { return found };
