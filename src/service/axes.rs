@@ -12,18 +12,29 @@ pub fn statusword_of(axis: u8) -> Address {
     Address::new(AxisOffset::standard(axis).index(cia::STATUSWORD.index), cia::STATUSWORD.sub)
 }
 
-/// The supported modes of an axis, 0 to 7.
-pub(crate) fn supported_modes_of(axis: u8) -> Address {
-    Address::new(AxisOffset::standard(axis).index(cia::SUPPORTED_MODES.index), cia::SUPPORTED_MODES.sub)
+/// The supported modes of an axis.
+pub(crate) fn supported_modes(offset: AxisOffset) -> Address {
+    Address::new(offset.index(cia::SUPPORTED_MODES.index), cia::SUPPORTED_MODES.sub)
 }
 
 /// Number of axes of a device: the first ones that have supported modes (6502h, 6D02h and so on). `has` says whether the device has an object.
 ///
 /// # Errors
 /// The first error of `has`.
-pub fn count_axes<E>(mut has: impl FnMut(Address) -> Result<bool, E>) -> Result<u8, E> {
+pub fn count_axes<E>(has: impl FnMut(Address) -> Result<bool, E>) -> Result<u8, E> {
+    count_axes_by(AxisOffset::standard, has)
+}
+
+/// Number of axes of a device whose axes have these offsets, as [`count_axes`].
+///
+/// # Errors
+/// The first error of `has`.
+pub fn count_axes_by<E>(
+    offset: impl Fn(u8) -> AxisOffset,
+    mut has: impl FnMut(Address) -> Result<bool, E>,
+) -> Result<u8, E> {
     for axis in 0..MOST_AXES {
-        if !has(supported_modes_of(axis))? {
+        if !has(supported_modes(offset(axis)))? {
             return Ok(axis);
         }
     }

@@ -6,7 +6,8 @@
 use yieldwall_drives::esi::{self, Esi};
 use yieldwall_fieldbus::ethercat::SyncManager;
 use yieldwall_fieldbus::ethercat::sii::{
-    FmmuUse, MailboxArea, Pdo, PdoEntry, Sii, SyncManagerUse, chip_words, coe_details, protocols, seal,
+    FmmuUse, MOST_WORDS, MailboxArea, OtherCategory, Pdo, PdoEntry, PortUse, Sii, SyncManagerUse, category, chip_words,
+    coe_details, protocols, seal,
 };
 
 /// Bytes that `ConfigData` may say: words 0 to 7. Those of words 4 and 7, alias and checksum, are not taken from it.
@@ -37,6 +38,11 @@ pub enum ImageError {
         /// Most bytes.
         most: usize,
     },
+    /// A controller has no such ports.
+    #[error(
+        "Physics of this device is `{0}`: a controller has 4 ports, Y for Ethernet, K for E-bus, H for fast hot connect, a space for none"
+    )]
+    Physics(String),
     /// The image has no room for an entry.
     #[error("PDO {pdo:04X}h has an entry of {bits} bits, and an image has room for 255")]
     Entry {
@@ -60,15 +66,51 @@ pub enum ImageError {
 pub struct DescribedImage {
     /// Its bytes.
     pub image: Vec<u8>,
-    /// Parts for which the chip has no room: names of entries, or the process data objects, which the device reports by CoE as well.
-    pub left_out: Option<&'static str>,
+    /// Parts of the description that are not in it.
+    pub left_out: Vec<LeftOutOfImage>,
+}
+
+/// A part of a description that is not in the image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LeftOutOfImage {
+    /// Names of entries.
+    EntryNames,
+    /// Process data objects, which the device reports by CoE.
+    ProcessData,
+    /// Process data objects of the modules in its slots.
+    Modules,
+    /// A category for which the chip has no room.
+    Category(u16),
+    /// A category that the image makes of other elements, or whose type is the end of an image.
+    OwnCategory(u16),
+}
+
+impl std::fmt::Display for LeftOutOfImage {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::EntryNames => write!(formatter, "names of entries, for which the chip has no room"),
+            Self::ProcessData => write!(formatter, "process data objects, for which the chip has no room"),
+            Self::Modules => {
+                write!(
+                    formatter,
+                    "process data objects of modules: they depend on the plugged modules, which a device with CoE reports itself"
+                )
+            }
+            Self::Category(number) => write!(formatter, "category {number}, for which the chip has no room"),
+            Self::OwnCategory(number) => {
+                write!(formatter, "category {number}, whose type belongs to another part of the image")
+            }
+        }
+    }
 }
 
 /// The image of a device of a description, with this alias and serial number: the head, names, general part, FMMUs, sync managers and process
-/// data objects. The modes of its clock are left out: masters take them from the description.
+/// data objects, then the further categories of the description. The modes of its clock are left out: masters take them from the
+/// description. The process data of modules are left out because they change with the modules. In a small chip, further categories have
+/// precedence over names of entries and over process data objects that CoE reports.
 ///
 /// # Errors
-/// If the description does not say how the controller is configured, or the chip has no room for the image.
+/// If the description does not say how the controller is configured or has impossible ports, or the chip has no room for the image.
 pub fn described_image(esi: &Esi, device: &esi::Device, alias: u16, serial: u32) -> Result<DescribedImage, ImageError> {
     if device.config_data.is_empty() {
         return Err(ImageError::NoConfiguration);
@@ -76,16 +118,19 @@ pub fn described_image(esi: &Esi, device: &esi::Device, alias: u16, serial: u32)
     let config = bytes("ConfigData", &device.config_data, 2, MOST_CONFIG)?;
     let mut sii = Sii { alias, serial, ..sii_of(esi, device, &config)? };
     let room = device.eeprom_bytes.map(|bytes| bytes as usize);
+    let (others, mut left_out) = other_categories(&sii, device, room.unwrap_or(2 * MOST_WORDS));
+    sii.other_categories = others;
+    if !device.slots.is_empty() {
+        left_out.insert(0, LeftOutOfImage::Modules);
+    }
     let fits = |sii: &Sii| room.is_none_or(|room| sii.write().len() <= room);
-    let mut left_out = None;
     if !fits(&sii) {
-        left_out = Some("names of entries");
-        let pdos = sii.rx_pdos.iter_mut().chain(&mut sii.tx_pdos);
-        pdos.flat_map(|pdo| &mut pdo.entries).for_each(|entry| entry.name.clear());
+        left_out.push(LeftOutOfImage::EntryNames);
+        sii = without_names(sii);
     }
     if !fits(&sii) && sii.has_coe() {
-        left_out = Some("process data objects");
-        (sii.rx_pdos, sii.tx_pdos) = (Vec::new(), Vec::new());
+        left_out.push(LeftOutOfImage::ProcessData);
+        sii = without_pdos(sii);
     }
     let mut image = sii.write();
     if let Some(room) = room {
@@ -103,6 +148,54 @@ pub fn described_image(esi: &Esi, device: &esi::Device, alias: u16, serial: u32)
     }
     seal(&mut image);
     Ok(DescribedImage { image, left_out })
+}
+
+fn without_names(mut sii: Sii) -> Sii {
+    let pdos = sii.rx_pdos.iter_mut().chain(&mut sii.tx_pdos);
+    pdos.flat_map(|pdo| &mut pdo.entries).for_each(|entry| entry.name.clear());
+    sii
+}
+
+fn without_pdos(sii: Sii) -> Sii {
+    Sii { rx_pdos: Vec::new(), tx_pdos: Vec::new(), ..sii }
+}
+
+/// The further categories of a description that fit beside the smallest image of the device, and those that are left out.
+fn other_categories(sii: &Sii, device: &esi::Device, room: usize) -> (Vec<OtherCategory>, Vec<LeftOutOfImage>) {
+    use category::{END, FMMU, GENERAL, RX_PDO, STRINGS, SYNC_MANAGERS, TX_PDO};
+
+    let smallest = without_names(sii.clone());
+    let smallest = if sii.has_coe() { without_pdos(smallest) } else { smallest };
+    let mut bytes = smallest.write().len();
+    let (mut kept, mut left_out) = (Vec::new(), Vec::new());
+    for esi::Category { number, bytes: content } in &device.categories {
+        let other = OtherCategory { kind: *number, bytes: content.clone() };
+        if matches!(*number, STRINGS | GENERAL | FMMU | SYNC_MANAGERS | TX_PDO | RX_PDO | END) {
+            left_out.push(LeftOutOfImage::OwnCategory(*number));
+        } else if bytes + other.written_len() > room {
+            left_out.push(LeftOutOfImage::Category(*number));
+        } else {
+            bytes += other.written_len();
+            kept.push(other);
+        }
+    }
+    (kept, left_out)
+}
+
+/// The ports of the letters of a description.
+fn ports(physics: &str) -> Result<[PortUse; 4], ImageError> {
+    let impossible = || ImageError::Physics(physics.chars().filter(|char| !char.is_control()).take(40).collect());
+    let mut ports = [PortUse::UNUSED; 4];
+    for (place, letter) in physics.chars().enumerate() {
+        *ports.get_mut(place).ok_or_else(impossible)? = match letter {
+            'Y' => PortUse::MII,
+            'K' => PortUse::EBUS,
+            'H' => PortUse::FAST_HOT_CONNECT,
+            ' ' => PortUse::UNUSED,
+            _ => return Err(impossible()),
+        };
+    }
+    Ok(ports)
 }
 
 fn sii_of(esi: &Esi, device: &esi::Device, config: &[u8]) -> Result<Sii, ImageError> {
@@ -132,6 +225,7 @@ fn sii_of(esi: &Esi, device: &esi::Device, config: &[u8]) -> Result<Sii, ImageEr
         name: device.name.clone(),
         coe_details: device.coe.map_or(0, details),
         e_bus_ma: device.e_bus_ma.and_then(|ma| i16::try_from(ma).ok()).unwrap_or_default(),
+        ports: ports(&device.physics)?,
         fmmus: device.fmmus.iter().map(|word| fmmu(word)).collect(),
         sync_managers,
         tx_pdos: device.tx_pdos.iter().map(pdo).collect::<Result<_, _>>()?,
@@ -142,12 +236,8 @@ fn sii_of(esi: &Esi, device: &esi::Device, config: &[u8]) -> Result<Sii, ImageEr
 
 /// Bytes in hexadecimal digits.
 fn bytes(element: &'static str, text: &str, least: usize, most: usize) -> Result<Vec<u8>, ImageError> {
-    let digits: Option<Vec<u8>> = text.chars().map(|char| Some(char.to_digit(16)? as u8)).collect();
-    let (pairs, rest) = digits.as_deref().unwrap_or_default().as_chunks::<2>();
-    if !rest.is_empty() || !(least..=most).contains(&pairs.len()) {
-        return Err(ImageError::Digits { element, least, most });
-    }
-    Ok(pairs.iter().map(|[high, low]| high << 4 | low).collect())
+    let bytes = esi::hex_bytes(text).filter(|bytes| (least..=most).contains(&bytes.len()));
+    bytes.ok_or(ImageError::Digits { element, least, most })
 }
 
 fn bootstrap(text: &str) -> Result<[MailboxArea; 2], ImageError> {

@@ -35,13 +35,13 @@ mod segment;
 #[cfg(test)]
 mod tests;
 
-pub use axes::{MOST_AXES, count_axes, statusword_of};
+pub use axes::{MOST_AXES, count_axes, count_axes_by, statusword_of};
 pub use caution::Caution;
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
 pub use connect::OnInterfaces;
 pub use connect::{AnySegmentService, AnyService, Connect, ConnectError};
 pub use connection::{Bytes, Error, NodeTraffic, Service};
-pub use described_image::{DescribedImage, ImageError, described_image};
+pub use described_image::{DescribedImage, ImageError, LeftOutOfImage, described_image};
 pub use inventory::{Unread, UnreadObject, inventory, inventory_of, sheet_of, type_by_length, values_of};
 pub use known::{Known, known, named, names, titled, torque_limit, type_held};
 pub use listen::listen;

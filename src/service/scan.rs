@@ -3,8 +3,9 @@
 use std::time::Duration;
 
 use yieldwall_drives::eds::Value;
+use yieldwall_drives::profiles::AxisOffset;
 
-use super::axes::{MOST_AXES, supported_modes_of};
+use super::axes::{MOST_AXES, supported_modes};
 use super::connection::{Error, NodeTraffic, Service};
 use yieldwall_fieldbus::canopen::{NodeId, node_id};
 use yieldwall_fieldbus::objects::Address;
@@ -75,7 +76,7 @@ fn is_drive(device_type: u32) -> bool {
 fn axes_of<L: CanLink>(service: &mut Service<L>, mut drives: Vec<NodeId>) -> Result<Vec<NodeId>, Error> {
     let mut axes = Vec::new();
     for axis in 0..MOST_AXES {
-        let asked: Vec<(NodeId, Address)> = drives.iter().map(|drive| (*drive, supported_modes_of(axis))).collect();
+        let asked: Vec<(NodeId, Address)> = drives.iter().map(|drive| (*drive, supported_modes(AxisOffset::standard(axis)))).collect();
         let mut answers = service.read_each(&asked)?.into_iter();
         drives.retain(|_| answers.next().is_some_and(|answer| answer.is_ok()));
         axes.extend_from_slice(&drives);

@@ -232,7 +232,7 @@ fn a_drive_is_adopted_and_has_its_values_again() {
     let mut service = watched(usize::MAX);
     let (before, _) = inventory(&mut service, node(1), |_| {}).unwrap();
     let values = adopt::originals(&mut service.objects(node(1))).unwrap();
-    let survey = adopt::survey(&mut service.objects(node(1)), &values, None).unwrap();
+    let survey = adopt::survey(&mut service.objects(node(1)), &values, None, None).unwrap();
     assert_eq!((survey.modes.len(), survey.mapping_entries, survey.has_dummies), (3, 8, true));
     assert_eq!((survey.lost_master, survey.follows_sync, survey.limits), (Some(3), [true; 2], [true; 3]));
     assert!(survey.has_rpdo_timer && survey.watches_heartbeat && survey.takes_cycle_time, "{survey:?}");
@@ -271,14 +271,14 @@ fn whoever_ends_an_adoption_leaves_the_drive_as_it_was() {
         let mut service = watched(usize::MAX);
         let values = adopt::originals(&mut service.objects(node(1))).unwrap();
         let begun = service.link().sent.len();
-        adopt::survey(&mut service.objects(node(1)), &values, None).unwrap();
+        adopt::survey(&mut service.objects(node(1)), &values, None, None).unwrap();
         begun + 1..service.link().sent.len()
     };
     let mut interrupted = 0;
     for ends_after in frames.step_by(7) {
         let mut service = watched(ends_after);
         let values = adopt::originals(&mut service.objects(node(1))).unwrap();
-        match adopt::survey(&mut service.objects(node(1)), &values, None) {
+        match adopt::survey(&mut service.objects(node(1)), &values, None, None) {
             Err(adopt::Refusal::Service(Error::Interrupted)) => interrupted += 1,
             other => assert!(other.is_ok(), "{ends_after}: {other:?}"),
         }
@@ -319,7 +319,7 @@ fn drives_of_five_odd_vendors_are_adopted_for_what_they_are() {
         assert_eq!(found[0].name.as_deref(), Some(name));
         assert!(service.now().as_secs_f64() < 3.0, "{name}: {:?}", service.now());
         let values = adopt::originals(&mut service.objects(node(1))).unwrap();
-        let survey = adopt::survey(&mut service.objects(node(1)), &values, None)
+        let survey = adopt::survey(&mut service.objects(node(1)), &values, None, None)
             .unwrap_or_else(|refusal| panic!("{name}: {refusal}"));
         assert!(shows(&survey), "{name}: {survey:?}");
         assert_eq!(survey.modes.len(), 3, "{name}: {:?}", survey.refused_modes);

@@ -6,10 +6,14 @@
 //! # Source
 //! ETG.2000, *EtherCAT slave information specification*; names are those of the file format.
 
+mod modules;
 mod read;
 #[cfg(test)]
 mod tests;
 mod write;
+
+pub use modules::{AxisSteps, ModuleError, PluggedModule, axis_steps};
+pub use read::hex_bytes;
 
 /// Largest file that is read, in bytes.
 pub const MAX_BYTES: usize = 64 << 20;
@@ -17,6 +21,13 @@ pub const MAX_BYTES: usize = 64 << 20;
 pub const MAX_DEPTH: usize = 64;
 /// Most devices, process data objects, entries and other items together.
 pub const MAX_ITEMS: usize = 1_000_000;
+/// Most categories for the SII of a device.
+pub const MAX_CATEGORIES: usize = 256;
+/// Most slots of a device: F030h and F050h have a sub-index for each.
+///
+/// # Source
+/// ETG.5001.1, modular device profile.
+pub const MAX_SLOTS: usize = 255;
 /// Longest text of an element, in bytes.
 pub const MAX_TEXT: usize = 1 << 16;
 
@@ -29,11 +40,15 @@ pub struct Esi {
     pub vendor: String,
     /// Devices, in the order of the file.
     pub devices: Vec<Device>,
+    /// Modules for the slots of the devices, in the order of the file.
+    pub modules: Vec<Module>,
 }
 
 /// One device, in one revision.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Device {
+    /// Ports 0 to 3, a letter each: `Y` Ethernet, `K` E-bus, `H` Ethernet for fast hot connect, a space for a port without use.
+    pub physics: String,
     /// Type, a short name.
     pub type_name: String,
     /// Product code, 1018h:2.
@@ -54,6 +69,8 @@ pub struct Device {
     pub rx_pdos: Vec<Pdo>,
     /// Process data objects that the master reads.
     pub tx_pdos: Vec<Pdo>,
+    /// Places for modules.
+    pub slots: Vec<Slot>,
     /// What its CoE can do; `None` without CoE.
     pub coe: Option<Coe>,
     /// Ways to work with distributed clocks.
@@ -76,6 +93,58 @@ pub struct Device {
     pub config_data: String,
     /// Words 14h to 17h of its SII, the mailboxes in BOOT, likewise.
     pub bootstrap: String,
+    /// Further categories of its SII.
+    pub categories: Vec<Category>,
+}
+
+/// One or more places of a device for modules. A module in the second place of a device has its PDOs and objects further on by the increments,
+/// and so on.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Slot {
+    /// Name.
+    pub name: String,
+    /// Fewest modules.
+    pub min_instances: u32,
+    /// Most modules, as many places as the device has in a row.
+    pub max_instances: u32,
+    /// Distance of PDOs from a place to the next.
+    pub pdo_increment: u16,
+    /// Distance of objects from a place to the next.
+    pub index_increment: u16,
+    /// Modules that fit, by their identification.
+    pub idents: Vec<u32>,
+    /// The module that is there unless another one is named.
+    pub default: Option<u32>,
+    /// Classes of modules that fit.
+    pub classes: Vec<String>,
+}
+
+/// A module for a slot.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Module {
+    /// Identification, as in F030h and F050h.
+    pub ident: u32,
+    /// Class; empty if it has none.
+    pub class: String,
+    /// Type, a short name.
+    pub type_name: String,
+    /// Name; the one in English if there are several.
+    pub name: String,
+    /// Process data objects that the master writes, as in the first place of a device.
+    pub rx_pdos: Vec<Pdo>,
+    /// Process data objects that the master reads, as in the first place of a device.
+    pub tx_pdos: Vec<Pdo>,
+    /// Whether an index of it depends on a group of slots.
+    pub has_slot_groups: bool,
+}
+
+/// A category for the SII of a device.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Category {
+    /// Type.
+    pub number: u16,
+    /// Content.
+    pub bytes: Vec<u8>,
 }
 
 /// A sync manager.
@@ -110,6 +179,8 @@ pub struct Pdo {
     pub is_fixed: bool,
     /// It has to be exchanged.
     pub is_mandatory: bool,
+    /// Whether index and `excludes` of a module's process data object depend on its slot.
+    pub depends_on_slot: bool,
     /// Others that cannot be exchanged with it.
     pub excludes: Vec<u16>,
     /// What it holds.
@@ -129,6 +200,8 @@ pub struct PdoEntry {
     pub name: String,
     /// Data type by name, as `UINT`.
     pub data_type: String,
+    /// Whether the index of a module's entry depends on its slot.
+    pub depends_on_slot: bool,
 }
 
 /// What the CoE of a device can do.
@@ -216,6 +289,14 @@ pub enum EsiError {
         text: String,
         /// Greatest number there.
         most: u64,
+    },
+    /// Digits that are no bytes.
+    #[error("line {line}: {element} is no even number of hexadecimal digits")]
+    Digits {
+        /// Line.
+        line: usize,
+        /// Element.
+        element: &'static str,
     },
     /// Its outermost element is not `EtherCATInfo`.
     #[error("the file has no element EtherCATInfo: it is no device description")]

@@ -1,7 +1,8 @@
 //! Reading a file.
 
 use super::{
-    Coe, Device, Esi, EsiError, MAX_BYTES, MAX_DEPTH, MAX_ITEMS, MAX_TEXT, OpMode, Pdo, PdoEntry, SyncManager,
+    Category, Coe, Device, Esi, EsiError, MAX_BYTES, MAX_CATEGORIES, MAX_DEPTH, MAX_ITEMS, MAX_SLOTS, MAX_TEXT, Module,
+    OpMode, Pdo, PdoEntry, Slot, SyncManager,
 };
 use quick_xml::XmlVersion;
 use quick_xml::events::{BytesStart, Event};
@@ -9,12 +10,19 @@ use quick_xml::reader::Reader;
 use std::borrow::Cow;
 
 /// A number as the files write it: decimal, or hexadecimal behind `#x`.
-fn number(text: &str) -> Option<i64> {
+pub(super) fn number(text: &str) -> Option<i64> {
     let text = text.trim();
     match text.strip_prefix("#x").or_else(|| text.strip_prefix("#X")).or_else(|| text.strip_prefix("0x")) {
         Some(digits) => i64::from_str_radix(digits, 16).ok().filter(|_| !digits.starts_with(['+', '-'])),
         None => text.parse().ok(),
     }
+}
+
+/// The bytes of hexadecimal digits, two a byte.
+pub fn hex_bytes(text: &str) -> Option<Vec<u8>> {
+    let digits: Option<Vec<u8>> = text.chars().map(|char| Some(char.to_digit(16)? as u8)).collect();
+    let (pairs, []) = digits.as_deref()?.as_chunks::<2>() else { return None };
+    Some(pairs.iter().map(|[high, low]| high << 4 | low).collect())
 }
 
 fn is_true(text: &str) -> bool {
@@ -59,25 +67,31 @@ struct Builder {
     esi: Esi,
     items: usize,
     has_root: bool,
-    /// The device whose names in other languages are being passed over.
+    /// Whether the name of the present device or module is in English; names in other languages are passed over.
     has_english_name: bool,
+    /// Increments of PDOs and of objects that the slots of the present device share.
+    increments: [u16; 2],
+    /// Whether the present `ModuleIdent` is the default of its slot.
+    is_default_module: bool,
+}
+
+/// A part of a file that has process data.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Item {
+    Device,
+    Module,
 }
 
 /// Elements above the present one, by name.
 struct Path(Vec<String>);
 
 impl Path {
-    /// The names below `Device`, if the present element is in one.
-    fn in_device(&self) -> Option<&[String]> {
-        match self.0.as_slice() {
-            [root, descriptions, devices, device, rest @ ..]
-                if root == "EtherCATInfo"
-                    && descriptions == "Descriptions"
-                    && devices == "Devices"
-                    && device == "Device" =>
-            {
-                Some(rest)
-            }
+    /// The names below a device or module, if the present element is in one.
+    fn in_item(&self) -> Option<(Item, Vec<&str>)> {
+        let names: Vec<&str> = self.0.iter().map(String::as_str).collect();
+        match names.as_slice() {
+            ["EtherCATInfo", "Descriptions", "Devices", "Device", below @ ..] => Some((Item::Device, below.to_vec())),
+            ["EtherCATInfo", "Descriptions", "Modules", "Module", below @ ..] => Some((Item::Module, below.to_vec())),
             _ => None,
         }
     }
@@ -165,7 +179,26 @@ fn attribute(place: &Cursor<'_>, start: &BytesStart<'_>, name: &str) -> Result<S
     Ok(value.map_err(|error| xml(error.to_string()))?.unwrap_or_default().into_owned())
 }
 
+/// Increments of PDOs and of objects from a slot to the next, by the attributes of an element or as they were.
+fn increments(place: &Cursor<'_>, start: &BytesStart<'_>, shared: [u16; 2]) -> Result<[u16; 2], EsiError> {
+    let of = |element: &'static str, shared: u16| -> Result<u16, EsiError> {
+        let text = attribute(place, start, element)?;
+        if text.is_empty() { Ok(shared) } else { place.u16(element, &text) }
+    };
+    let [pdos, objects] = shared;
+    Ok([of("SlotPdoIncrement", pdos)?, of("SlotIndexIncrement", objects)?])
+}
+
 impl Builder {
+    /// The process data objects of the present device or module.
+    fn pdos(&mut self, item: Item, direction: &str) -> Option<&mut Vec<Pdo>> {
+        let [rx, tx] = match item {
+            Item::Device => self.esi.devices.last_mut().map(|device| [&mut device.rx_pdos, &mut device.tx_pdos]),
+            Item::Module => self.esi.modules.last_mut().map(|module| [&mut module.rx_pdos, &mut module.tx_pdos]),
+        }?;
+        Some(if direction == "RxPdo" { rx } else { tx })
+    }
+
     fn count(&mut self, place: &Cursor<'_>) -> Result<(), EsiError> {
         self.items += 1;
         if self.items > MAX_ITEMS {
@@ -184,20 +217,69 @@ impl Builder {
         }
         path.0.push(start.local_name().as_ref().to_owned());
         self.has_root |= path.is(&["EtherCATInfo"]);
-        let Some(below) = path.in_device() else { return Ok(()) };
-        let below: Vec<&str> = below.iter().map(String::as_str).collect();
+        let Some((item, below)) = path.in_item() else { return Ok(()) };
         let get = |name| attribute(place, start, name);
         if below.is_empty() {
             self.count(place)?;
-            self.esi.devices.push(Device::default());
-            self.has_english_name = false;
+            match item {
+                Item::Device => self.esi.devices.push(Device { physics: get("Physics")?, ..Device::default() }),
+                Item::Module => self.esi.modules.push(Module::default()),
+            }
+            (self.has_english_name, self.increments) = (false, [0; 2]);
             return Ok(());
         }
-        if matches!(below.as_slice(), ["Sm" | "RxPdo" | "TxPdo" | "Fmmu", ..] | ["Dc", "OpMode"]) && below.len() <= 2 {
+        let is_listed = matches!(below.as_slice(), ["Sm" | "RxPdo" | "TxPdo" | "Fmmu", ..] | ["Dc", "OpMode"]);
+        if is_listed && below.len() <= 2 || below.starts_with(&["Slots", "Slot"]) {
             self.count(place)?;
         }
-        let Some(device) = self.esi.devices.last_mut() else { return Ok(()) };
         match below.as_slice() {
+            ["Name"] => self.has_english_name = matches!(get("LcId")?.as_str(), "" | "1033" | "2057"),
+            [direction @ ("RxPdo" | "TxPdo"), inside @ ..] => {
+                let pdos = self.pdos(item, direction);
+                pdos.map_or(Ok(()), |pdos| open_pdo(place, pdos, inside, start))?;
+                if item == Item::Module && inside.last() == Some(&"Index") && is_true(&get("DependOnSlotGroup")?) {
+                    self.esi.modules.last_mut().into_iter().for_each(|module| module.has_slot_groups = true);
+                }
+            }
+            ["Slots"] => self.increments = increments(place, start, [0; 2])?,
+            ["Slots", "Slot", "ModuleIdent"] => self.is_default_module = is_true(&get("Default")?),
+            _ if item == Item::Device => self.open_device(place, &below, start)?,
+            ["Type"] => {
+                let Some(module) = self.esi.modules.last_mut() else { return Ok(()) };
+                let ident = get("ModuleIdent")?;
+                if !ident.is_empty() {
+                    module.ident = place.u32("ModuleIdent", &ident)?;
+                }
+                module.class = get("ModuleClass")?;
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Opens an element of a device; process data are not among them.
+    fn open_device(&mut self, place: &Cursor<'_>, below: &[&str], start: &BytesStart<'_>) -> Result<(), EsiError> {
+        let shared = self.increments;
+        let get = |name| attribute(place, start, name);
+        let Some(device) = self.esi.devices.last_mut() else { return Ok(()) };
+        match below {
+            ["Slots", "Slot"] => {
+                if device.slots.len() >= MAX_SLOTS {
+                    return Err(EsiError::TooMuch { line: place.line(), what: "slots of a device", most: MAX_SLOTS });
+                }
+                let [pdo_increment, index_increment] = increments(place, start, shared)?;
+                let instances = |element: &'static str, unless: u32| -> Result<u32, EsiError> {
+                    let text = get(element)?;
+                    if text.is_empty() { Ok(unless) } else { place.u32(element, &text) }
+                };
+                device.slots.push(Slot {
+                    min_instances: instances("MinInstances", 0)?,
+                    max_instances: instances("MaxInstances", 1)?,
+                    pdo_increment,
+                    index_increment,
+                    ..Slot::default()
+                });
+            }
             ["Type"] => {
                 let (product, revision) = (get("ProductCode")?, get("RevisionNo")?);
                 if !product.is_empty() {
@@ -207,7 +289,6 @@ impl Builder {
                     device.revision = place.u32("RevisionNo", &revision)?;
                 }
             }
-            ["Name"] => self.has_english_name = matches!(get("LcId")?.as_str(), "" | "1033" | "2057"),
             ["Sm"] => {
                 let optional = |name, element| -> Result<Option<u16>, EsiError> {
                     let text = get(name)?;
@@ -225,20 +306,6 @@ impl Builder {
                     is_enabled: number(&enable).map_or(is_true(&enable), |number| number & 1 != 0),
                 });
             }
-            [direction @ ("RxPdo" | "TxPdo")] => {
-                let sync_manager = get("Sm")?;
-                let pdo = Pdo {
-                    sync_manager: if sync_manager.is_empty() { None } else { Some(place.u8("Sm", &sync_manager)?) },
-                    is_fixed: is_true(&get("Fixed")?),
-                    is_mandatory: is_true(&get("Mandatory")?),
-                    ..Pdo::default()
-                };
-                if *direction == "RxPdo" { device.rx_pdos.push(pdo) } else { device.tx_pdos.push(pdo) }
-            }
-            [direction @ ("RxPdo" | "TxPdo"), "Entry"] => {
-                let pdos = if *direction == "RxPdo" { &mut device.rx_pdos } else { &mut device.tx_pdos };
-                pdos.last_mut().into_iter().for_each(|pdo| pdo.entries.push(PdoEntry::default()));
-            }
             ["Mailbox", "CoE"] => {
                 let flag = |name| get(name).map(|text| is_true(&text));
                 device.coe = Some(Coe {
@@ -248,6 +315,13 @@ impl Builder {
                     complete_access: flag("CompleteAccess")?,
                     segmented: flag("SegmentedSdo")?,
                 });
+            }
+            ["Eeprom", "Category"] => {
+                if device.categories.len() >= MAX_CATEGORIES {
+                    let what = "categories for the SII of a device";
+                    return Err(EsiError::TooMuch { line: place.line(), what, most: MAX_CATEGORIES });
+                }
+                device.categories.push(Category::default());
             }
             ["Mailbox", "EoE"] => device.has_eoe = true,
             ["Mailbox", "FoE"] => device.has_foe = true,
@@ -270,10 +344,35 @@ impl Builder {
         } else if path.is(&["EtherCATInfo", "Vendor", "Name"]) && self.esi.vendor.is_empty() {
             self.esi.vendor = text();
         }
-        let Some(below) = path.in_device() else { return Ok(()) };
-        let below: Vec<&str> = below.iter().map(String::as_str).collect();
-        let Some(device) = self.esi.devices.last_mut() else { return Ok(()) };
+        let Some((item, below)) = path.in_item() else { return Ok(()) };
         match below.as_slice() {
+            [direction @ ("RxPdo" | "TxPdo"), inside @ ..] => {
+                let pdo = self.pdos(item, direction).and_then(|pdos| pdos.last_mut());
+                pdo.map_or(Ok(()), |pdo| close_pdo(place, pdo, inside, content))
+            }
+            _ if item == Item::Device => self.close_device(place, &below, content),
+            [field] => {
+                let Some(module) = self.esi.modules.last_mut() else { return Ok(()) };
+                match *field {
+                    "Type" => module.type_name = text(),
+                    "Name" if module.name.is_empty() || self.has_english_name => module.name = text(),
+                    _ => {}
+                }
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Closes an element of a device; process data are not among them.
+    fn close_device(&mut self, place: &Cursor<'_>, below: &[&str], content: &str) -> Result<(), EsiError> {
+        let text = || content.trim().to_owned();
+        let Some(device) = self.esi.devices.last_mut() else { return Ok(()) };
+        match below {
+            ["Slots", "Slot", inside @ ..] => {
+                let (is_default, slot) = (self.is_default_module, device.slots.last_mut());
+                slot.map_or(Ok(()), |slot| close_slot(place, slot, inside, content, is_default))?;
+            }
             ["Type"] => device.type_name = text(),
             ["Name"] if device.name.is_empty() || self.has_english_name => device.name = text(),
             ["GroupType"] => device.group = text(),
@@ -292,14 +391,12 @@ impl Builder {
             ["Eeprom", "ByteSize"] => device.eeprom_bytes = Some(place.u32("ByteSize", content)?),
             ["Eeprom", "ConfigData"] => device.config_data = text(),
             ["Eeprom", "BootStrap"] => device.bootstrap = text(),
+            ["Eeprom", "Category", inside] => {
+                let category = device.categories.last_mut();
+                category.map_or(Ok(()), |category| close_category(place, category, inside, content))?;
+            }
             ["Info", "Electrical", "EBusCurrent"] => {
                 device.e_bus_ma = Some(place.number("EBusCurrent", content, i32::MAX as u64)?);
-            }
-            [direction @ ("RxPdo" | "TxPdo"), inside @ ..] => {
-                let pdos = if *direction == "RxPdo" { &mut device.rx_pdos } else { &mut device.tx_pdos };
-                if let Some(pdo) = pdos.last_mut() {
-                    close_pdo(place, pdo, inside, content)?;
-                }
             }
             ["Dc", "OpMode", inside] => {
                 if let Some(mode) = device.op_modes.last_mut() {
@@ -322,6 +419,75 @@ impl Builder {
         }
         Ok(())
     }
+}
+
+fn close_slot(
+    place: &Cursor<'_>,
+    slot: &mut Slot,
+    inside: &[&str],
+    content: &str,
+    is_default: bool,
+) -> Result<(), EsiError> {
+    match inside {
+        ["Name"] if slot.name.is_empty() => content.trim().clone_into(&mut slot.name),
+        ["ModuleIdent"] => {
+            let ident = place.u32("ModuleIdent", content)?;
+            slot.idents.push(ident);
+            if is_default {
+                slot.default.get_or_insert(ident);
+            }
+        }
+        ["ModuleClass"] | ["ModuleClass", "Class"] if !content.trim().is_empty() => {
+            slot.classes.push(content.trim().to_owned());
+        }
+        _ => {}
+    }
+    Ok(())
+}
+
+fn open_pdo(place: &Cursor<'_>, pdos: &mut Vec<Pdo>, inside: &[&str], start: &BytesStart<'_>) -> Result<(), EsiError> {
+    let get = |name| attribute(place, start, name);
+    if inside.is_empty() {
+        let sync_manager = get("Sm")?;
+        pdos.push(Pdo {
+            sync_manager: if sync_manager.is_empty() { None } else { Some(place.u8("Sm", &sync_manager)?) },
+            is_fixed: is_true(&get("Fixed")?),
+            is_mandatory: is_true(&get("Mandatory")?),
+            ..Pdo::default()
+        });
+        return Ok(());
+    }
+    let Some(pdo) = pdos.last_mut() else { return Ok(()) };
+    match inside {
+        ["Index"] => pdo.depends_on_slot = is_true(&get("DependOnSlot")?),
+        ["Entry"] => pdo.entries.push(PdoEntry::default()),
+        ["Entry", "Index"] => {
+            let depends_on_slot = is_true(&get("DependOnSlot")?);
+            pdo.entries.last_mut().into_iter().for_each(|entry| entry.depends_on_slot = depends_on_slot);
+        }
+        _ => {}
+    }
+    Ok(())
+}
+
+fn close_category(place: &Cursor<'_>, category: &mut Category, inside: &str, content: &str) -> Result<(), EsiError> {
+    match inside {
+        "CatNo" => category.number = place.u16("CatNo", content)?,
+        "Data" => {
+            let digits = EsiError::Digits { line: place.line(), element: "Data of a category" };
+            category.bytes = hex_bytes(content.trim()).ok_or(digits)?;
+        }
+        // Hexadecimal digits of it are a text that is read again.
+        "DataString" if content.len() >= MAX_TEXT / 2 => {
+            let what = "bytes of text in a category";
+            return Err(EsiError::TooMuch { line: place.line(), what, most: MAX_TEXT / 2 });
+        }
+        "DataString" => category.bytes = [content.as_bytes(), &[0]].concat(),
+        "DataUINT" => category.bytes = place.u16("DataUINT", content)?.to_le_bytes().to_vec(),
+        "DataUDINT" => category.bytes = place.u32("DataUDINT", content)?.to_le_bytes().to_vec(),
+        _ => {}
+    }
+    Ok(())
 }
 
 fn close_pdo(place: &Cursor<'_>, pdo: &mut Pdo, inside: &[&str], content: &str) -> Result<(), EsiError> {

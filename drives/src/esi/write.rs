@@ -1,6 +1,6 @@
 //! Writing a file.
 
-use super::{Device, Esi, Pdo};
+use super::{Device, Esi, Module, Pdo, Slot};
 use std::fmt::Write as _;
 
 /// A text as it stands between tags; what XML does not take is left out.
@@ -66,6 +66,11 @@ impl Esi {
                     }
                 });
                 lines.inside("Devices", "Devices", |lines| self.devices.iter().for_each(|device| write(lines, device)));
+                if !self.modules.is_empty() {
+                    lines.inside("Modules", "Modules", |lines| {
+                        self.modules.iter().for_each(|module| write_module(lines, module));
+                    });
+                }
             });
         });
         lines.text
@@ -73,7 +78,7 @@ impl Esi {
 }
 
 fn write(lines: &mut Lines, device: &Device) {
-    lines.inside("Device Physics=\"YY\"", "Device", |lines| {
+    lines.inside(&format!("Device Physics=\"{}\"", escaped(&device.physics)), "Device", |lines| {
         let (product, revision) = (device.product_code, device.revision);
         let kind = escaped(&device.type_name);
         lines.line(&format!("<Type ProductCode=\"#x{product:08X}\" RevisionNo=\"#x{revision:08X}\">{kind}</Type>"));
@@ -138,11 +143,21 @@ fn write(lines: &mut Lines, device: &Device) {
                 }
             });
         }
-        if let Some(bytes) = device.eeprom_bytes {
+        if !device.slots.is_empty() {
+            lines.inside("Slots", "Slots", |lines| device.slots.iter().for_each(|slot| write_slot(lines, slot)));
+        }
+        if device.eeprom_bytes.is_some() || !device.categories.is_empty() {
             lines.inside("Eeprom", "Eeprom", |lines| {
-                lines.element("ByteSize", bytes);
+                device.eeprom_bytes.into_iter().for_each(|bytes| lines.element("ByteSize", bytes));
                 for (name, digits) in [("ConfigData", &device.config_data), ("BootStrap", &device.bootstrap)] {
                     (!digits.is_empty()).then(|| lines.element(name, digits));
+                }
+                for category in &device.categories {
+                    lines.inside("Category", "Category", |lines| {
+                        lines.element("CatNo", category.number);
+                        let digits: String = category.bytes.iter().map(|byte| format!("{byte:02X}")).collect();
+                        lines.element("Data", digits);
+                    });
                 }
             });
         }
@@ -174,16 +189,49 @@ fn info(lines: &mut Lines, device: &Device) {
     });
 }
 
+fn write_slot(lines: &mut Lines, slot: &Slot) {
+    let start = format!(
+        "Slot MinInstances=\"{}\" MaxInstances=\"{}\" SlotPdoIncrement=\"{}\" SlotIndexIncrement=\"{}\"",
+        slot.min_instances, slot.max_instances, slot.pdo_increment, slot.index_increment
+    );
+    lines.inside(&start, "Slot", |lines| {
+        lines.element("Name", &slot.name);
+        for ident in &slot.idents {
+            let default = u8::from(slot.default == Some(*ident));
+            lines.line(&format!("<ModuleIdent Default=\"{default}\">#x{ident:08X}</ModuleIdent>"));
+        }
+        for class in &slot.classes {
+            lines.inside("ModuleClass", "ModuleClass", |lines| lines.element("Class", class));
+        }
+    });
+}
+
+fn write_module(lines: &mut Lines, module: &Module) {
+    lines.inside("Module", "Module", |lines| {
+        let (class, kind) = (escaped(&module.class), escaped(&module.type_name));
+        lines.line(&format!("<Type ModuleIdent=\"#x{:08X}\" ModuleClass=\"{class}\">{kind}</Type>", module.ident));
+        lines.element("Name", &module.name);
+        module.rx_pdos.iter().for_each(|pdo| write_pdo(lines, pdo, "RxPdo"));
+        module.tx_pdos.iter().for_each(|pdo| write_pdo(lines, pdo, "TxPdo"));
+    });
+}
+
+/// An index, with the mark of one that depends on its slot.
+fn index(lines: &mut Lines, index: u16, depends_on_slot: bool) {
+    let mark = if depends_on_slot { " DependOnSlot=\"1\"" } else { "" };
+    lines.line(&format!("<Index{mark}>#x{index:04X}</Index>"));
+}
+
 fn write_pdo(lines: &mut Lines, pdo: &Pdo, kind: &str) {
     let (fixed, mandatory) = (u8::from(pdo.is_fixed), u8::from(pdo.is_mandatory));
     let manager = pdo.sync_manager.map_or(String::new(), |manager| format!(" Sm=\"{manager}\""));
     lines.inside(&format!("{kind} Fixed=\"{fixed}\" Mandatory=\"{mandatory}\"{manager}"), kind, |lines| {
-        lines.element("Index", format_args!("#x{:04X}", pdo.index));
+        index(lines, pdo.index, pdo.depends_on_slot);
         lines.element("Name", &pdo.name);
         pdo.excludes.iter().for_each(|index| lines.element("Exclude", format_args!("#x{index:04X}")));
         for entry in &pdo.entries {
             lines.inside("Entry", "Entry", |lines| {
-                lines.element("Index", format_args!("#x{:04X}", entry.index));
+                index(lines, entry.index, entry.depends_on_slot);
                 lines.element("SubIndex", entry.sub);
                 lines.element("BitLen", entry.bits);
                 lines.element("Name", &entry.name);

@@ -111,7 +111,12 @@ pub struct AxisOffset {
 impl AxisOffset {
     /// Distances of an axis by CiA 402, where no profile names others: 800h from one axis to the next.
     pub const fn standard(axis: u8) -> Self {
-        Self { objects: (axis as u16).saturating_mul(0x800), vendor: 0 }
+        Self::apart(0x800, axis)
+    }
+
+    /// Distances of an axis where objects lie so far apart from one axis to the next.
+    pub const fn apart(step: u16, axis: u8) -> Self {
+        Self { objects: (axis as u16).saturating_mul(step), vendor: 0 }
     }
 
     /// The index at this axis of an object of the first one; objects of the device stay.

@@ -1,5 +1,6 @@
 //! The EtherCAT segment, SII images and the CoE client.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use yieldwall::bus::Phase;
@@ -257,18 +258,27 @@ pub(super) fn answers() -> Vec<Vec<u8>> {
     vec![read.finish(), list.finish()]
 }
 
-/// Any text for a device description: it is read or refused, and what was read can be written and read again.
+/// Any text for a device description: it is read or refused, what was read can be written and read again, and modules are plugged or refused.
 ///
 /// # Panics
 /// If a law is broken.
 pub fn ethercat_description(bytes: &[u8]) {
     if let Ok(read) = Esi::read(bytes) {
         let written = Esi::read(read.write().as_bytes()).expect("what was written");
-        assert_eq!(written.devices.len(), read.devices.len());
+        assert_eq!((written.devices.len(), written.modules.len()), (read.devices.len(), read.modules.len()));
+        for device in &read.devices {
+            if let Ok(plugged) = read.plugged(device, &BTreeMap::new()) {
+                let _: Result<_, _> = device.with_modules(&plugged);
+            }
+        }
     }
 }
 
 pub(super) fn descriptions() -> Vec<Vec<u8>> {
     let sensor = DEVICES.with(|[_, sensor]| sensor.clone());
-    vec![esi(sensor.od(), "vendor").write().into_bytes()]
+    let plain = esi(sensor.od(), "vendor").write();
+    let slots = "<Slots SlotPdoIncrement=\"1\"><Slot MinInstances=\"2\" MaxInstances=\"2\"><ModuleIdent Default=\"1\">1</ModuleIdent></Slot></Slots><Eeprom>";
+    let module = "</Devices><Modules><Module><Type ModuleIdent=\"1\"/><TxPdo><Index DependOnSlot=\"1\">#x1A10</Index></TxPdo></Module></Modules>";
+    let modular = plain.replace("<Eeprom>", slots).replace("</Devices>", module);
+    vec![plain.into_bytes(), modular.into_bytes()]
 }

@@ -5,13 +5,14 @@
 //! `YIELDWALL_DEVICE_DESCRIPTIONS=$(hil-tests/peers/device_descriptions) YIELDWALL_PYTHON=python3 cargo test -p hil-tests --test scenarios
 //! device_descriptions:: -- --ignored`
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::{Value as Json, json};
-use yieldwall::ethercat::sii::Sii;
-use yieldwall::service::{ImageError, described_image};
-use yieldwall_drives::esi::{Device, Esi, EsiError, Pdo};
+use yieldwall::ethercat::sii::{PortUse, Sii};
+use yieldwall::service::{ImageError, LeftOutOfImage, described_image};
+use yieldwall_drives::esi::{Device, Esi, EsiError, ModuleError, Pdo};
 
 fn named(variable: &str) -> PathBuf {
     std::env::var_os(variable).map(PathBuf::from).unwrap_or_else(|| panic!("{variable} is not set"))
@@ -46,6 +47,16 @@ fn document(device: &Device) -> Json {
     })
 }
 
+/// The letter of a port in a description.
+fn letter(port: PortUse) -> char {
+    match port {
+        PortUse::MII => 'Y',
+        PortUse::EBUS => 'K',
+        PortUse::FAST_HOT_CONNECT => 'H',
+        _ => ' ',
+    }
+}
+
 /// Whether a description makes an image; it then reads as the device.
 fn has_image(esi: &Esi, device: &Device) -> bool {
     let made = match described_image(esi, device, 0, 7) {
@@ -58,7 +69,11 @@ fn has_image(esi: &Esi, device: &Device) -> bool {
     assert_eq!(who, (esi.vendor_id, device.product_code, device.revision, 7), "{}", device.type_name);
     assert_eq!(sii.warnings, [], "{}", device.type_name);
     assert_eq!(sii.sync_managers.len(), device.sync_managers.len(), "{}", device.type_name);
-    if made.left_out.is_none() {
+    let letters: String = sii.ports.iter().map(|port| letter(*port)).collect();
+    assert_eq!(letters.trim_end(), device.physics.trim_end(), "{}", device.type_name);
+    let has_slots = made.left_out.contains(&LeftOutOfImage::Modules);
+    assert_eq!(has_slots, !device.slots.is_empty(), "{}", device.type_name);
+    if !made.left_out.contains(&LeftOutOfImage::ProcessData) {
         let bits =
             |pdos: &[Pdo]| pdos.iter().flat_map(|pdo| &pdo.entries).map(|entry| u32::from(entry.bits)).sum::<u32>();
         let held = sii.rx_pdos.iter().chain(&sii.tx_pdos).flat_map(|pdo| &pdo.entries);
@@ -68,6 +83,21 @@ fn has_image(esi: &Esi, device: &Device) -> bool {
     true
 }
 
+/// The modules of a coupler whose slots have no default: refused by name, and one step of objects and PDOs further on in the second slot.
+fn check_modules(esi: &Esi, device: &Device) {
+    let refused = esi.plugged(device, &BTreeMap::new());
+    assert!(matches!(refused, Err(ModuleError::Several { place: 1, .. })), "{}: {refused:?}", device.type_name);
+    let named = [1, 2].into_iter().zip(&esi.modules).map(|(place, module)| (place, module.type_name.clone()));
+    let plugged = esi.plugged(device, &named.collect()).unwrap();
+    let whole = device.with_modules(&plugged).unwrap();
+    let [first, second] = [0, 1].map(|at| &esi.modules[at]);
+    let added = &whole.tx_pdos[device.tx_pdos.len()..];
+    let expected = [first.tx_pdos[0].index, second.tx_pdos[0].index + device.slots[0].pdo_increment];
+    assert_eq!([added[0].index, added[first.tx_pdos.len()].index], expected, "{}", device.type_name);
+    let objects = [&second.tx_pdos[0], &added[first.tx_pdos.len()]].map(|pdo| pdo.entries[0].index);
+    assert_eq!(objects[1], objects[0] + device.slots[0].index_increment, "{}", device.type_name);
+}
+
 #[test]
 #[ignore = "needs Python and the descriptions: hil-tests/run --all fetches them"]
 fn descriptions_of_vendors_are_read_as_python_reads_them_and_make_images() {
@@ -75,7 +105,7 @@ fn descriptions_of_vendors_are_read_as_python_reads_them_and_make_images() {
     let mut paths: Vec<PathBuf> = folder.map(|entry| entry.unwrap().path()).collect();
     paths.sort();
     assert!(paths.len() >= 4, "{paths:?}");
-    let mut images = 0;
+    let (mut images, mut couplers) = (0, 0);
     for path in paths {
         let shown = path.display();
         let (esi, theirs) = (Esi::read(&std::fs::read(&path).unwrap()), of_python(&path));
@@ -89,8 +119,12 @@ fn descriptions_of_vendors_are_read_as_python_reads_them_and_make_images() {
         let ours: Vec<Json> = esi.devices.iter().map(document).collect();
         assert_eq!(json!(ours), theirs["devices"], "{shown}");
         let made = esi.devices.iter().filter(|device| has_image(&esi, device)).count();
+        for device in esi.devices.iter().filter(|device| !device.slots.is_empty()) {
+            check_modules(&esi, device);
+            couplers += 1;
+        }
         println!("{shown}: {} devices, {made} images", ours.len());
         images += made;
     }
-    assert!(images >= 20, "{images}");
+    assert!(images >= 20 && couplers >= 2, "{images} {couplers}");
 }

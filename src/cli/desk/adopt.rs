@@ -1,5 +1,6 @@
 //! `yieldwall drive adopt`: a drive nobody has a profile of, and the profile that follows.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde_json::json;
@@ -12,12 +13,16 @@ use super::reached::DeviceHandle;
 use super::words::{mode_words, name, titled};
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
+use crate::printable::one_line;
 use crate::replace::Replace;
 use yieldwall_config::ProfileName;
 use yieldwall_drives::eds::Eds;
-use yieldwall_drives::esi::{self, Device as EsiDevice, Esi};
-use yieldwall_service::adopt::{Refusal, Survey, contradictions, originals, profile, survey};
-use yieldwall_service::count_axes;
+use yieldwall_drives::esi::{self, AxisSteps, Device as EsiDevice, Esi, ModuleError, PluggedModule, axis_steps};
+use yieldwall_drives::objects::VENDOR_ID;
+use yieldwall_drives::profiles::AxisOffset;
+use yieldwall_fieldbus::objects::Address;
+use yieldwall_service::adopt::{Refusal, contradictions, originals, profile, survey};
+use yieldwall_service::count_axes_by;
 
 /// Columns of a terminal.
 const WIDTH: usize = 80;
@@ -40,8 +45,13 @@ pub(crate) struct Arguments {
     #[arg(long)]
     name: Option<String>,
     /// A data sheet: EDS or DCF, compared with the drive, whose word counts; on EtherCAT the device description (ESI), for its clock
+    /// and the modules in its slots
     #[arg(long, value_name = "FILE")]
     eds: Option<PathBuf>,
+    /// The module in a slot of the device description, in place of the default: by type, name or number, `none` for an empty slot.
+    /// Slots count from 1
+    #[arg(long = "module", value_name = "SLOT=MODULE", value_parser = slot_module, requires = "eds")]
+    modules: Vec<(u32, String)>,
     /// Say which objects would be tried out, and write nothing
     #[arg(long)]
     dry_run: bool,
@@ -49,6 +59,14 @@ pub(crate) struct Arguments {
     replace: Replace,
     #[command(flatten)]
     place: BusArguments,
+}
+
+/// A slot and the word for its module.
+fn slot_module(text: &str) -> Result<(u32, String), String> {
+    let slot = text.split_once('=').and_then(|(slot, module)| Some((slot.trim().parse().ok()?, module.trim())));
+    let slot = slot.filter(|(_, module)| !module.is_empty());
+    slot.map(|(slot, module)| (slot, module.to_owned()))
+        .ok_or_else(|| "write for example 2=Torque or 2=#x200".to_owned())
 }
 
 pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
@@ -67,7 +85,23 @@ pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     }
     let sheet = arguments.eds.as_deref().map(|path| Sheet::read(path, output)).transpose()?;
     let eds = sheet.as_ref().and_then(Sheet::eds);
+    if matches!(sheet, Some(Sheet::Eds(_))) && !arguments.modules.is_empty() {
+        let message = "--module names a module of a device description (ESI), and `--eds` is another data sheet";
+        return Err(Failure::new(
+            Exit::Usage,
+            message,
+            "name the device description with --eds, or leave --module out",
+        ));
+    }
     let mut reached = DeviceHandle::open(&arguments.place, &arguments.node, output)?;
+    let description = match &sheet {
+        Some(Sheet::Esi(esi, path)) => Some(Description::of(esi, path, &arguments.modules, &mut reached)?),
+        _ => None,
+    };
+    let modules = description.as_ref().map_or(&[][..], |description| &description.modules);
+    for [slot, module] in modules {
+        output.aside(&format!("module    {slot}: {module}"));
+    }
     let values = originals(&mut *reached.tried()?);
     let values = values.map_err(|refusal| refused(&reached, refusal))?;
     if arguments.dry_run {
@@ -83,23 +117,25 @@ pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     if let Some(path) = back_up(reached.is_simulated(), reached.named(), &values, eds)? {
         output.aside(&format!("kept      {}", path.display()));
     }
-    let found = survey(&mut *reached.tried()?, &values, eds);
+    let device = description.as_ref().map(|description| &description.device);
+    let found = survey(&mut *reached.tried()?, &values, eds, device);
     let mut found = found.map_err(|refusal| refused(&reached, refusal))?;
-    found.axes = count_axes(|at| Ok::<_, Failure>(reached.number_of(at, "counting its axes")?.is_some()))?;
-    let mut product = eds.map(|eds| eds.device.product.clone());
-    if let Some(Sheet::Esi(esi, path)) = &sheet {
-        let device = described(esi, path, &found, &reached)?;
-        found.sync1_us = sync1_us(device);
-        product = Some(device.name.clone());
-    }
-    let named = arguments.name.clone().or_else(|| {
-        found.name.as_deref().into_iter().chain(product.as_deref()).map(kebab).find(|name| !name.is_empty())
-    });
+    found.axis_steps = description.as_ref().and_then(|description| description.axis_steps);
+    let step = found.axis_steps.map(|steps| steps.objects);
+    let offset = |axis| step.map_or(AxisOffset::standard(axis), |step| AxisOffset::apart(step, axis));
+    let has = |at| Ok::<_, Failure>(reached.number_of(at, "counting its axes")?.is_some());
+    found.axes = count_axes_by(offset, has)?;
+    found.sync1_us = device.and_then(sync1_us);
+    let product = eds.map(|eds| &eds.device.product).or(device.map(|device| &device.name));
+    let named = arguments
+        .name
+        .clone()
+        .or_else(|| found.name.iter().chain(product).map(|name| kebab(name)).find(|name| !name.is_empty()));
     let named = named.unwrap_or_else(|| format!("node-{}", reached.number()));
     let named = if is_shipped(&named) { format!("{named}{ADOPTED}") } else { named };
     let file = arguments.eds.as_deref().and_then(Path::file_name).unwrap_or_default().to_string_lossy();
     let (text, missing) = profile(&found, eds.map(|eds| (eds, &*file)), &named, env!("CARGO_PKG_VERSION"));
-    let contradictions = eds.map_or_else(Vec::new, |eds| contradictions(eds, &found));
+    let contradictions = contradictions(eds, &found);
     if let Some(path) = &arguments.out {
         arguments.replace.write(path, text.as_bytes())?;
     }
@@ -112,6 +148,7 @@ pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
             "mapping_entries": found.mapping_entries,
             "has_dummies": found.has_dummies,
             "has_rpdo_timer": found.has_rpdo_timer,
+            "modules": modules.iter().map(|[slot, module]| json!({ "slot": slot, "module": module })).collect::<Vec<_>>(),
             "missing": missing,
             "contradictions": contradictions,
             "profile": text,
@@ -168,9 +205,55 @@ impl Sheet {
     }
 }
 
-/// The device of a device description that a drive is.
-fn described<'a>(esi: &'a Esi, path: &Path, found: &Survey, reached: &DeviceHandle) -> Result<&'a EsiDevice, Failure> {
-    let [vendor, product, revision, _] = found.identity;
+/// The device of a device description that a drive is, with its modules.
+pub(super) struct Description {
+    /// The device, with the process data of its modules.
+    pub(super) device: EsiDevice,
+    /// Each slot that has a module, and the module.
+    pub(super) modules: Vec<[String; 2]>,
+    /// Distances of its axes, if its modules are axes.
+    pub(super) axis_steps: Option<AxisSteps>,
+}
+
+impl Description {
+    /// Reads the identity of a drive, and takes the modules that are named by slot, else the default ones.
+    pub(super) fn of(
+        esi: &Esi,
+        path: &Path,
+        named: &[(u32, String)],
+        reached: &mut DeviceHandle,
+    ) -> Result<Self, Failure> {
+        let named: BTreeMap<u32, String> = named.iter().cloned().collect();
+        let device = described(esi, path, reached)?;
+        let refused = |error: ModuleError| {
+            let help = match (&error, error.place()) {
+                (ModuleError::NoSlot { .. }, _) => "--module counts the slots of the file from 1".to_owned(),
+                (_, Some(place)) => {
+                    format!("name the module that is plugged in: --module {place}=MODULE; or leave --eds out")
+                }
+                (_, None) => {
+                    "ask the vendor for one file with the device and its modules, or leave --eds out".to_owned()
+                }
+            };
+            let message = format!("{}: {}: {error}; nothing was written", path.display(), one_line(&device.type_name));
+            Failure::about_file(Exit::ConfigInvalid, path, message, help)
+        };
+        let plugged = esi.plugged(device, &named).map_err(refused)?;
+        let in_words = |own: &PluggedModule<'_>| {
+            [own.words(), format!("{} (#x{:08X})", one_line(own.module.title()), own.module.ident)]
+        };
+        Ok(Self {
+            device: device.with_modules(&plugged).map_err(refused)?,
+            modules: plugged.iter().map(in_words).collect(),
+            axis_steps: axis_steps(&plugged),
+        })
+    }
+}
+
+/// The device of a device description that a drive says it is.
+fn described<'a>(esi: &'a Esi, path: &Path, reached: &mut DeviceHandle) -> Result<&'a EsiDevice, Failure> {
+    let mut identity = |sub| reached.number_of(Address::new(VENDOR_ID.index, sub), "asking who it is");
+    let [vendor, product, revision] = [identity(1)?, identity(2)?, identity(3)?];
     let of_product = || esi.devices.iter().filter(|device| Some(device.product_code) == product);
     let of_revision = of_product().find(|device| Some(device.revision) == revision);
     // Another revision of a product differs in details at most.
@@ -178,7 +261,7 @@ fn described<'a>(esi: &'a Esi, path: &Path, found: &Survey, reached: &DeviceHand
     device.ok_or_else(|| {
         let [vendor, product] = [vendor, product].map(Option::unwrap_or_default);
         let message = format!(
-            "{}: it is product {product:08X}h of vendor {vendor:08X}h, which {} does not describe; its objects have their values again",
+            "{}: it is product {product:08X}h of vendor {vendor:08X}h, which {} does not describe; nothing was written",
             reached.words(),
             path.display()
         );

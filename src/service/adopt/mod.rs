@@ -7,6 +7,8 @@ mod access;
 mod process_data;
 mod profile;
 mod sheet;
+#[cfg(test)]
+mod tests;
 
 pub use access::TrialAccess;
 pub use process_data::{Carrier, StandingPdo};
@@ -17,6 +19,7 @@ use std::time::Duration;
 
 use yieldwall_drives::cia402::{OperationMode, State, Statusword};
 use yieldwall_drives::eds::Eds;
+use yieldwall_drives::esi::{self, AxisSteps};
 use yieldwall_drives::objects::{self as cia, Object as Standard};
 
 use super::connection::Error;
@@ -93,6 +96,8 @@ pub struct Survey {
     pub name: Option<String>,
     /// Number of its axes; the rest is of the first one.
     pub axes: u8,
+    /// Distances of its axes, where its device description says them.
+    pub axis_steps: Option<AxisSteps>,
     /// 6502h.
     pub supported_modes: u32,
     /// The cyclic synchronous modes that it says it has, takes in Switch On Disabled, and whose set-point it maps.
@@ -125,6 +130,8 @@ pub struct Survey {
     pub limits: [bool; 3],
     /// Time from SYNC0 to SYNC1, us, where its device description switches both on.
     pub sync1_us: Option<u32>,
+    /// Contradictions between its device description and the drive, a line each.
+    pub pdo_contradictions: Vec<String>,
     /// The longest time that it took to answer.
     pub slowest: Duration,
     /// Objects whose values have another length than the standard says: bytes sent, and meant.
@@ -188,7 +195,8 @@ pub fn originals(objects: &mut dyn TrialAccess) -> Result<Vec<(Address, Vec<u8>)
 }
 
 /// Tries out what a drive can do. Afterwards its objects have their values of before again, `originals`, also after a failure. What
-/// a data sheet declares saves asking, as long as the drive does not contradict it.
+/// a data sheet declares saves asking, as long as the drive does not contradict it. A device description, with the process data of its modules, says
+/// at which indices there are PDOs, and which ones are exchanged where the drive exchanges none yet.
 ///
 /// # Errors
 /// If the device falls silent, lacks what a master needs, or does not take back a value.
@@ -196,11 +204,12 @@ pub fn survey(
     objects: &mut dyn TrialAccess,
     originals: &[(Address, Vec<u8>)],
     sheet: Option<&Eds>,
+    description: Option<&esi::Device>,
 ) -> Result<Survey, Refusal> {
     objects.bring_to_rest()?;
     let is_on_ethercat = objects.bus() == Fieldbus::Ethercat;
     let survey = Survey { is_on_ethercat, ..Survey::default() };
-    let mut probe = Probe { objects, survey, sheet, standing: Vec::new() };
+    let mut probe = Probe { objects, survey, sheet, description, standing: Vec::new() };
     let tried = probe.all(originals);
     let survey = std::mem::take(&mut probe.survey);
     let standing = std::mem::take(&mut probe.standing);
@@ -218,6 +227,7 @@ struct Probe<'a> {
     objects: &'a mut dyn TrialAccess,
     survey: Survey,
     sheet: Option<&'a Eds>,
+    description: Option<&'a esi::Device>,
     standing: Vec<StandingPdo>,
 }
 

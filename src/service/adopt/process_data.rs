@@ -1,6 +1,7 @@
 //! The PDOs of a drive: its mappings as they stand, and those that carry what a mode needs.
 
 use yieldwall_drives::cia402::OperationMode;
+use yieldwall_drives::esi;
 use yieldwall_drives::objects::{self as cia, Object as Standard};
 
 use super::{ObjectReading, Probe};
@@ -33,16 +34,23 @@ pub(super) struct Direction {
 
 /// Mappings in words.
 pub(super) fn mapped(pdos: &[StandingPdo]) -> String {
-    let entry = |raw: &u32| format!("{:04X}h:{}/{}", raw >> 16, raw >> 8 & 0xff, raw & 0xff);
-    let one = |pdo: &StandingPdo| {
-        let entries: Vec<String> = pdo.entries.iter().map(entry).collect();
-        format!(
-            "{:04X}h maps {}",
-            pdo.mapping(),
-            if entries.is_empty() { "nothing".to_owned() } else { entries.join(" ") }
-        )
-    };
+    let one = |pdo: &StandingPdo| format!("{:04X}h maps {}", pdo.mapping(), listed(&pdo.entries));
     pdos.iter().map(one).collect::<Vec<_>>().join(", ")
+}
+
+/// Entries of a mapping in words.
+fn listed(entries: &[u32]) -> String {
+    let entry = |raw: &u32| format!("{:04X}h:{}/{}", raw >> 16, raw >> 8 & 0xff, raw & 0xff);
+    let entries: Vec<String> = entries.iter().map(entry).collect();
+    if entries.is_empty() { "nothing".to_owned() } else { entries.join(" ") }
+}
+
+/// Entries of a process data object of a device description, as a mapping holds them.
+fn described_entries(pdo: &esi::Pdo) -> Vec<u32> {
+    let raw = |entry: &esi::PdoEntry| {
+        u32::from(entry.index) << 16 | u32::from(entry.sub) << 8 | u32::from(entry.bits.min(0xff))
+    };
+    pdo.entries.iter().map(raw).collect()
 }
 
 /// A PDO as the device has it.
@@ -54,7 +62,7 @@ pub struct StandingPdo {
     pub number: u16,
     /// Its mapped objects as 16xxh and 1Axxh hold them.
     pub entries: Vec<u32>,
-    /// Whether it is exchanged now, on EtherCAT.
+    /// Whether it is exchanged now, on EtherCAT; by the device description where the drive exchanges none yet.
     pub is_assigned: bool,
 }
 
@@ -112,13 +120,20 @@ impl Probe<'_> {
     pub(super) fn read_mappings(&mut self) -> Result<(), Error> {
         let is_on_ethercat = self.survey.is_on_ethercat;
         for (is_tpdo, Direction { mapping, assignment, .. }) in [(false, RPDO), (true, TPDO)] {
+            let described = self.description.map(|device| if is_tpdo { &device.tx_pdos } else { &device.rx_pdos });
+            let described = described.map_or(&[][..], |pdos| pdos);
             let mut assigned = Vec::new();
             let mut numbers: Vec<u16> = (1..=PDOS).collect();
             if is_on_ethercat {
                 assigned = self.list(assignment)?.into_iter().map(|index| index as u16).collect();
+                if assigned.is_empty() && self.value(Address::new(assignment, 0))? == Some(0) {
+                    let by_default = described.iter().filter(|pdo| pdo.sync_manager.is_some());
+                    assigned = by_default.map(|pdo| pdo.index).collect();
+                }
                 // Numbers of the standard, and others that makers often use.
                 numbers = (1..=8).chain(0x101..=0x108).collect();
-                let more = assigned.iter().filter_map(|index| index.checked_sub(mapping - 1));
+                let more = assigned.iter().copied().chain(described.iter().map(|pdo| pdo.index));
+                let more = more.filter_map(|index| index.checked_sub(mapping - 1));
                 numbers.extend(more.filter(|number| (1..=ETHERCAT_PDOS).contains(number)));
                 numbers.sort_unstable();
                 numbers.dedup();
@@ -126,6 +141,9 @@ impl Probe<'_> {
             for number in numbers {
                 let index = mapping + number - 1;
                 let entries = self.list(index)?;
+                if let Some(pdo) = described.iter().find(|pdo| pdo.index == index) {
+                    self.compare(pdo, &entries);
+                }
                 if !entries.is_empty() {
                     let is_assigned = assigned.contains(&index);
                     self.standing.push(StandingPdo { is_tpdo, number, entries, is_assigned });
@@ -133,6 +151,22 @@ impl Probe<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Compares a process data object of the device description with the mapping that the drive has.
+    fn compare(&mut self, pdo: &esi::Pdo, entries: &[u32]) {
+        let (index, described) = (pdo.index, described_entries(pdo));
+        let line = match entries {
+            [] if !described.is_empty() => {
+                format!("{index:04X}h: in the device description, and the drive maps nothing there")
+            }
+            _ if pdo.is_fixed && described != entries => {
+                let [described, own] = [&described, entries].map(listed);
+                format!("{index:04X}h maps {described} by the device description, {own} by the drive")
+            }
+            _ => return,
+        };
+        self.survey.pdo_contradictions.push(line);
     }
 
     /// The entries of a list whose length is at sub-index 0; none if the device does not have it.

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 
 use yieldwall_drives::cia402::OperationMode;
 use yieldwall_drives::eds::Eds;
+use yieldwall_drives::esi::AxisSteps;
 use yieldwall_drives::objects::{self as cia, Object};
 
 use super::sheet::{contradictions, name as object_name, plain};
@@ -20,7 +21,7 @@ const RESERVE: u128 = 10;
 /// Its name is `name`: small letters, digits and dashes. Of a data sheet its file is told.
 pub fn profile(survey: &Survey, sheet: Option<(&Eds, &str)>, name: &str, version: &str) -> (String, Vec<String>) {
     let missing = missing(survey, sheet.map(|(eds, _)| eds));
-    let contradictions = sheet.map_or_else(Vec::new, |(eds, _)| contradictions(eds, survey));
+    let contradictions = contradictions(sheet.map(|(eds, _)| eds), survey);
     let mut text = String::new();
     let [vendor, product, revision, serial] = survey.identity.map(Option::unwrap_or_default);
     let mut put = |line: &str| {
@@ -76,8 +77,12 @@ pub fn profile(survey: &Survey, sheet: Option<(&Eds, &str)>, name: &str, version
     put("device:");
     put("  servo:");
     if survey.axes > 1 {
-        put("    # Asked of the first axis; the others are taken to lie as CiA 402 has them.");
-        put(&format!("    axes: {{count: {}}}", survey.axes));
+        let steps = survey.axis_steps.map(|AxisSteps { objects, pdos, vendor_objects }| {
+            format!(", object_step: 0x{objects:04x}, pdo_step: {pdos}, vendor_object_step: 0x{vendor_objects:04x}")
+        });
+        let source = if steps.is_some() { "the slots of the device description have" } else { "CiA 402 has" };
+        put(&format!("    # Asked of the first axis; the others are taken to lie as {source} them."));
+        put(&format!("    axes: {{count: {}{}}}", survey.axes, steps.unwrap_or_default()));
     }
     put("    objects:");
     for (key, object) in [

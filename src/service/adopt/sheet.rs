@@ -34,9 +34,10 @@ pub(super) fn mapping_entries(sheet: &Eds) -> Option<u8> {
     sheet.objects.get(&RPDO.mapping)?.entries.keys().copied().max().filter(|last| (1..=64).contains(last))
 }
 
-/// Where a data sheet says otherwise than the drive does, a line each. The drive's word counts.
-pub fn contradictions(sheet: &Eds, survey: &Survey) -> Vec<String> {
-    let mut found = Vec::new();
+/// Contradictions between a data sheet or a device description and the drive, a line each. The drive's word counts.
+pub fn contradictions(sheet: Option<&Eds>, survey: &Survey) -> Vec<String> {
+    let mut found = survey.pdo_contradictions.clone();
+    let Some(sheet) = sheet else { return found };
     let device = &sheet.device;
     let declared = |at: cia::Object| match sheet.entry(at.index, at.sub) {
         Some(Entry { default: Some(Value::Integer(value)), access: Access::Constant | Access::ReadOnly, .. }) => {
@@ -179,7 +180,7 @@ mod tests {
             ],
             ..Survey::default()
         };
-        let lines = contradictions(&sheet(), &survey);
+        let lines = contradictions(Some(&sheet()), &survey);
         let expected = [
             "product code: 00000020h by the data sheet, 00000021h by the drive",
             "entries of a mapping: 2 by the data sheet, 4 by the drive",
@@ -213,6 +214,6 @@ mod tests {
             ],
             ..Survey::default()
         };
-        assert_eq!(contradictions(&sheet(), &survey), Vec::<String>::new());
+        assert_eq!(contradictions(Some(&sheet()), &survey), Vec::<String>::new());
     }
 }

@@ -5,7 +5,7 @@
 use super::process_data::{Flow, entry};
 use yieldwall_drives::esi;
 use yieldwall_fieldbus::ethercat::sii::{
-    FmmuUse, MailboxArea, Pdo, PdoEntry, Sii, SyncManagerUse, coe_details, protocols,
+    FmmuUse, MailboxArea, Pdo, PdoEntry, PortUse, Sii, SyncManagerUse, coe_details, protocols,
 };
 use yieldwall_fieldbus::ethercat::{SyncManager, registers};
 use yieldwall_fieldbus::objects::{Access, Address, DataType, DeviceIdentity, Object, ObjectDictionary};
@@ -158,6 +158,7 @@ pub fn sii(od: &ObjectDictionary) -> Sii {
             | coe_details::PDO_CONFIGURATION
             | coe_details::COMPLETE_ACCESS,
         e_bus_ma: 0,
+        ports: [PortUse::MII, PortUse::MII, PortUse::UNUSED, PortUse::UNUSED],
         fmmus: vec![FmmuUse::OUTPUTS, FmmuUse::INPUTS, FmmuUse::MAILBOX_STATE],
         sync_managers: vec![
             manager(RECEIVE_MAILBOX.start, RECEIVE_MAILBOX.len, mailbox | SyncManager::WRITE, 1),
@@ -181,6 +182,7 @@ pub fn esi(od: &ObjectDictionary, vendor: &str) -> esi::Esi {
             bits: entry.bits.into(),
             name: entry.name.clone(),
             data_type: type_name(od.data_type(Address::new(entry.index, entry.sub))).to_owned(),
+            depends_on_slot: false,
         };
         let pdo = |pdo: &Pdo| esi::Pdo {
             index: pdo.index,
@@ -188,6 +190,7 @@ pub fn esi(od: &ObjectDictionary, vendor: &str) -> esi::Esi {
             sync_manager: Some(pdo.sync_manager),
             is_fixed: od.check_writable(Address::new(pdo.index, 0)).is_err(),
             is_mandatory: false,
+            depends_on_slot: false,
             excludes: Vec::new(),
             entries: pdo.entries.iter().map(entry).collect(),
         };
@@ -211,6 +214,7 @@ pub fn esi(od: &ObjectDictionary, vendor: &str) -> esi::Esi {
         ..esi::OpMode::default()
     };
     let device = esi::Device {
+        physics: "YY".to_owned(),
         type_name: sii.order.clone(),
         product_code: sii.product_code,
         revision: sii.revision,
@@ -236,7 +240,7 @@ pub fn esi(od: &ObjectDictionary, vendor: &str) -> esi::Esi {
         eeprom_bytes: Some(2048.max(sii.write().len().next_power_of_two() as u32)),
         ..esi::Device::default()
     };
-    esi::Esi { vendor_id: sii.vendor_id, vendor: vendor.to_owned(), devices: vec![device] }
+    esi::Esi { vendor_id: sii.vendor_id, vendor: vendor.to_owned(), devices: vec![device], modules: Vec::new() }
 }
 
 /// The name of a type in a device description.

@@ -2,6 +2,7 @@
 
 use super::*;
 use yieldwall_config::injection::{Injection, Kind, Target};
+use yieldwall_drives::esi::Esi;
 use yieldwall_fieldbus::ethercat::AlStatusCode;
 use yieldwall_fieldbus::objects::ServedDevice as _;
 use yieldwall_fieldbus::time::Time;
@@ -362,6 +363,43 @@ fn a_description_makes_the_image_that_a_chip_lost() {
         assert_eq!((sii.product_code, sii.serial, sii.alias), (esi.devices[0].product_code, 0, 0));
     }
     assert!(of(&mut desk, &esi, &left, Some("S7")).unwrap_err().report.diagnostics[0].message.contains("S7"));
+}
+
+/// The description of the shipped drives with two slots, of which the first has two modules and no default.
+#[test]
+fn a_drive_is_adopted_with_the_modules_that_are_named() {
+    use super::super::adopt::Description;
+    use std::path::Path;
+
+    let mut reached = reached("left", |_| ());
+    let od = link().server_mut().segment_mut().unwrap().controller_mut(0).unwrap().device().od().clone();
+    let slots = "<Slots SlotPdoIncrement=\"#x10\" SlotIndexIncrement=\"#x800\"><Slot MinInstances=\"1\"><Name>Axis</Name><ModuleIdent>1</ModuleIdent>\
+                 <ModuleIdent>2</ModuleIdent></Slot><Slot MinInstances=\"0\"><ModuleIdent>1</ModuleIdent></Slot></Slots><Eeprom>";
+    let modules = "</Devices><Modules><Module><Type ModuleIdent=\"1\">CSP</Type><RxPdo Sm=\"2\"><Index DependOnSlot=\"1\">#x1600</Index><Entry>\
+                   <Index DependOnSlot=\"1\">#x6040</Index><BitLen>16</BitLen></Entry></RxPdo></Module><Module><Type ModuleIdent=\"2\">CST\u{7f}</Type></Module></Modules>";
+    let text = yieldwall_sim::ethercat::esi(&od, "vendor").write();
+    let esi = Esi::read(text.replace("<Eeprom>", slots).replace("</Devices>", modules).as_bytes()).unwrap();
+    let mut of = |named: &[(u32, &str)]| {
+        let named: Vec<_> = named.iter().map(|(slot, word)| (*slot, (*word).to_owned())).collect();
+        Description::of(&esi, Path::new("vendor.xml"), &named, &mut reached).map_err(|failure| {
+            let finding = &failure.report.diagnostics[0];
+            format!("{} / {}", finding.message, finding.help.as_deref().unwrap_or_default())
+        })
+    };
+    let refused = of(&[]).err().unwrap();
+    for says in
+        ["slot 1 (Axis) takes one of several modules", "CSP (#x00000001), CST (#x00000002)", "--module 1=MODULE"]
+    {
+        assert!(refused.contains(says), "{refused}");
+    }
+    let refused = of(&[(1, "CSP"), (3, "CSP")]).err().unwrap();
+    assert!(refused.contains("no slot 3: the file describes 2; nothing was written / --module counts"), "{refused}");
+    let one = of(&[(1, "csp")]).unwrap();
+    assert_eq!(one.modules, [["slot 1 (Axis)".to_owned(), "CSP (#x00000001)".to_owned()]]);
+    assert_eq!(one.axis_steps, None);
+    let two = of(&[(1, "CSP"), (2, "#x1")]).unwrap();
+    assert_eq!(two.device.rx_pdos.last().map(|pdo| (pdo.index, pdo.entries[0].index)), Some((0x1610, 0x6840)));
+    assert_eq!(two.axis_steps.map(|steps| (steps.objects, steps.pdos, steps.vendor_objects)), Some((0x800, 16, 0)));
 }
 
 #[test]

@@ -36,8 +36,8 @@ pub(in crate::desk) fn image(
     if !output.is_json() {
         let (kind, revision) = (one_line(&described.type_name), described.revision);
         output.news(&format!("made        of the description of {kind}, revision {revision:08X}h"))?;
-        if let Some(left_out) = made.left_out {
-            output.news(&format!("left out    {left_out}, for which the chip has no room"))?;
+        for left_out in made.left_out {
+            output.news(&format!("left out    {left_out}"))?;
         }
     }
     Ok(made.image)

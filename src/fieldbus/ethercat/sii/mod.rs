@@ -28,7 +28,7 @@ use super::{SyncManager, mailbox, registers, u16_at};
 pub const FIRST_CATEGORY: usize = 0x40;
 /// Words that an image may have: a chip of 64 kB.
 pub const MOST_WORDS: usize = 0x8000;
-/// Sync managers, FMMUs and process data objects that are kept of an image, each.
+/// Sync managers, FMMUs, process data objects and other categories that are kept of an image, each.
 pub const MOST_ITEMS: usize = 256;
 /// Entries of all process data objects together.
 pub const MOST_ENTRIES: usize = 4096;
@@ -101,6 +101,40 @@ impl FmmuUse {
     pub const MAILBOX_STATE: FmmuUse = FmmuUse(3);
 }
 
+/// What a port of a controller is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PortUse(pub u8);
+
+impl PortUse {
+    /// Not used.
+    pub const UNUSED: PortUse = PortUse(0);
+    /// Ethernet, by MII.
+    pub const MII: PortUse = PortUse(1);
+    /// E-bus.
+    pub const EBUS: PortUse = PortUse(3);
+    /// Ethernet without autonegotiation, for fast hot connect.
+    pub const FAST_HOT_CONNECT: PortUse = PortUse(4);
+}
+
+/// A category for whose content [`Sii`] has no field: the clock, and categories of vendors.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct OtherCategory {
+    /// Type.
+    pub kind: u16,
+    /// Content.
+    pub bytes: Vec<u8>,
+}
+
+impl OtherCategory {
+    /// Words before the content of a category: type and length.
+    const HEAD: usize = 2;
+
+    /// Bytes that it adds to an image; none without content.
+    pub fn written_len(&self) -> usize {
+        if self.bytes.is_empty() { 0 } else { 2 * Self::HEAD + self.bytes.len().next_multiple_of(2) }
+    }
+}
+
 /// A sync manager as the device wants it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SyncManagerUse {
@@ -171,6 +205,8 @@ pub struct Sii {
     pub coe_details: u8,
     /// Current that it takes from the E-bus, mA.
     pub e_bus_ma: i16,
+    /// Ports 0 to 3.
+    pub ports: [PortUse; 4],
     /// Use of its FMMUs.
     pub fmmus: Vec<FmmuUse>,
     /// Sync managers.
@@ -179,6 +215,8 @@ pub struct Sii {
     pub tx_pdos: Vec<Pdo>,
     /// Process data objects that the master writes.
     pub rx_pdos: Vec<Pdo>,
+    /// Other categories, in the order of the image.
+    pub other_categories: Vec<OtherCategory>,
     /// Parts of the image that are damaged, missing or unusual. [`Sii::write`] takes no notice of them.
     pub warnings: Vec<SiiWarning>,
 }

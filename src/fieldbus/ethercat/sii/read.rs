@@ -3,16 +3,18 @@
 use super::super::{SyncManager, array, u16_at, u32_at};
 use super::warning::{Flaws, SiiWarning, uniform};
 use super::{
-    CHECKSUM, FIRST_CATEGORY, FmmuUse, MOST_ENTRIES, MOST_ITEMS, MOST_WORDS, MailboxArea, Pdo, PdoEntry, SIZE, Sii,
-    SiiError, SyncManagerUse, UNCHECKED, category, checksum,
+    CHECKSUM, FIRST_CATEGORY, FmmuUse, MOST_ENTRIES, MOST_ITEMS, MOST_WORDS, MailboxArea, OtherCategory, Pdo, PdoEntry,
+    PortUse, SIZE, Sii, SiiError, SyncManagerUse, UNCHECKED, category, checksum,
 };
 
 /// Zero words in place of a category after which the list of categories has ended.
 const MOST_ZEROS: usize = 64;
 /// Words that the smallest usual chip has, of 2 kB. A size below it in word 3Eh is not believed.
 const FEWEST_WORDS: usize = 0x400;
-/// Bytes of the general category up to the last one that is read.
+/// Bytes that a general category has at least.
 const GENERAL_LEN: usize = 14;
+/// Place of the ports in the general category.
+const PORTS: usize = 16;
 
 /// One category of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -189,7 +191,12 @@ impl<'a> Reader<'a> {
             category::SYNC_MANAGERS => self.take_sync_managers(category),
             category::TX_PDO => self.take_pdos(category, |sii| &mut sii.tx_pdos),
             category::RX_PDO => self.take_pdos(category, |sii| &mut sii.rx_pdos),
-            _ => {}
+            category::STRINGS => {}
+            kind => {
+                if self.sii.other_categories.len() < MOST_ITEMS {
+                    self.sii.other_categories.push(OtherCategory { kind, bytes: category.bytes.to_vec() });
+                }
+            }
         }
     }
 
@@ -208,7 +215,7 @@ impl<'a> Reader<'a> {
     }
 
     fn take_general(&mut self, category: &Category<'_>) {
-        let mut bytes = [0; GENERAL_LEN];
+        let mut bytes = [0; PORTS + 2];
         bytes.iter_mut().zip(category.bytes).for_each(|(to, from)| *to = *from);
         if category.bytes.len() < GENERAL_LEN {
             let (word, bytes) = (category.word, category.bytes.len());
@@ -220,6 +227,8 @@ impl<'a> Reader<'a> {
         self.sii.name = self.string(category, 3, name);
         self.sii.coe_details = coe;
         self.sii.e_bus_ma = i16::from_le_bytes(array(&bytes, 12));
+        let ports = u16_at(&bytes, PORTS);
+        self.sii.ports = [0, 4, 8, 12].map(|bit| PortUse((ports >> bit & 0x0f) as u8));
     }
 
     fn take_sync_managers(&mut self, category: &Category<'_>) {

@@ -20,6 +20,7 @@ fn sample() -> Sii {
         name: "servo".to_owned(),
         coe_details: coe_details::SDO | coe_details::COMPLETE_ACCESS,
         e_bus_ma: -20,
+        ports: [PortUse::MII, PortUse::EBUS, PortUse::UNUSED, PortUse::FAST_HOT_CONNECT],
         fmmus: vec![FmmuUse::OUTPUTS, FmmuUse::INPUTS, FmmuUse::MAILBOX_STATE],
         sync_managers: vec![manager(0x1000, 128, 0x26, 1), manager(0x1400, 128, 0x22, 2)],
         tx_pdos: vec![Pdo {
@@ -63,6 +64,7 @@ fn an_image_word_by_word() {
         (0x50, 0x0101),
         (0x51, 0x2100),
         (0x55, 0xffec),
+        (0x57, 0x4031),
         // FMMU: outputs, inputs, mailbox state, filler.
         (0x5f, 0x0028),
         (0x60, 0x0002),
@@ -90,6 +92,19 @@ fn an_image_word_by_word() {
         assert_eq!(word(at), value, "word {at:02X}h");
     }
     assert_eq!(Sii::read(&image), Ok(sample()));
+}
+
+#[test]
+fn other_categories_stand_behind_those_with_fields() {
+    let other = |kind, bytes: &[u8]| OtherCategory { kind, bytes: bytes.to_vec() };
+    let with = Sii { other_categories: vec![other(0x0800, &[1, 2]), other(category::DC, &[0; 4])], ..sample() };
+    let image = with.write();
+    let added: usize = with.other_categories.iter().map(OtherCategory::written_len).sum();
+    assert_eq!(image.len(), sample().write().len() + added);
+    let words: Vec<u16> = (0x77..0x7e).map(|at| super::super::u16_at(&image, 2 * at)).collect();
+    assert_eq!(words, [0x0800, 1, 0x0201, 0x003c, 2, 0, 0]);
+    assert_eq!(Sii::read(&image), Ok(with));
+    assert_eq!([other(1, &[]), other(1, &[1])].map(|other| other.written_len()), [0, 6]);
 }
 
 /// Known sums: of an image that vendors print, and of nothing at all.

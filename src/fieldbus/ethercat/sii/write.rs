@@ -1,6 +1,6 @@
 //! Writing an image.
 
-use super::{FIRST_CATEGORY, Pdo, Sii, category, checksum};
+use super::{FIRST_CATEGORY, OtherCategory, Pdo, Sii, category, checksum};
 
 /// The strings of an image, each once, numbered from 1.
 #[derive(Default)]
@@ -68,8 +68,8 @@ impl Sii {
         general[6] = u8::from(self.protocols & super::protocols::FOE != 0);
         general[7] = u8::from(self.protocols & super::protocols::EOE != 0);
         general[12..14].copy_from_slice(&self.e_bus_ma.to_le_bytes());
-        // Two MII ports.
-        general[16] = 0x11;
+        let [a, b, c, d] = self.ports.map(|port| port.0 & 0x0f);
+        general[16..18].copy_from_slice(&[b << 4 | a, d << 4 | c]);
         let mut fmmus: Vec<u8> = self.fmmus.iter().map(|fmmu| fmmu.0).collect();
         fmmus.resize(fmmus.len().next_multiple_of(2), 0xff);
         let managers = self.sync_managers.iter().flat_map(|manager| {
@@ -87,6 +87,9 @@ impl Sii {
         append(&mut image, category::SYNC_MANAGERS, managers);
         append(&mut image, category::TX_PDO, tx);
         append(&mut image, category::RX_PDO, rx);
+        for OtherCategory { kind, bytes } in &self.other_categories {
+            append(&mut image, *kind, bytes.clone());
+        }
         image.extend(category::END.to_le_bytes());
         // The size of the chip, in kbit less 1: the next power of two.
         let kbit = (image.len() * 8).div_ceil(1024).next_power_of_two().max(16);
