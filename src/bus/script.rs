@@ -193,9 +193,7 @@ impl Written {
 
 pub(super) fn check(step: &Step, received: u32, identity: &Identity) -> Result<(), BootFailure> {
     let Step { index, sub, .. } = *step;
-    let other = |expected: String| {
-        Err(BootFailure::Identity { index, sub, expected: expected.into(), received })
-    };
+    let other = |expected: String| Err(BootFailure::Identity { index, sub, expected: expected.into(), received });
     match step.action {
         Action::Expect { value, .. } if !step.is_held(received) => other(format!("{value:#x}")),
         Action::Product if !identity.product_codes.contains(&received) => {

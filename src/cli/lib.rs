@@ -54,9 +54,9 @@ mod new;
 #[cfg(target_os = "linux")]
 mod on_bus;
 mod output;
-mod page;
 #[cfg(target_os = "linux")]
 mod pace;
+mod page;
 mod picture;
 mod plot;
 mod printable;

@@ -19,8 +19,8 @@ use super::on_bus::{
     thread_failure, told_before, warn, warn_of, with_findings, with_told,
 };
 use super::output::Output;
-use super::page::Viewing;
 use super::pace::PaceArgument;
+use super::page::Viewing;
 use super::run::{Arguments, check, check_candump, check_loop, draw, view, with_files};
 use super::tui::Screen;
 use facts::Facts;

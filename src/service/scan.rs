@@ -76,7 +76,8 @@ fn is_drive(device_type: u32) -> bool {
 fn axes_of<L: CanLink>(service: &mut Service<L>, mut drives: Vec<NodeId>) -> Result<Vec<NodeId>, Error> {
     let mut axes = Vec::new();
     for axis in 0..MOST_AXES {
-        let asked: Vec<(NodeId, Address)> = drives.iter().map(|drive| (*drive, supported_modes(AxisOffset::standard(axis)))).collect();
+        let asked: Vec<(NodeId, Address)> =
+            drives.iter().map(|drive| (*drive, supported_modes(AxisOffset::standard(axis)))).collect();
         let mut answers = service.read_each(&asked)?.into_iter();
         drives.retain(|_| answers.next().is_some_and(|answer| answer.is_ok()));
         axes.extend_from_slice(&drives);

@@ -273,7 +273,8 @@ mod tests {
 
     #[test]
     fn objects_of_an_axis_lie_behind_those_of_the_first_and_those_of_the_device_stay() {
-        let axes = Axes { count: 3, object_step: 0x800, pdo_step: None, vendor_object_step: 0x100, gap_step: 0, moved: None };
+        let axes =
+            Axes { count: 3, object_step: 0x800, pdo_step: None, vendor_object_step: 0x100, gap_step: 0, moved: None };
         let at = |index| [0, 1, 2].map(|axis| axes.index(index, axis));
         assert_eq!(at(0x6040), [0x6040, 0x6840, 0x7040]);
         assert_eq!(at(0x2000), [0x2000, 0x2100, 0x2200]);

@@ -49,7 +49,8 @@ impl Device {
 
     /// Takes it through all steps; why it cannot be used.
     fn take(&mut self, steps: &[Step]) -> Result<(), BootFailure> {
-        let identity = Identity { device_type: Some(0), vendor_id: 0, product_codes: vec![1], revisions: Revisions::Any };
+        let identity =
+            Identity { device_type: Some(0), vendor_id: 0, product_codes: vec![1], revisions: Revisions::Any };
         let mut script = Script::new(identity, 20 * MS, steps.to_vec());
         let mut now = Time(0);
         for _ in 0..10_000 {

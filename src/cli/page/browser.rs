@@ -35,7 +35,10 @@ fn leading_file(address: &str) -> io::Result<PathBuf> {
         _ => {}
     }
     let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(&path)?;
-    writeln!(file, "<!doctype html><meta http-equiv=\"refresh\" content=\"0; url={address}\"><title>yieldwall</title>")?;
+    writeln!(
+        file,
+        "<!doctype html><meta http-equiv=\"refresh\" content=\"0; url={address}\"><title>yieldwall</title>"
+    )?;
     Ok(path)
 }
 

@@ -111,7 +111,8 @@ fn arm_window_m(geometry: &Geometry) -> [f64; 4] {
     let across = [-turn * along[1], turn * along[0]];
     let [left_m, right_m] = geometry.proximal_m;
     let reach_m = geometry.proximal_m.iter().zip(&geometry.distal_m).map(|(near, far)| near + far).fold(0.0, f64::max);
-    let from = |base: [f64; 2], direction: [f64; 2], way_m: f64| [0, 1].map(|axis| base[axis] + way_m * direction[axis]);
+    let from =
+        |base: [f64; 2], direction: [f64; 2], way_m: f64| [0, 1].map(|axis| base[axis] + way_m * direction[axis]);
     let corners = [
         from(left, along, -left_m),
         from(right, along, right_m),

@@ -445,7 +445,8 @@ impl Checked<'_> {
             self.findings.error(KEY, message, help);
         }
         if axes.gap_step.saturating_mul(axes.count.saturating_sub(1).into()) >= COMMUNICATION {
-            let message = format!("`{KEY}.gap_step` is {:#x}, by which a gap of the last axis is an object", axes.gap_step);
+            let message =
+                format!("`{KEY}.gap_step` is {:#x}, by which a gap of the last axis is an object", axes.gap_step);
             let help = "write what the device's mapping has as index of a gap of the second axis, such as 0x800, or leave it out";
             self.findings.error(&format!("{KEY}.gap_step"), message, help);
         }
