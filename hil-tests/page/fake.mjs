@@ -46,7 +46,7 @@ for (const field of FIELDS) {
 }
 const STRIDE = Math.ceil(end / 8) * 8;
 
-const BASES = [[-0.1, -0.45], [0.1, -0.45]], PROXIMAL = 0.3, DISTAL = 0.4, YIELD = 20, RADIUS = 0.12, WALL = 0.16;
+const BASES = [[-0.1, -0.45], [0.1, -0.45]], PROXIMAL = 0.3, DISTAL = 0.4, YIELD = 20, OTHER_YIELD = 12, RADIUS = 0.12, WALL = 0.16;
 const circle = Array.from({ length: 120 }, (_, k) => [RADIUS * Math.cos((k * Math.PI) / 60), RADIUS * Math.sin((k * Math.PI) / 60)]);
 
 function angle([x, y], k) {
@@ -113,10 +113,23 @@ function take(source, count) {
   return Array.from({ length: count }, () => source.next().value);
 }
 
-/// Starts the server. `recorded` is the number of records of each recording; without it the rig is live.
+/// What the page shows of a rig: the second one differs by its name, its yield force and its guide.
+function machine(k) {
+  const yield_n = [YIELD, OTHER_YIELD][k];
+  return {
+    name: ["paper-admittance", "paper-soft"][k], period_s: 0.001,
+    arm: { bases_m: BASES, proximal_m: [PROXIMAL, PROXIMAL], distal_m: [DISTAL, DISTAL], singularity_margin_m: 0.02, tool: { fixed_to: "left", along_m: 0, across_m: 0 } },
+    surfaces: [{ points_m: [[-0.3, WALL], [0.3, WALL]], is_closed: false, forbidden: "left" }, { points_m: circle.map(([x, y]) => [x * (1 - 0.3 * k), y * (1 - 0.3 * k)]), is_closed: true, forbidden: "none" }],
+    view_m: [-0.42, -0.52, 0.42, 0.27],
+    fixture: { law: "plastic", yield_force_n: yield_n, rows: [["Yield force R", `${yield_n} N`], ["Friction F", "3 N"], ["Virtual mass M", "2 kg"], ["Hold N_wait", "0 cycles"], ["Side", "unilateral"]] },
+  };
+}
+
+/// Starts the server. `recorded` is the number of records of the first recording; without it the rig is live. The second
+/// recording is half as long, the third is empty.
 export async function serve(packages, { recorded = 0, csv = null } = {}) {
   const { WebSocketServer } = createRequire(join(packages, "package.json"))("ws");
-  const recordings = recorded > 0 ? [1, 77].map((seed) => take(rig(seed), recorded)) : [];
+  const recordings = recorded > 0 ? [[1, recorded], [77, recorded >> 1], [1, 0]].map(([seed, count]) => take(rig(seed), count)) : [];
   if (recordings[1]) for (const record of recordings[1]) for (const name of ["tool_x_m", "proxy_x_m"]) record[name] = record[name] * 0.9 - 0.004;
   if (csv) {
     const names = FIELDS.map(({ name }) => name);
@@ -124,14 +137,11 @@ export async function serve(packages, { recorded = 0, csv = null } = {}) {
     writeFileSync(csv, `${[names.join(","), ...recordings[0].map(row)].join("\n")}\n`);
   }
   const hello = {
-    kind: "hello", protocol: 1, program: "yieldwall 0.1.0", command: recorded ? "view" : "sim", name: "paper-admittance", is_live: recorded === 0, period_s: 0.001, tier: null,
+    kind: "hello", protocol: 1, program: "yieldwall 0.1.0", command: recorded ? "view" : "sim", is_live: recorded === 0, tier: null,
     record: { bytes: STRIDE, fields: FIELDS },
-    arm: { bases_m: BASES, proximal_m: PROXIMAL, distal_m: DISTAL, singularity_margin_m: 0.02 },
-    surfaces: [{ points_m: [[-0.3, WALL], [0.3, WALL]], is_closed: false, forbidden: "left" }, { points_m: circle, is_closed: true, forbidden: "none" }],
-    view_m: [-0.42, -0.52, 0.42, 0.27],
-    fixture: { law: "plastic", yield_force_n: YIELD, rows: [["Yield force R", "20 N"], ["Friction F", "3 N"], ["Virtual mass M", "2 kg"], ["Hold N_wait", "0 cycles"], ["Side", "unilateral"]] },
+    ...machine(0),
     faults: FAULTS,
-    recordings: recordings.map((records, k) => ({ name: `cycles-${k}.mcap`, records: records.length })),
+    recordings: recordings.map((records, k) => ({ name: `cycles-${k}.mcap`, records: records.length, machine: machine(k === 1 ? 1 : 0) })),
   };
   const server = createServer((request, response) => {
     const path = request.url === "/" ? "/index.html" : request.url;
@@ -152,15 +162,20 @@ export async function serve(packages, { recorded = 0, csv = null } = {}) {
     return sockets.handleUpgrade(request, socket, head, (client) => {
       client.send(JSON.stringify(hello));
       if (recorded > 0) return;
-      const source = rig(1), begin = Date.now();
-      let sent = 0;
-      const timer = setInterval(() => {
-        for (const due = Date.now() - begin; sent + 16 <= due; sent += 16) client.send(packet(take(source, 16)));
-      }, 4);
       const status = setInterval(() => client.send(JSON.stringify({ kind: "status", buses: [{ name: "can0", load_percent: 61.4 }], clients: 1, refused: 0, lost: 0 })), 1000);
-      client.on("close", () => { clearInterval(timer); clearInterval(status); });
+      client.on("close", () => clearInterval(status));
     });
   });
+  // The rig runs on without a client, as a real one does.
+  const source = rig(1), begin = Date.now();
+  let sent = 0;
+  const timer = recorded > 0 ? null : setInterval(() => {
+    for (const due = Date.now() - begin; sent + 16 <= due; sent += 16) {
+      const bytes = packet(take(source, 16));
+      for (const client of sockets.clients) if (client.readyState === client.OPEN) client.send(bytes);
+    }
+  }, 4);
+  const drop = () => { for (const client of sockets.clients) client.terminate(); };
   await new Promise((done) => server.listen(0, "127.0.0.1", done));
-  return { address: `http://127.0.0.1:${server.address().port}/#${TOKEN}`, close: () => { for (const client of sockets.clients) client.terminate(); server.closeAllConnections(); server.close(); } };
+  return { address: `http://127.0.0.1:${server.address().port}/#${TOKEN}`, recordings, drop, close: () => { clearInterval(timer); drop(); server.closeAllConnections(); server.close(); } };
 }

@@ -8,10 +8,11 @@ const LEAST_DRAG = 4;
 
 /// Traces that the fields of the records allow: title, unit, series (column, name, factor, colour, dash).
 export function traces(records) {
+  const { isDevice } = records, into = isDevice ? "into the device" : "of the hand into the tool", product = isDevice ? "\u2212F\u00b7v" : "F\u00b7v";
   const all = [
-    { id: "force", title: records.isDevice ? "Force of the device" : "Force of the hand", unit: "N", needs: "force_x_n", isFromZero: true, hasYield: true, series: [{ column: "force", name: "magnitude", scale: 1, color: "force" }] },
-    { id: "power", title: "Power of the hand into the tool", unit: "W", needs: "force_x_n", series: [{ column: "power", name: "F\u00b7v", scale: 1, color: "power" }] },
-    { id: "energy", title: "Energy of the hand into the tool", unit: "J", needs: "force_x_n", series: [{ column: "energy", name: "integral of F\u00b7v", scale: 1, color: "energy" }] },
+    { id: "force", title: isDevice ? "Force on the hand" : "Force of the hand", unit: "N", needs: "force_x_n", isFromZero: true, hasYield: true, series: [{ column: "force", name: "magnitude", scale: 1, color: "force" }] },
+    { id: "power", title: `Power ${into}`, unit: "W", needs: "force_x_n", series: [{ column: "power", name: product, scale: 1, color: "power" }] },
+    { id: "energy", title: `Energy ${into}`, unit: "J", needs: "force_x_n", series: [{ column: "energy", name: `integral of ${product}`, scale: 1, color: "energy" }] },
     { id: "error", title: "Following error", unit: "mrad", needs: "target_left_rad", series: [{ column: "left", name: "left", scale: 1000, color: "proxy" }, { column: "right", name: "right", scale: 1000, color: "tool", dash: [5, 3] }] },
     { id: "distance", title: "Distance from handle to proxy", unit: "mm", needs: "reported_x_m", isFromZero: true, series: [{ column: "distance", name: "distance", scale: 1000, color: "proxy" }] },
   ];
@@ -34,8 +35,11 @@ const label = (value) => String(Number(value.toPrecision(6))).replace("-", "\u22
 
 export class Charts {
   /// `events`: seek(time), zoom(low, high), reset().
-  constructor(parent, records, hello, events) {
-    this.yield_n = hello.fixture?.yield_force_n;
+  constructor(parent, records, other, events) {
+    const yieldOf = (shown) => shown?.machine.fixture?.yield_force_n;
+    this.yield_n = yieldOf(records);
+    /// Yield force of the other recording, if it differs.
+    this.otherYield_n = yieldOf(other) === this.yield_n ? null : yieldOf(other);
     this.pending = new Set();
     this.charts = traces(records).map((trace) => ({ trace, parent: figure(parent, trace), plot: null, range: null, window: [0, 1], data: null, playhead: null }));
     this.events = events;
@@ -75,7 +79,7 @@ export class Charts {
   }
 
   options(chart) {
-    const { colors, yield_n } = this;
+    const { colors } = this;
     const { width, height } = size(chart.parent.body);
     const { trace } = chart, isLast = chart === this.charts.at(-1);
     const series = (other) => trace.series.map(({ color, dash }) => ({
@@ -109,9 +113,17 @@ export class Charts {
           plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
           this.events.zoom(from, to);
         }],
-        drawSeries: [(plot, which) => { if (which === 1 && trace.hasYield && yield_n > 0) yieldLine(plot, yield_n, colors); }],
+        drawSeries: [(plot, which) => {
+          if (which !== 1 || !trace.hasYield) return;
+          for (const [yield_n, color] of this.yieldLines()) yieldLine(plot, yield_n, color);
+        }],
       },
     };
+  }
+
+  /// Yield forces to draw, each with its colour.
+  yieldLines() {
+    return [[this.yield_n, this.colors.ink], [this.otherYield_n, this.colors.other]].filter(([yield_n]) => yield_n > 0);
   }
 
   resize() {
@@ -143,7 +155,7 @@ export class Charts {
     const series = [...of(main), ...(other ? of(other) : [])];
     chart.window = window;
     chart.data = envelope(window[0], window[1], width, series);
-    let low = Infinity, high = trace.hasYield && this.yield_n > 0 ? this.yield_n * 1.05 : -Infinity;
+    let low = Infinity, high = trace.hasYield ? Math.max(...this.yieldLines().map(([yield_n]) => yield_n * 1.05)) : -Infinity;
     for (const values of chart.data.slice(1)) {
       for (const value of values) {
         if (value === null || value === undefined) continue;
@@ -218,11 +230,11 @@ function figure(parent, trace) {
   return { figure: whole, body, values };
 }
 
-function yieldLine(plot, yield_n, colors) {
+function yieldLine(plot, yield_n, color) {
   const { ctx, bbox } = plot;
   const y = Math.round(plot.valToPos(yield_n, "y", true)) + 0.5;
   ctx.save();
-  ctx.strokeStyle = colors.ink;
+  ctx.strokeStyle = color;
   ctx.lineWidth = devicePixelRatio;
   ctx.setLineDash([6 * devicePixelRatio, 4 * devicePixelRatio]);
   ctx.beginPath();
@@ -232,7 +244,8 @@ function yieldLine(plot, yield_n, colors) {
   ctx.restore();
 }
 
-function exported(pen, box, { trace, data, range, window }, { colors, yield_n }, time) {
+function exported(pen, box, { trace, data, range, window }, charts, time) {
+  const { colors } = charts;
   const frame = { left: box.x + LEFT, right: box.x + box.width - 8, top: box.y + 20, bottom: box.y + box.height - 18 };
   const toX = (value) => frame.left + ((value - window[0]) / (window[1] - window[0])) * (frame.right - frame.left);
   const toY = (value) => frame.bottom - ((value - range[0]) / (range[1] - range[0])) * (frame.bottom - frame.top);
@@ -252,7 +265,9 @@ function exported(pen, box, { trace, data, range, window }, { colors, yield_n },
       });
       inner.line(flat, { color: isOther ? colors.other : colors[series.color], width: isOther ? 1.2 : 1.6, dash: isOther ? [3, 3] : series.dash ?? [] });
     });
-    if (trace.hasYield && yield_n > 0) inner.line([0, toY(yield_n) - frame.top, frame.right - frame.left, toY(yield_n) - frame.top], { color: colors.ink, dash: [6, 4] });
+    for (const [yield_n, color] of trace.hasYield ? charts.yieldLines() : []) {
+      inner.line([0, toY(yield_n) - frame.top, frame.right - frame.left, toY(yield_n) - frame.top], { color, dash: [6, 4] });
+    }
     if (time >= window[0] && time <= window[1]) inner.line([toX(time) - frame.left, 0, toX(time) - frame.left, frame.bottom - frame.top], { color: colors.ink, width: 1.5 });
   });
 }

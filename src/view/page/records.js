@@ -30,24 +30,28 @@ export const BINS_PER_DECADE = 12;
 export class Records {
   static DERIVED_BYTES = COLUMNS.length * 8;
 
-  /// `capacity` records are kept; a further one replaces the oldest.
-  constructor(hello, capacity) {
+  /// `layout` describes the fields and `machine` the rig that made the records: name, period_s, arm, surfaces, view_m,
+  /// fixture. `capacity` records are kept; a further one replaces the oldest.
+  constructor(layout, machine, capacity) {
+    this.machine = machine;
     this.capacity = Math.max(2, Math.floor(capacity));
-    this.stride = hello.record.bytes;
-    this.period_s = hello.period_s > 0 ? hello.period_s : 0.001;
+    this.stride = layout.bytes;
+    this.period_s = machine.period_s > 0 ? machine.period_s : 0.001;
     this.total = 0;
     this.serverLost = 0;
-    this.fields = new Map(hello.record.fields.map((field) => [field.name, field]));
+    this.fields = new Map(layout.fields.map((field) => [field.name, field]));
     this.names = new Map();
-    for (const field of hello.record.fields) {
+    for (const field of layout.fields) {
       if (field.codes) this.names.set(field.name, new Map(Object.entries(field.codes).map(([name, code]) => [Number(code), name])));
     }
     this.bytes = new Uint8Array(this.capacity * this.stride);
     this.view = new DataView(this.bytes.buffer);
     this.columns = Object.fromEntries(COLUMNS.map((name) => [name, new Float64Array(this.capacity)]));
-    // A device without an arm reports its handle, and the force of its actuators in place of the hand's.
+    // An impedance device has no arm. Its records hold the handle's position and the actuators' force on the hand.
     this.isDevice = this.has("reported_x_m");
-    this.forceSign = this.isDevice ? -1 : 1;
+    /// Sign of the force that does work on the tool or the handle, against the recorded force.
+    this.workSign = this.isDevice ? -1 : 1;
+    this.words = this.isDevice ? { tool: "handle", force: "force on the hand" } : { tool: "tool", force: "force of the hand" };
     const reader = (name) => this.reader(name);
     this.get = {
       index: reader("index"),
@@ -77,7 +81,7 @@ export class Records {
     this.lastCause = -1;
     this.lastImpact = false;
     this.path = [];
-    this.pathStep = pathStep(hello.view_m);
+    this.pathStep = pathStep(machine.view_m);
     this.bins = STAGES.map(() => new Uint32Array(BINS));
     this.worst = STAGES.map(() => 0);
   }
@@ -113,8 +117,9 @@ export class Records {
 
   holds(index) { return index >= this.first && index <= this.last; }
   place(index) { return (index % this.capacity) * this.stride; }
-  column(name, index) { return this.columns[name][index % this.capacity]; }
-  time(index) { return this.holds(index) ? this.columns.time[index % this.capacity] : NaN; }
+  /// Value of a derived column of a record; NaN without that record.
+  column(name, index) { return this.holds(index) ? this.columns[name][index % this.capacity] : NaN; }
+  time(index) { return this.column("time", index); }
 
   /// Last record at or before a time, within the records that are kept.
   at(time) {
@@ -143,6 +148,23 @@ export class Records {
       at = end;
     }
     return at;
+  }
+
+  /// Number of records that are missing between the last one and a packet of the same run.
+  /// `elapsed_s` is the wall-clock time between the two. NaN: the packet belongs to another run.
+  missedBefore(bytes, elapsed_s) {
+    if (this.total === 0) return 0;
+    const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength), last = this.place(this.last);
+    const difference = (name) => {
+      const { type, offset } = this.fields.get(name);
+      return READERS[type](view, PACKET_HEAD + offset) - READERS[type](this.view, last + offset);
+    };
+    const clock = ["sync_ns", "sample_ns"].find((name) => this.has(name));
+    let steps = NaN;
+    if (this.has("index")) steps = difference("index");
+    else if (clock) steps = Math.round((difference(clock) * 1e-9) / this.period_s);
+    const isSameRun = steps >= 1 && Math.abs(steps * this.period_s - elapsed_s) < 2 + 0.1 * elapsed_s;
+    return isSameRun ? steps - 1 : NaN;
   }
 
   append(bytes, from) {
@@ -186,12 +208,12 @@ export class Records {
     this.pathStep *= 2;
   }
 
-  /// Work of the hand from record `before` to the one at byte `at`, by the trapezoidal rule.
+  /// Work of the hand on the tool or the handle from record `before` to the one at byte `at`, by the trapezoidal rule.
   work(before, at, fx, fy, fz) {
     const { get } = this, from = this.place(before);
     const mean = (axis, now) => (now + read(axis, from)) / 2;
     const z = get.toolZ && get.forceZ ? mean(get.forceZ, fz) * (get.toolZ(at) - get.toolZ(from)) : 0;
-    return this.forceSign * (mean(get.forceX, fx) * (read(get.toolX, at) - read(get.toolX, from))
+    return this.workSign * (mean(get.forceX, fx) * (read(get.toolX, at) - read(get.toolX, from))
       + mean(get.forceY, fy) * (read(get.toolY, at) - read(get.toolY, from)) + z);
   }
 
@@ -200,7 +222,7 @@ export class Records {
     if (earlier === index) return 0;
     const from = this.place(earlier), lasted = this.time(index) - this.time(earlier);
     const z = get.toolZ ? fz * (get.toolZ(at) - get.toolZ(from)) : 0;
-    return this.forceSign * (fx * (read(get.toolX, at) - read(get.toolX, from)) + fy * (read(get.toolY, at) - read(get.toolY, from)) + z) / lasted;
+    return this.workSign * (fx * (read(get.toolX, at) - read(get.toolX, from)) + fy * (read(get.toolY, at) - read(get.toolY, from)) + z) / lasted;
   }
 
   /// Notes faults, impacts and stage times of a record.

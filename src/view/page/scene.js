@@ -21,9 +21,17 @@ export function projection(view, width, height, zoom = 1, focus = null) {
 const pair = (value) => (Array.isArray(value) ? value : [value, value]);
 const distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
 
+/// Product of two complex numbers, each [real, imaginary].
+const times = ([a, b], [c, d]) => [a * c - b * d, a * d + b * c];
+const minus = (a, b) => [a[0] - b[0], a[1] - b[1]];
+const plus = (a, b) => [a[0] + b[0], a[1] + b[1]];
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1];
+
 /// Joints of the five-bar and its margins to singularities at a record; null without an arm or its angles.
-export function posture(hello, records, index) {
-  const { arm } = hello;
+///
+/// The margins are the guard's: the chain that carries the tool is measured to the tool point, the other to the wrist.
+export function posture(records, index) {
+  const { arm } = records.machine;
   if (!arm) return null;
   const value = (name) => records.value(name, index);
   const angles = [
@@ -34,21 +42,45 @@ export function posture(hello, records, index) {
   if (![...angles, ...tool].every(Number.isFinite)) return null;
   const proximal = pair(arm.proximal_m), distal = pair(arm.distal_m);
   const elbows = angles.map((angle, k) => [arm.bases_m[k][0] + proximal[k] * Math.cos(angle), arm.bases_m[k][1] + proximal[k] * Math.sin(angle)]);
-  const wrist = meet(elbows, distal, tool) ?? tool;
-  const reach = arm.bases_m.map((base) => distance(base, wrist));
+  const held = arm.tool.fixed_to === "right" ? 1 : 0, free = 1 - held;
+  // Complex ratio of elbow -> tool point to elbow -> wrist on the link that carries the tool.
+  const ratio = [1 + arm.tool.along_m / distal[held], arm.tool.across_m / distal[held]];
+  const square = dot(ratio, ratio), inverse = [ratio[0] / square, -ratio[1] / square];
+  const guess = plus(elbows[held], times(minus(tool, elbows[held]), inverse));
+  const wrist = meet(elbows, distal, guess) ?? guess;
+  const tip = plus(elbows[held], times(minus(wrist, elbows[held]), ratio));
+  const carried = distal.map((length, k) => (k === held ? length * Math.sqrt(square) : length));
+  const reach = arm.bases_m.map((base, k) => distance(base, k === held ? tip : wrist));
   const parted = distance(...elbows);
   const toElbows = elbows.map((elbow) => [elbow[0] - wrist[0], elbow[1] - wrist[1]]);
   const [[ax, ay], [bx, by]] = toElbows;
   const margins = [
-    { name: "left chain stretched", chain: 0, margin_m: proximal[0] + distal[0] - reach[0] },
-    { name: "left chain folded", chain: 0, margin_m: reach[0] - Math.abs(proximal[0] - distal[0]) },
-    { name: "right chain stretched", chain: 1, margin_m: proximal[1] + distal[1] - reach[1] },
-    { name: "right chain folded", chain: 1, margin_m: reach[1] - Math.abs(proximal[1] - distal[1]) },
+    { name: "left chain stretched", chain: 0, margin_m: proximal[0] + carried[0] - reach[0] },
+    { name: "left chain folded", chain: 0, margin_m: reach[0] - Math.abs(proximal[0] - carried[0]) },
+    { name: "right chain stretched", chain: 1, margin_m: proximal[1] + carried[1] - reach[1] },
+    { name: "right chain folded", chain: 1, margin_m: reach[1] - Math.abs(proximal[1] - carried[1]) },
     { name: "distal links stretched", chain: null, margin_m: distal[0] + distal[1] - parted },
     { name: "distal links folded", chain: null, margin_m: parted - Math.abs(distal[0] - distal[1]) },
   ];
+  if (arm.tool.along_m !== 0 || arm.tool.across_m !== 0) {
+    const gap_m = Math.min(...margins.filter(({ chain }) => chain === free).map(({ margin_m }) => margin_m));
+    const way_m = toolWay({ base: arm.bases_m, elbow: elbows[held], tip, wrist, held, free, inverse }, gap_m);
+    if (Number.isFinite(way_m)) margins.push({ name: `${free === 0 ? "left" : "right"} chain, edge of the workspace`, chain: free, margin_m: way_m });
+  }
   const angle = Math.abs(Math.atan2(ax * by - ay * bx, ax * bx + ay * by));
   return { bases: arm.bases_m, elbows, wrist, tool, margins, halfReach_m: (Math.min(...proximal) + Math.min(...distal)) / 2, distalAngle_deg: (angle * 180) / Math.PI, nearest: margins.reduce((a, b) => (b.margin_m < a.margin_m ? b : a)) };
+}
+
+/// Way of the tool point, to first order, along which the reach of the chain without the tool changes by `gap_m`.
+function toolWay({ base, elbow, tip, wrist, held, free, inverse: w }, gap_m) {
+  const carried = minus(tip, elbow), [cx, cy] = minus(elbow, base[held]), crank = [-cy, cx];
+  const reach = minus(wrist, base[free]), length = Math.hypot(...reach);
+  if (!(length > 0)) return gap_m;
+  const lever = dot(carried, crank);
+  const along = times(crank, [1 - w[0], -w[1]]);
+  const [rx, ry] = times(reach, [w[0], -w[1]]), share = dot(along, reach);
+  const gradient = Math.hypot(rx * lever + carried[0] * share, ry * lever + carried[1] * share);
+  return (gap_m * Math.abs(lever) * length) / gradient;
 }
 
 /// The point at the given distances from both elbows that lies nearer to `near`.
@@ -63,21 +95,21 @@ function meet([left, right], [a, b], near) {
 
 /// Draws a record, and another recording's record over it. Returns the pixels of tool and proxy.
 export function drawScene(pen, size, shown, colors) {
-  const { hello, records, index, other, zoom } = shown;
+  const { records, index, other, zoom } = shown, { machine } = records;
   const value = (name) => records.value(name, index);
   const toolNames = records.isDevice ? ["reported_x_m", "reported_y_m"] : ["tool_x_m", "tool_y_m"];
   const tool_m = toolNames.map(value);
-  const place = projection(hello.view_m, size.width, size.height, zoom, tool_m);
+  const place = projection(machine.view_m, size.width, size.height, zoom, tool_m);
   pen.box(0, 0, size.width, size.height, colors.panel);
-  const shift = [finite(value("surface_x_m")), finite(value("surface_y_m"))];
-  for (const surface of hello.surfaces ?? []) drawSurface(pen, size, place, surface, shift, colors);
-  if (other) drawOther(pen, place, shown, colors);
+  const shift = shiftAt(records, index);
+  for (const surface of machine.surfaces ?? []) drawSurface(pen, size, place, surface, shift, colors);
+  if (other) drawOther(pen, place, other, colors);
   drawPath(pen, place, records, index, { color: colors.path, width: 2 });
-  const arm = posture(hello, records, index);
+  const arm = posture(records, index);
   if (arm) drawArm(pen, place, arm, colors);
   const tool = place.to(...tool_m);
   const proxy = place.to(value("proxy_x_m"), value("proxy_y_m"));
-  drawForce(pen, size, tool, ["force_x_n", "force_y_n"].map((name) => records.forceSign * value(name)), hello.fixture?.yield_force_n, colors);
+  drawForce(pen, size, tool, ["force_x_n", "force_y_n"].map(value), machine.fixture?.yield_force_n, colors);
   pen.circle(...tool, TOOL_RADIUS, { fill: colors.tool });
   pen.circle(...proxy, PROXY_RADIUS, { color: colors.proxy, width: 3 });
   drawScale(pen, size, place, colors);
@@ -86,9 +118,14 @@ export function drawScene(pen, size, shown, colors) {
 
 const finite = (value) => (Number.isFinite(value) ? value : 0);
 
-function drawSurface(pen, size, place, { points_m, is_closed, forbidden }, [dx, dy], colors) {
-  // JSON has no infinite numbers: such a coordinate arrives as null.
-  const points = points_m.map(([x, y]) => place.to((x ?? NaN) + dx, (y ?? NaN) + dy));
+/// Shift of the surfaces at a record from their first place.
+const shiftAt = (records, index) => ["surface_x_m", "surface_y_m"].map((name) => finite(records.value(name, index)));
+
+// JSON has no infinite numbers: such a coordinate arrives as null.
+const corners = (place, points_m, [dx, dy]) => points_m.map(([x, y]) => place.to((x ?? NaN) + dx, (y ?? NaN) + dy));
+
+function drawSurface(pen, size, place, { points_m, is_closed, forbidden }, shift, colors) {
+  const points = corners(place, points_m, shift);
   if (points.length < 2) return;
   const flat = points.flat();
   const hasSide = forbidden === "left" || forbidden === "right";
@@ -177,11 +214,17 @@ function drawForce(pen, size, [x, y], [fx, fy], yield_n, colors) {
   }
 }
 
-function drawOther(pen, place, { hello, other }, colors) {
-  const { records, index } = other;
+/// Draws the other recording's record: its surfaces only if they differ from those below.
+function drawOther(pen, place, { records, index, hasOwnSurfaces }, colors) {
   const value = (name) => records.value(name, index);
+  if (hasOwnSurfaces) {
+    const shift = shiftAt(records, index);
+    for (const { points_m, is_closed } of records.machine.surfaces ?? []) {
+      if (points_m.length > 1) pen.line(corners(place, points_m, shift).flat(), { color: colors.other, width: 2, dash: [8, 5], isClosed: is_closed });
+    }
+  }
   drawPath(pen, place, records, index, { color: colors.other, width: 1.5, dash: [6, 4] });
-  const arm = posture(hello, records, index);
+  const arm = posture(records, index);
   if (arm) {
     for (const k of [0, 1]) {
       pen.line([arm.bases[k], arm.elbows[k], arm.wrist].flatMap((point) => place.to(...point)), { color: colors.other, width: 1.5, dash: [3, 4] });

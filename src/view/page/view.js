@@ -32,6 +32,16 @@ const page = {
   isFollowing: false,
   shown: 0,
   time: 0,
+  /// Record to go to as soon as it is loaded; null without one.
+  wanted: null,
+  /// Which recording is loaded as a whole; null without one.
+  loaded: null,
+  /// Which recording lies over it, and whether its surfaces differ.
+  otherLoaded: -1,
+  hasOtherSurfaces: false,
+  /// Whether the next packet is the first after a lost connection, and when the last packet came, in ms.
+  isResuming: false,
+  received: 0,
   zoom: 1,
   selection: null,
   hasEnded: false,
@@ -75,13 +85,15 @@ function message(data) {
     page.hasEnded = true;
     if (page.isLive) play(false);
     badge("ended");
-    notice(`${data.message} The page keeps what it received.`, { isCalm: true });
+    notice(`${sentence(data.message)} The page keeps what it received.`, { isCalm: true });
   }
   laterTexts();
 }
 
 function packet(bytes) {
   if (!page.main || !page.isLive) return;
+  if (page.isResuming) resume(bytes);
+  page.received = Date.now();
   page.main.take(bytes);
   if (page.isFollowing) follow();
   page.sceneChanged = true;
@@ -103,7 +115,6 @@ async function closed(code) {
   if (status === 401 || status === 403) {
     return notice("The program refused the token. Open the address as the command printed it, with the part after #.", { canRetry: true });
   }
-  if (status === 429) return retryLater("The program refuses connections for a while, since too many failed.");
   if (status === null) {
     return retryLater(`${page.hello ? "The connection is lost: the" : "The"} program does not answer. If it has ended, start it again and open the address that it prints.`);
   }
@@ -144,41 +155,33 @@ function badge(text, className = "") {
 // --- beginning ---
 
 function begin(hello) {
+  const isSameRig = page.isLive && hello.is_live && page.main && isEqual(hello.record, page.hello.record) && isEqual(machineOf(hello), page.main.machine);
   page.hello = hello;
-  page.isLive = hello.is_live;
   page.attempts = 0;
-  page.lagged = 0;
   page.status = null;
-  page.other = null;
-  page.shown = 0;
   notice("");
-  document.body.classList.remove("waiting");
-  write($("name"), hello.name || "yieldwall");
   write($("program"), `${hello.program}, ${hello.command}`);
-  document.title = `${hello.name} - yieldwall`;
-  const fixture = hello.fixture ?? { rows: [] };
-  rows($("fixture"), [["Law", fixture.law ?? "none"], ...(fixture.rows ?? [])]);
-  const { yield_force_n: yield_n } = fixture;
-  $("yield-key").hidden = !(yield_n > 0);
-  for (const key of document.querySelectorAll(".yield-key")) key.hidden = !(yield_n > 0);
-  write($("yield"), `circle of the yield force R = ${yield_n} N`);
-  $("forbidden-key").hidden = !(hello.surfaces ?? []).some((surface) => surface.forbidden !== "none");
-  $("margin-panel").hidden = !hello.arm;
-  write($("scene-title"), hello.arm ? "Arm and surfaces" : "Handle and surfaces");
+  if (isSameRig) {
+    // The first packet shows whether the run is the same.
+    page.isResuming = true;
+    badge("live", "live");
+    return;
+  }
+  page.isLive = hello.is_live;
+  page.loaded = null;
+  document.body.classList.remove("waiting");
   $("live").hidden = !page.isLive;
   $("main-choice").hidden = page.isLive || hello.recordings.length < 2;
   $("other-choice").hidden = page.isLive || hello.recordings.length < 2;
-  page.isFollowing = page.isLive;
-  page.isPlaying = page.isLive;
-  write($("play"), page.isPlaying ? "Pause" : "Play");
   page.selection = page.isLive ? null : "all";
   $("window").value = page.isLive ? "10" : "all";
   write($("time-axis"), page.isLive ? "time since switching on (s)" : "time of the scene (s)");
   if (page.isLive) {
     badge("live", "live");
-    const wanted = LIVE_SPAN_S / (hello.period_s > 0 ? hello.period_s : 0.001);
-    use(new Records(hello, Math.min(wanted, LARGEST_LIVE / (hello.record.bytes + Records.DERIVED_BYTES))), null);
+    beginLive();
   } else {
+    page.isFollowing = false;
+    play(false);
     const names = hello.recordings.map(({ name }) => name);
     options($("main-recording"), names);
     options($("other-recording"), ["none", ...names]);
@@ -187,24 +190,86 @@ function begin(hello) {
   }
 }
 
+/// Description of the machine in a message.
+function machineOf({ name, period_s, arm, surfaces, view_m, fixture }) {
+  return { name, period_s, arm, surfaces, view_m, fixture };
+}
+
+const isEqual = (a, b) => JSON.stringify(a) === JSON.stringify(b);
+
+/// Begins an empty history of a running rig and follows it.
+function beginLive() {
+  const { hello } = page, wanted = LIVE_SPAN_S / (hello.period_s > 0 ? hello.period_s : 0.001);
+  page.lagged = 0;
+  page.isResuming = false;
+  page.isFollowing = true;
+  page.isPlaying = true;
+  write($("play"), "Pause");
+  use(new Records(hello.record, machineOf(hello), Math.min(wanted, LARGEST_LIVE / (hello.record.bytes + Records.DERIVED_BYTES))), null);
+}
+
+/// Goes on after a lost connection: counts the records of the gap as missed. Another run begins a new history.
+function resume(bytes) {
+  page.isResuming = false;
+  const missed = page.main.missedBefore(bytes, (Date.now() - page.received) / 1000);
+  if (Number.isNaN(missed)) beginLive(); else page.lagged += missed;
+}
+
+/// Writes what does not change from record to record: the description of the machine that made the shown records.
+function machineTexts() {
+  const { main, other } = page, { machine, words } = main, { yield_force_n: yield_n, law, rows: facts } = machine.fixture ?? {};
+  write($("name"), machine.name || "yieldwall");
+  document.title = `${machine.name} - yieldwall`;
+  rows($("fixture"), [["Law", law ?? "none"], ...(facts ?? [])]);
+  for (const key of [$("yield-key"), ...document.querySelectorAll(".yield-key")]) key.hidden = !(yield_n > 0);
+  write($("yield"), `circle of the yield force R = ${yield_n} N`);
+  $("forbidden-key").hidden = !(machine.surfaces ?? []).some((surface) => surface.forbidden !== "none");
+  $("margin-panel").hidden = !machine.arm;
+  write($("scene-title"), machine.arm ? "Arm and surfaces" : "Handle and surfaces");
+  write($("tool-name"), words.tool);
+  write($("force-name"), words.force);
+  for (const option of $("zoom").options) if (option.value !== "1") write(option, `${words.tool}, ${option.value}x`);
+  $("other-key").hidden = !other;
+  if (other) write($("other-name"), otherName());
+}
+
+/// Name of the recording that lies over the shown one, with what differs.
+function otherName() {
+  const { main, other } = page, file = page.hello.recordings[page.otherLoaded].name;
+  const [mine, its] = [main, other].map(({ machine }) => machine.fixture?.yield_force_n);
+  const rig = other.machine.name === main.machine.name ? "" : `, ${other.machine.name}`;
+  return `${file}${rig}${its === mine ? "" : `, ${its > 0 ? `R = ${its} N` : "no yield force"}`}`;
+}
+
 function options(select, names) {
   select.replaceChildren(...names.map((name, k) => Object.assign(make("option", "", name), { value: String(k) })));
 }
 
 /// Loads the chosen recording, and the one that is shown over it.
 async function loadChosen() {
-  const chosen = Number($("main-recording").value || 0), over = Number($("other-recording").value || 0) - 1;
+  const chosen = Number($("main-recording").value || 0);
+  if ($("other-recording").value === String(chosen + 1)) $("other-recording").value = "0";
+  const over = Number($("other-recording").value || 0) - 1;
   page.loading?.abort();
   const loading = new AbortController();
   page.loading = loading;
   try {
     badge("loading");
-    const main = await load(chosen, loading.signal, (records) => use(records, null));
-    if (over >= 0 && over !== chosen) {
-      const other = await load(over, loading.signal, () => {});
-      use(main, other);
-      write($("other-name"), page.hello.recordings[over].name);
+    if (page.loaded !== chosen) {
+      play(false);
+      page.loaded = null;
+      page.wanted ??= page.shown;
+      notice("");
+      const main = await load(chosen, loading.signal, (records) => use(records, null));
+      if (page.wanted !== null) show(page.wanted);
+      page.wanted = null;
+      page.loaded = chosen;
+      document.body.classList.toggle("empty", main.total === 0);
+      if (main.total === 0) notice(`${page.hello.recordings[chosen].name} has no records.`, { isCalm: true });
     }
+    const other = over >= 0 ? await load(over, loading.signal, () => {}) : null;
+    page.otherLoaded = over;
+    if (other !== page.other) use(page.main, other);
     badge("recording");
   } catch (error) {
     if (loading.signal.aborted) return;
@@ -214,12 +279,12 @@ async function loadChosen() {
 }
 
 async function load(which, signal, whenBegun) {
-  const { records: count, name } = page.hello.recordings[which];
+  const { records: count, name, machine } = page.hello.recordings[which];
   const most = Math.floor(LARGEST_RECORDING / (page.hello.record.bytes + Records.DERIVED_BYTES));
   const answer = await fetch(`/recordings/${which}`, { headers: { Authorization: `Bearer ${page.token}` }, signal });
   if (!answer.ok) throw new Error(`the program answered ${answer.status}`);
   if (count > most) notice(`${name} has ${count.toLocaleString("en")} records. The page shows the first ${most.toLocaleString("en")}, which take about 1 GB.`, { isCalm: true });
-  const records = new Records(page.hello, Math.min(count, most));
+  const records = new Records(page.hello.record, machine, Math.min(count, most));
   whenBegun(records);
   const reader = answer.body.getReader();
   let rest = new Uint8Array(0);
@@ -230,7 +295,10 @@ async function load(which, signal, whenBegun) {
     bytes.set(rest);
     bytes.set(value, rest.length);
     rest = bytes.subarray(records.take(bytes, true));
-    if (records === page.main) changed();
+    if (records === page.main) {
+      if (page.wanted !== null) show(page.wanted);
+      changed();
+    }
     if (records.total === records.capacity) {
       await reader.cancel();
       break;
@@ -240,19 +308,26 @@ async function load(which, signal, whenBegun) {
 }
 
 function use(main, other) {
+  if (main !== page.main) {
+    page.shown = 0;
+    page.time = 0;
+    page.listedFaults = null;
+    page.stageCounts = null;
+    page.announced = null;
+    document.body.classList.remove("empty");
+  }
   page.main = main;
   page.other = other;
+  page.hasOtherSurfaces = Boolean(other) && !isEqual(other.machine.surfaces, main.machine.surfaces);
   page.charts?.destroy();
-  page.charts = new Charts($("charts"), main, page.hello, {
+  page.charts = new Charts($("charts"), main, other, {
     seek: (time) => seek(main.at(time + offset(main))),
     zoom: (low, high) => select([low, high]),
     reset: () => select("all"),
     changed: () => schedule(),
   });
-  for (const key of document.querySelectorAll(".yield-key")) key.hidden = !(page.hello.fixture?.yield_force_n > 0);
-  $("other-key").hidden = !other;
+  machineTexts();
   page.charts.build(page.colors, Boolean(other));
-  if (!page.isLive) seek(Math.max(page.shown, main.first));
   changed();
 }
 
@@ -271,14 +346,27 @@ function follow() {
   page.time = shownTime();
 }
 
+/// Shows the record with an index, or the nearest one that is held.
+function show(index) {
+  const { main } = page;
+  if (main.total === 0) return;
+  page.shown = Math.min(Math.max(Math.round(index), main.first), main.last);
+  page.time = shownTime();
+  page.sceneChanged = true;
+}
+
+/// Shows another record if the shown one is no longer held.
+function keepShown() {
+  if (page.main.total > 0 && !page.main.holds(page.shown)) show(page.shown);
+}
+
 function seek(index) {
   const { main } = page;
   if (!main || main.total === 0) return;
   page.isFollowing = false;
-  page.shown = Math.min(Math.max(Math.round(index), main.first), main.last);
-  page.time = shownTime();
+  page.wanted = null;
+  show(index);
   if (page.selection === null) page.charts.markAll();
-  page.sceneChanged = true;
   laterTexts();
   schedule();
 }
@@ -290,9 +378,14 @@ function stopAt(index) {
 }
 
 function play(isPlaying) {
+  if (isPlaying && !(page.main?.total > 0)) {
+    if (page.isLive && !page.hasEnded) goLive();
+    return;
+  }
   page.isPlaying = isPlaying;
+  if (isPlaying) page.wanted = null;
   if (!isPlaying) page.isFollowing = false;
-  else if (page.main && page.shown >= page.main.last && (!page.isLive || page.hasEnded)) seek(page.main.first);
+  else if (page.shown >= page.main.last && (!page.isLive || page.hasEnded)) seek(page.main.first);
   page.frameTime = null;
   write($("play"), isPlaying ? "Pause" : "Play");
   laterTexts();
@@ -364,6 +457,7 @@ function frame(now) {
   page.isScheduled = false;
   const { main, charts } = page;
   if (!main || !charts) return;
+  keepShown();
   advance(now);
   if (page.sceneChanged && main.total > 0) {
     page.sceneChanged = false;
@@ -403,9 +497,9 @@ function advance(now) {
 }
 
 function shownScene() {
-  const { hello, main: records, shown: index, other, zoom } = page;
-  const over = other && other.total > 0 ? { records: other, index: other.at(page.time + offset(other)) } : null;
-  return { hello, records, index, other: over, zoom };
+  const { main: records, shown: index, other, zoom } = page;
+  const over = other && other.total > 0 ? { records: other, index: other.at(page.time + offset(other)), hasOwnSurfaces: page.hasOtherSurfaces } : null;
+  return { records, index, other: over, zoom };
 }
 
 function draw() {
@@ -460,16 +554,16 @@ const withUnit = (value, factor, digits, unit) => (Number.isFinite(value) ? `${(
 const yesOrNo = (value) => (value ? "yes" : "no");
 
 function texts() {
-  const { main, shown: index } = page;
+  const { main } = page;
   if (!main) return;
   streamTexts();
   if (main.total === 0) return;
-  if (index < main.first) seek(main.first);
+  keepShown();
   stateTexts();
   faultTexts();
   marginTexts();
   stageTexts();
-  page.charts.write(main, index);
+  page.charts.write(main, page.shown);
   timeTexts();
   describe();
 }
@@ -496,7 +590,7 @@ function stateTexts() {
     ...coded("command_kind", "Command"),
     ["Force", withUnit(main.column("force", index), 1, 1, "N")],
     ["Proxy to surface", withUnit(value("signed_distance_m"), 1000, 2, "mm")],
-    ["Tool to proxy", withUnit(main.column("distance", index), 1000, 2, "mm")],
+    [`${capital(main.words.tool)} to proxy`, withUnit(main.column("distance", index), 1000, 2, "mm")],
     ["Proxy on the surface", yesOrNo(value("is_on_surface"))],
     ["Hold counter", withUnit(value("hold_counter"), 1, 0, main.fields.get("hold_counter")?.unit ?? "")],
     ...(main.has("is_saturated") ? [["Torque at its limit", yesOrNo(value("is_saturated")), value("is_saturated") === 1]] : []),
@@ -535,7 +629,13 @@ function faultTexts() {
   }));
 }
 
-const sentence = (text) => (text ? `${text[0].toUpperCase()}${text.slice(1)}.` : "");
+const capital = (text) => `${text.charAt(0).toUpperCase()}${text.slice(1)}`;
+
+/// Makes a sentence of a text: a capital first, a stop last.
+function sentence(text) {
+  const trimmed = (text ?? "").trim();
+  return trimmed === "" || /[.!?]$/.test(trimmed) ? capital(trimmed) : `${capital(trimmed)}.`;
+}
 
 /// Writes a text whose commands stand in backticks.
 function withCode(element, text) {
@@ -545,9 +645,9 @@ function withCode(element, text) {
 }
 
 function marginTexts() {
-  const { main, shown: index, hello } = page;
-  if (!hello.arm) return;
-  const arm = posture(hello, main, index), list = $("margins"), limit = hello.arm.singularity_margin_m;
+  const { main, shown: index } = page;
+  if (!main.machine.arm) return;
+  const arm = posture(main, index), list = $("margins"), limit = main.machine.arm.singularity_margin_m;
   if (!arm) {
     list.replaceChildren();
     write($("nearest"), "The angles of this record are missing or not finite.");
@@ -655,9 +755,8 @@ function streamTexts() {
     set(list.children[k], `Load of ${name}`, isKnown ? `${load.toFixed(1)} %` : "unknown", isKnown ? load / 100 : 0, null, load > 80);
   });
   rows($("stream"), [
-    ...(page.isLive && buses.length === 0 ? [["Bus load", "unknown"]] : []),
-    ["Real-time tier", hello.tier ?? "not measured"],
-    ["Period", withUnit(hello.period_s, 1000, 3, "ms")],
+    ["Real-time tier", hello.tier ?? "unknown"],
+    ["Period", withUnit(main.machine.period_s, 1000, 3, "ms")],
     ["Records", `${main.total}`],
     ...(page.isLive ? [
       ["Lost in the program", `${Math.max(main.serverLost, status?.lost ?? 0)}`],
@@ -709,12 +808,12 @@ function marks() {
 function describe() {
   const { main, shown: index } = page;
   const state = main.code("state", index), fault = main.value("has_cause", index) === 1 ? main.code("cause", index) : null;
-  $("scene").setAttribute("aria-label", `Arm and surfaces at ${shownTime().toFixed(1)} s: force ${withUnit(main.column("force", index), 1, 1, "N")}, tool to proxy ${withUnit(main.column("distance", index), 1000, 1, "mm")}`);
+  $("scene").setAttribute("aria-label", `${$("scene-title").textContent} at ${shownTime().toFixed(1)} s: ${main.words.force} ${withUnit(main.column("force", index), 1, 1, "N")}, ${main.words.tool} to proxy ${withUnit(main.column("distance", index), 1000, 1, "mm")}`);
   const text = `${state ? `Supervisor: ${state}.` : ""}${fault ? ` Fault: ${fault}.` : ""}`;
   if (page.announced !== text) {
     page.announced = text;
     write($("announcement"), text);
-    document.title = `${fault ? `${fault}: ` : ""}${page.hello.name} - yieldwall`;
+    document.title = `${fault ? `${fault}: ` : ""}${main.machine.name} - yieldwall`;
   }
 }
 
@@ -723,15 +822,15 @@ function describe() {
 const EXPORT = { width: 1280, height: 760, scene: 600 };
 
 function compose(pen) {
-  const { main, shown: index, colors, hello } = page, { width, height, scene } = EXPORT;
+  const { main, shown: index, colors, hello } = page, { width, height, scene } = EXPORT, { machine, words } = main, yield_n = machine.fixture?.yield_force_n;
   pen.box(0, 0, width, height, colors.panel);
-  pen.text(20, 32, hello.name, { color: colors.ink, size: 19, weight: 700 });
+  pen.text(20, 32, machine.name, { color: colors.ink, size: 19, weight: 700 });
   pen.text(width - 20, 32, `${hello.program}, ${shownTime().toFixed(3)} s`, { color: colors.muted, size: 13, anchor: "end" });
   pen.within(20, 50, scene, scene, (inner) => drawScene(inner, { width: scene, height: scene }, shownScene(), colors));
   const other = page.other && { records: page.other, offset: offset(page.other) };
   page.charts.export(pen, { x: scene + 50, y: 44, width: width - scene - 70, height: scene + 20 }, span(), { records: main, offset: offset(main) }, other, page.time);
   pen.text(width - 20, 50 + scene + 28, $("time-axis").textContent, { color: colors.muted, size: 12, anchor: "end" });
-  const legend = [["tool", "tool"], ["proxy", "proxy"], ["path", "path of the proxy"], ["force", `force of the hand${hello.fixture?.yield_force_n > 0 ? `, circle R = ${hello.fixture.yield_force_n} N` : ""}`], ...(other ? [["other", $("other-name").textContent]] : [])];
+  const legend = [["tool", words.tool], ["proxy", "proxy"], ["path", "path of the proxy"], ["force", `${words.force}${yield_n > 0 ? `, circle R = ${yield_n} N` : ""}`], ...(other ? [["other", $("other-name").textContent]] : [])];
   let x = 20;
   for (const [color, name] of legend) {
     pen.circle(x + 6, 50 + scene + 23, 5, { fill: colors[color] });
@@ -739,7 +838,7 @@ function compose(pen) {
     x += 36 + name.length * 7;
   }
   const state = main.code("state", index);
-  const facts = [state && `supervisor ${state}`, main.has("left_state") && `drives ${main.code("left_state", index)}, ${main.code("right_state", index)}`, `force ${withUnit(main.column("force", index), 1, 1, "N")}`, `tool to proxy ${withUnit(main.column("distance", index), 1000, 2, "mm")}`];
+  const facts = [state && `supervisor ${state}`, main.has("left_state") && `drives ${main.code("left_state", index)}, ${main.code("right_state", index)}`, `${words.force} ${withUnit(main.column("force", index), 1, 1, "N")}`, `${words.tool} to proxy ${withUnit(main.column("distance", index), 1000, 2, "mm")}`];
   pen.text(20, 50 + scene + 56, facts.filter(Boolean).join("; "), { color: colors.ink, size: 13 });
   if (main.value("has_cause", index) === 1) {
     const name = main.code("cause", index);
@@ -750,7 +849,7 @@ function compose(pen) {
 }
 
 function fileName(ending) {
-  return `${page.hello.name.replace(/[^\w.-]+/g, "-")}-${shownTime().toFixed(3)}s.${ending}`;
+  return `${page.main.machine.name.replace(/[^\w.-]+/g, "-")}-${shownTime().toFixed(3)}s.${ending}`;
 }
 
 function download(blob, name) {
@@ -765,7 +864,7 @@ function saveSvg() {
   if (!page.main?.total) return;
   const pen = new SvgPen();
   compose(pen);
-  download(new Blob([pen.document(EXPORT.width, EXPORT.height, page.hello.name)], { type: "image/svg+xml" }), fileName("svg"));
+  download(new Blob([pen.document(EXPORT.width, EXPORT.height, page.main.machine.name)], { type: "image/svg+xml" }), fileName("svg"));
 }
 
 function savePng() {
@@ -815,17 +914,18 @@ const KEYS = {
   "=": () => faster(1),
   w: () => nextOption($("window")),
   z: () => nextOption($("zoom")),
-  s: saveSvg,
-  p: savePng,
   t: switchTheme,
   "?": () => $("help").showModal(),
 };
+/// Keys with Shift: they download a file.
+const SHIFT_KEYS = { s: saveSvg, p: savePng };
 
 function onKey(event) {
   if (event.ctrlKey || event.metaKey || event.altKey || $("help").open) return;
   const { target } = event;
   if (target instanceof HTMLSelectElement || (target instanceof HTMLButtonElement && event.key === " ")) return;
-  const act = KEYS[event.key] ?? KEYS[event.key.toLowerCase()];
+  const name = event.key.toLowerCase();
+  const act = (event.shiftKey ? SHIFT_KEYS[name] : null) ?? KEYS[event.key] ?? KEYS[name];
   if (!act || (!page.main && !["t", "?"].includes(event.key))) return;
   event.preventDefault();
   act(event);
@@ -862,7 +962,7 @@ window.yieldwall = Object.freeze({
   toPixels: (x_m, y_m) => {
     const { clientWidth, clientHeight } = $("scene");
     const focus = page.zoom > 1 ? [page.main.get.toolX, page.main.get.toolY].map((get) => get(page.main.place(page.shown))) : null;
-    return projection(page.hello?.view_m, clientWidth, clientHeight, page.zoom, focus).to(x_m, y_m);
+    return projection(page.main?.machine.view_m, clientWidth, clientHeight, page.zoom, focus).to(x_m, y_m);
   },
   now: () => performance.now(),
   get draws() { return page.drawCount; },
