@@ -20,7 +20,7 @@ use super::on_bus::{
 };
 use super::output::Output;
 use super::pace::PaceArgument;
-use super::page::Viewing;
+use super::page::Page;
 use super::run::{Arguments, check, check_candump, check_loop, draw, view, with_files};
 use super::tui::Screen;
 use facts::Facts;
@@ -46,13 +46,14 @@ struct LoopTimes {
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    let events = Events::of(output);
-    let end = run_and_tell(arguments, &events, output);
+    let (events, mut page) = (Events::of(output), Page::default());
+    let end = run_and_tell(arguments, &events, &mut page, output);
     events.end(&end);
+    page.end(&end);
     end
 }
 
-fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<(), Failure> {
+fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     check_candump(arguments, &rig)?;
@@ -87,6 +88,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
         ignores_bus_budget: arguments.ignore_bus_budget,
     };
     let is_interrupted = on_interrupt()?;
+    page.open(&arguments.page, &rig)?;
     let interfaces = Interfaces::of(&rig, &arguments.bus)?;
     let on_bus = RigOnBus::open(&rig, interfaces.names(), arguments.pace.pace(), &journals("run"));
     let mut on_bus = on_bus.map_err(|error| not_opened(&error, &rig, &arguments.rig, &interfaces))?;
@@ -103,8 +105,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     let view = arguments.tui.then(|| view(&rig, &place, duration_s));
     view.iter().for_each(|view| events.show_on(view));
     let (listening, heard) = Listening::start(events, watched, &rig)?;
-    let (viewing, viewed) = Viewing::start(&arguments.page, &rig, None)?.unzip();
-    on_bus.set_watch(watch.and(heard).and(viewed.unwrap_or_default()));
+    on_bus.set_watch(watch.and(heard).and(page.watch()));
     let period_s = f64::from(rig.cycle.period_us) * 1e-6;
     let mut scene_rows = report::RunLog::with_room(Play::on_bus(&rig, duration_s).cycles.min(LONGEST_TRACE) as usize);
     let mut seen = LoopTimes { stages: StageTimes::default(), skipped: 0 };
@@ -164,7 +165,6 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     let end = failure.map_or(Ok(()), |failure| Err(kept.point_to_black_box(failure)));
     let end = with_files(end, [drawn, kept.is_written()]);
     events.end(&end);
-    viewing.into_iter().for_each(|viewing| viewing.end(&end));
     if !output.is_json() {
         output.news(&facts.lines(time_s).join("\n"))?;
         return end;

@@ -21,7 +21,7 @@ use super::margins::{Margins, has_other_inertia};
 use super::masses::{Masses, advice};
 use super::on_bus::{standing, told_at_boot, with_findings, with_told};
 use super::output::Output;
-use super::page::{ViewArgument, Viewing};
+use super::page::{Page, ViewArgument};
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
 use super::replace::{Replace, Written};
@@ -110,13 +110,14 @@ impl Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    let events = Events::of(output);
-    let end = run_and_tell(arguments, &events, output);
+    let (events, mut page) = (Events::of(output), Page::default());
+    let end = run_and_tell(arguments, &events, &mut page, output);
     events.end(&end);
+    page.end(&end);
     end
 }
 
-fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<(), Failure> {
+fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
     let source = Source::named(&arguments.rig);
     let rig = match config::load(source.clone())? {
@@ -148,6 +149,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     // Before anything is written: a rig that is refused leaves no record.
     let drilled = rig::drill(&rig.value, &scene.value, |_| ()).map_err(|error| rig_failure(&error))?;
     judge(&drilled, &rig.value, NOTHING_ENABLED)?;
+    page.open(&arguments.page, &rig.value)?;
     let interfaces = simulated_interfaces(&rig.value);
     let watched = Watched::Simulation(&interfaces);
     let duration_s = overrides.duration_s.unwrap_or(scene.value.duration_s.get());
@@ -155,9 +157,8 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     view.iter().for_each(|view| events.show_on(view));
     let (listening, heard) = Listening::start(events, watched, &rig.value)?;
     let (keep, watch) = Keep::start(watched, &rig.value, &about, &arguments.wanted())?;
-    let (viewing, viewed) = Viewing::start(&arguments.page, &rig.value, None)?.unzip();
-    let watch = watch.and(heard).and(viewed.unwrap_or_default());
-    let is_looked_at = arguments.tui || viewing.is_some();
+    let watch = watch.and(heard).and(page.watch());
+    let is_looked_at = arguments.tui || page.is_open();
     let progress = if arguments.tui { Progress::hidden() } else { Progress::new(output) };
     progress.begin(&rig.value.rig.name);
     let is_interrupted = on_interrupt()?;
@@ -194,7 +195,6 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     };
     let end = with_files(end, [drawn, kept.is_written()]);
     events.end(&end);
-    viewing.into_iter().for_each(|viewing| viewing.end(&end));
     if !output.is_json() {
         output.news(&facts.text(arguments))?;
         return end;

@@ -204,10 +204,20 @@ fn panel_letter(page: &mut Page, at: curve::Point, number: usize) {
     page.bold_text(at, &format!("({letter})"));
 }
 
-/// Lines of surfaces in the plane of x and y, in m, base frame, for a drawing elsewhere: the forbidden side of a unilateral fixture lies to the
-/// right of the way along the points. The first point of a closed line is its last one too. Surfaces that no line shows are left out. `window_m` is
-/// the part of the plane that is shown: least x, least y, greatest x, greatest y.
-pub fn surface_lines(references: &[Reference], window_m: [f64; 4]) -> Vec<Vec<[f64; 2]>> {
+/// A surface as a line in the plane of x and y.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SurfaceLine {
+    /// Corners in m, base frame, at least one. The forbidden side of a unilateral fixture lies to the right of the way along them.
+    pub points_m: Vec<[f64; 2]>,
+    /// Whether the last corner joins the first.
+    pub is_closed: bool,
+    /// Whether it has sides, of which a fixture may forbid one; a point has none.
+    pub has_sides: bool,
+}
+
+/// Lines of surfaces at their place, in the order of `references`. Surfaces in space are cut at z = 0; those that no line shows are left out.
+/// `window_m` is the part of the plane that is shown, in m, base frame: least x, least y, greatest x, greatest y.
+pub fn surface_lines(references: &[Reference], window_m: [f64; 4]) -> Vec<SurfaceLine> {
     plane::lines_m(references, window_m)
 }
 

@@ -4,7 +4,7 @@ use super::axes::{Axes, Kind, number, range_of};
 use super::curve::{Frame, Point};
 use super::legend::{Entry, Sample};
 use super::page::{self, GREY, PALE, Page, SKY, Stroke, VERMILION};
-use super::{Error, Excerpt, Window, marks};
+use super::{Error, Excerpt, SurfaceLine, Window, marks};
 use std::f64::consts::TAU;
 use yieldwall_motion::elementary;
 use yieldwall_record::{Reference, Trace};
@@ -296,15 +296,24 @@ pub(super) fn line(reference: &Reference, moved_m: [f64; 3], axes: &Axes) -> Opt
     }
 }
 
-/// Lines of surfaces at their place in m, in the order of `references`; those that no line shows in the plane of x and y are left out.
-/// `window_m` is what is shown: least x, least y, greatest x, greatest y.
-pub(super) fn lines_m(references: &[Reference], window_m: [f64; 4]) -> Vec<Vec<[f64; 2]>> {
+/// Lines of surfaces at their place, as [`surface_lines`](super::surface_lines).
+pub(super) fn lines_m(references: &[Reference], window_m: [f64; 4]) -> Vec<SurfaceLine> {
     let [x, y, end_x, end_y] = window_m.map(|value| value * MM_PER_M);
     let frame = Frame { left: 0.0, top: 0.0, right: page::WIDTH, bottom: page::WIDTH };
     let axes = Axes { frame, x: [x, end_x], y: [y, end_y] };
-    let lines = references.iter().filter_map(|reference| line(reference, [0.0; 3], &axes));
-    let in_m = |line: Vec<Point>| line.into_iter().map(|(x, y)| [x / MM_PER_M, y / MM_PER_M]).collect();
-    lines.filter(|line| !line.is_empty()).map(in_m).collect()
+    let in_m = |reference: &Reference| {
+        let line = line(reference, [0.0; 3], &axes).filter(|line| !line.is_empty())?;
+        let is_closed = match reference {
+            Reference::Plane { .. } => false,
+            Reference::Curve { is_closed, .. } => *is_closed,
+            _ => true,
+        };
+        // The first corner of a closed line stands at its end again.
+        let corners = line.len() - usize::from(is_closed);
+        let points_m = line.into_iter().take(corners).map(|(x, y)| [x / MM_PER_M, y / MM_PER_M]).collect();
+        Some(SurfaceLine { points_m, is_closed, has_sides: !matches!(reference, Reference::Point { .. }) })
+    };
+    references.iter().filter_map(in_m).collect()
 }
 
 /// Points of a circle: against the clock, or with it where the inside is to be on the right.

@@ -29,8 +29,8 @@ pub struct FoundDevice {
     pub identity: [Option<u32>; 4],
     /// Its name (1008h), if it has one.
     pub name: Option<String>,
-    /// Axes of a drive; 0 for other devices.
-    pub axes: u8,
+    /// Axes of a drive that was asked for them; 0 if it does not answer.
+    pub axes: Option<u8>,
 }
 
 /// Asks all nodes from 1 to 127 for their type, and those that answer who they are; in the order of the node ids.
@@ -61,7 +61,8 @@ pub fn scan<L: CanLink>(service: &mut Service<L>) -> Result<Vec<FoundDevice>, Er
     let axes = axes_of(service, drives.collect())?;
     let found = there.into_iter().map(|(node, answers, device_type)| {
         let (identity, name) = if answers { identities.next().unwrap_or_default() } else { Default::default() };
-        let axes = axes.iter().filter(|drive| **drive == node).count() as u8;
+        let count = || axes.iter().filter(|drive| **drive == node).count() as u8;
+        let axes = device_type.is_some_and(is_drive).then(count);
         FoundDevice { node, heard: service.heard(node), device_type, identity, name, axes }
     });
     Ok(found.collect())

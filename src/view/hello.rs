@@ -18,12 +18,22 @@ pub struct Hello {
     pub program: String,
     /// Command that serves the page.
     pub command: Command,
-    /// Name of the rig.
+    /// Tier of real time that this computer has proved, if it is known.
+    pub tier: Option<String>,
+    /// The rig that runs, or the machine of the first recording.
+    #[serde(flatten)]
+    pub machine: Description,
+    /// Words for each fault by its name, as [`faults`] returns them.
+    pub faults: BTreeMap<String, FaultWords>,
+}
+
+/// Description of a rig or of an impedance device with its fixture.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Description {
+    /// Name.
     pub name: String,
     /// Period of the cycle in s.
     pub period_s: f64,
-    /// Tier of real time that this computer has proved.
-    pub tier: Option<String>,
     /// Dimensions of the five-bar arm; `None` for an impedance device.
     pub arm: Option<Arm>,
     /// Surfaces of the fixture at their first place.
@@ -32,20 +42,14 @@ pub struct Hello {
     pub view_m: [f64; 4],
     /// Law and parameters of the fixture.
     pub fixture: Fixture,
-    /// Words for each fault by its name, as [`faults`] returns them.
-    pub faults: BTreeMap<String, FaultWords>,
 }
 
 /// Command that serves the page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Command {
-    /// `sim`.
-    Sim,
     /// `run`.
     Run,
-    /// `commission`.
-    Commission,
     /// `view`.
     View,
 }
@@ -61,6 +65,19 @@ pub struct Arm {
     pub distal_m: [f64; 2],
     /// Least distance from any singularity at which the guard lets the rig run.
     pub singularity_margin_m: Option<f64>,
+    /// The tool.
+    pub tool: Tool,
+}
+
+/// Place of a tool on an arm.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Tool {
+    /// Chain whose distal link carries it: `left` or `right`.
+    pub fixed_to: &'static str,
+    /// Offset from the wrist along that link, away from its elbow.
+    pub along_m: f64,
+    /// Offset from the wrist to the left of that direction.
+    pub across_m: f64,
 }
 
 /// A surface as a polyline.
@@ -129,7 +146,7 @@ struct FirstMessage<'a> {
     protocol: u32,
     is_live: bool,
     record: RecordMessage<'a>,
-    recordings: &'a [RecordingMessage],
+    recordings: &'a [RecordingMessage<'a>],
     #[serde(flatten)]
     hello: &'a Hello,
 }
@@ -153,9 +170,10 @@ struct FieldMessage<'a> {
 
 /// A recording in the first message.
 #[derive(Serialize)]
-pub(crate) struct RecordingMessage {
+pub(crate) struct RecordingMessage<'a> {
     pub(crate) name: String,
     pub(crate) records: u64,
+    pub(crate) machine: &'a Description,
 }
 
 impl Hello {
@@ -163,7 +181,7 @@ impl Hello {
     pub(crate) fn first_message(
         &self,
         layout: &Layout,
-        recordings: Option<&[RecordingMessage]>,
+        recordings: Option<&[RecordingMessage<'_>]>,
     ) -> Result<String, serde_json::Error> {
         let field = |field| {
             let &FieldLayout { name, unit, meaning, type_name, offset, ref codes, .. } = field;

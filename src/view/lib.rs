@@ -14,18 +14,20 @@
 //!
 //! ```
 //! use yieldwall_record::{CycleRecord, recording::{Backpressure, Feed, Recorded}};
-//! use yieldwall_view::{Command, Fixture, Hello, RING, Server, Source, faults, stream};
+//! use yieldwall_view::{Command, Description, Fixture, Hello, RING, Server, Source, faults, stream};
 //!
 //! let hello = Hello {
 //!     program: "yieldwall 0.1.0".into(),
 //!     command: Command::Run,
-//!     name: "bench".into(),
-//!     period_s: 0.001,
 //!     tier: None,
-//!     arm: None,
-//!     surfaces: Vec::new(),
-//!     view_m: [-0.2, 0.0, 0.2, 0.4],
-//!     fixture: Fixture { law: "plastic".into(), yield_force_n: Some(20.0), rows: Vec::new() },
+//!     machine: Description {
+//!         name: "bench".into(),
+//!         period_s: 0.001,
+//!         arm: None,
+//!         surfaces: Vec::new(),
+//!         view_m: [-0.2, 0.0, 0.2, 0.4],
+//!         fixture: Fixture { law: "plastic".into(), yield_force_n: Some(20.0), rows: Vec::new() },
+//!     },
 //!     faults: faults(),
 //! };
 //! let (stream, sink) = stream::<CycleRecord>();
@@ -52,7 +54,7 @@ mod stream;
 #[cfg(test)]
 mod tests;
 
-pub use hello::{Arm, Command, FaultWords, Fixture, Forbidden, Hello, Surface, faults};
+pub use hello::{Arm, Command, Description, FaultWords, Fixture, Forbidden, Hello, Surface, Tool, faults};
 pub use recordings::RecordingFile;
 pub use server::{BusLoad, Server, Source, StartError};
 pub use stream::{RING, Stream, ViewSink, stream};

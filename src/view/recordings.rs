@@ -9,8 +9,9 @@ use axum::body::{Body, Bytes};
 use hyper::body::Frame;
 use tokio::sync::mpsc;
 use tokio::task::spawn_blocking;
-use yieldwall_record::recording::{Layout, ReadError, Reader, Recorded, Recording, layout, open};
+use yieldwall_record::recording::{Damage, Layout, ReadError, Reader, Recorded, Recording, layout, open};
 
+use crate::hello::{Description, RecordingMessage};
 use crate::packet::Packet;
 
 /// Records in a packet of a recording.
@@ -24,19 +25,34 @@ pub struct RecordingFile {
     path: PathBuf,
     records: u64,
     layout: Layout,
+    damage: Vec<Damage>,
+    machine: Description,
 }
 
 impl RecordingFile {
-    /// Opens a recording and counts its records. The server reads the file again for each client that asks for it.
+    /// Opens a recording of a machine and counts its records. The server reads the file again for each client that asks for it.
     ///
     /// # Errors
     /// If the file cannot be read, or is no recording that this program can use.
-    pub fn open(path: &Path) -> Result<Self, ReadError> {
-        let (records, layout) = match open(path)? {
+    pub fn open(path: &Path, machine: Description) -> Result<Self, ReadError> {
+        let mut recording = open(path)?;
+        let (records, layout) = match &mut recording {
             Recording::Rig(reader) => count(reader)?,
             Recording::Device(reader) => count(reader)?,
         };
-        Ok(Self { path: path.to_owned(), records, layout })
+        let damage = recording.damage().to_vec();
+        Ok(Self { path: path.to_owned(), records, layout, damage, machine })
+    }
+
+    /// Returns the places at which something of the file is lost.
+    pub fn damage(&self) -> &[Damage] {
+        &self.damage
+    }
+
+    /// Its part of the first message.
+    pub(crate) fn message(&self) -> RecordingMessage<'_> {
+        let name = self.path.display().to_string();
+        RecordingMessage { name, records: self.records, machine: &self.machine }
     }
 
     /// Returns the path, which is the name that the page shows.
@@ -103,7 +119,7 @@ impl RecordingFile {
     }
 }
 
-fn count<R: Read, T: Recorded>(mut reader: Reader<R, T>) -> Result<(u64, Layout), ReadError> {
+fn count<R: Read, T: Recorded>(reader: &mut Reader<R, T>) -> Result<(u64, Layout), ReadError> {
     let mut records = 0;
     while reader.next_record()?.is_some() {
         records += 1;

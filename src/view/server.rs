@@ -72,7 +72,7 @@ pub struct BusLoad {
 #[derive(Debug, Error)]
 pub enum StartError {
     /// The address can be reached from other computers.
-    #[error("the live page is served on loopback addresses only, and {0} is none")]
+    #[error("{0} is not a loopback address, and the page is served on loopback addresses only")]
     NotLoopback(SocketAddr),
     /// There is no recording to show.
     #[error("there is no recording to show")]
@@ -316,18 +316,14 @@ impl Drop for Server {
 }
 
 fn first_message(hello: &Hello, source: &Source) -> Result<String, StartError> {
-    let (layout, recordings): (&Layout, Option<Vec<RecordingMessage>>) = match source {
+    let (layout, recordings): (&Layout, Option<Vec<RecordingMessage<'_>>>) = match source {
         Source::Live(stream) => (stream.layout(), None),
         Source::Recordings(files) => {
             let layout = files.first().ok_or(StartError::NoRecording)?.layout();
             if files.iter().any(|file| file.layout() != layout) {
                 return Err(StartError::MixedRecordings);
             }
-            let message = |file: &RecordingFile| RecordingMessage {
-                name: file.path().display().to_string(),
-                records: file.records(),
-            };
-            (layout, Some(files.iter().map(message).collect()))
+            (layout, Some(files.iter().map(RecordingFile::message).collect()))
         }
     };
     hello.first_message(layout, recordings.as_deref()).map_err(StartError::Hello)

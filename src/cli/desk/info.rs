@@ -66,7 +66,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         Err(error) => Err(failed(&desk, error)),
     })?;
     let heard = desk.service.heard(node.id);
-    let found = FoundDevice { node: node.id, heard, device_type, identity: identity_parts, name, axes };
+    let found = FoundDevice { node: node.id, heard, device_type, identity: identity_parts, name, axes: Some(axes) };
     let asked: Vec<_> = asked(node.axis).map(|at| (node.id, at)).collect();
     let answers = desk.service.read_each(&asked).map_err(|error| desk.bus_failure(error))?;
     let mut rows =

@@ -72,7 +72,14 @@ fn heard(desk: &mut DeviceSession) -> Result<Vec<FoundDevice>, Failure> {
     let nodes = (1..=127).filter_map(|raw| yieldwall_fieldbus::canopen::node_id(raw).ok());
     let heard = nodes.map(|node| (node, desk.service.heard(node))).filter(|(_, heard)| heard.frames > 0);
     Ok(heard
-        .map(|(node, heard)| FoundDevice { node, heard, device_type: None, identity: [None; 4], name: None, axes: 0 })
+        .map(|(node, heard)| FoundDevice {
+            node,
+            heard,
+            device_type: None,
+            identity: [None; 4],
+            name: None,
+            axes: None,
+        })
         .collect())
 }
 
@@ -85,8 +92,8 @@ fn text(desk: &DeviceSession, found: &[FoundDevice], others: OtherTraffic) -> St
         let state = state(found);
         let name = found.name.clone().unwrap_or_else(|| "-".to_owned());
         let kind = match found.axes {
-            0 | 1 => kind(found.device_type),
-            axes => format!("{}, {axes} axes", kind(found.device_type)),
+            Some(axes @ 2..) => format!("{}, {axes} axes", kind(found.device_type)),
+            _ => kind(found.device_type),
         };
         rows.push([found.node.raw().to_string(), state, kind, name, fit(desk, found)]);
     }

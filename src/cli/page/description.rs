@@ -2,12 +2,12 @@
 
 use crate::failure::Failure;
 use yieldwall_config as config;
-use yieldwall_figures::surface_lines;
-use yieldwall_motion::linkage::{Geometry, WristSide};
-use yieldwall_record::Trace;
+use yieldwall_figures::{SurfaceLine, surface_lines};
+use yieldwall_motion::linkage::{Chain, Geometry, WristSide};
 use yieldwall_record::recording::{About, Machine};
+use yieldwall_record::{Reference, Trace};
 use yieldwall_rig::report::{RunLog, measured, measured_device, replay};
-use yieldwall_view::{Arm, Command, Fixture, Forbidden, Hello, Surface, faults};
+use yieldwall_view::{Arm, Description, Fixture, Forbidden, Surface, Tool};
 
 /// Part of the plane around an impedance device, m.
 const DEVICE_WINDOW_M: [f64; 4] = [-0.15, -0.15, 0.15, 0.15];
@@ -20,82 +20,107 @@ const REACHED: f64 = 0.95;
 ///
 /// # Errors
 /// If its document is not one of this version.
-pub(super) fn of_recording(about: &About) -> Result<Hello, Failure> {
+pub(super) fn of_recording(about: &About) -> Result<Description, Failure> {
     Ok(match &about.machine {
-        Machine::Rig(_) => of_rig(&replay::rig(about)?, Command::View),
+        Machine::Rig(_) => of_rig(&replay::rig(about)?),
         Machine::Device(_) => of_device(&replay::device(about)?),
     })
 }
 
 /// A rig.
-pub(super) fn of_rig(rig: &config::Rig, command: Command) -> Hello {
+pub(super) fn of_rig(rig: &config::Rig) -> Description {
     let (trace, _) = measured(rig, &rig.fixture, RunLog::default());
     let geometry = rig.linkage.geometry();
+    let tool = Tool {
+        fixed_to: if geometry.tool.fixed_to == Chain::Left { "left" } else { "right" },
+        along_m: geometry.tool.along_m,
+        across_m: geometry.tool.across_m,
+    };
     let arm = Arm {
         bases_m: geometry.base_m,
         proximal_m: geometry.proximal_m,
         distal_m: geometry.distal_m,
         singularity_margin_m: Some(rig.guard.singularity_margin_m.get()),
+        tool,
     };
-    let period_s = f64::from(rig.cycle.period_us) * 1e-6;
     let window_m = arm_window_m(&geometry);
-    Hello { arm: Some(arm), ..hello(&rig.rig.name, command, period_s, &rig.fixture, &trace, window_m) }
+    let surfaces = surface_lines(&trace.references, window_m);
+    let machine = machine(&rig.rig.name, rig.cycle.period_us, &rig.fixture, &trace, surfaces);
+    Description { arm: Some(arm), view_m: window_m, ..machine }
 }
 
-fn of_device(device: &config::ImpedanceDevice) -> Hello {
+fn of_device(device: &config::ImpedanceDevice) -> Description {
     let (trace, _) = measured_device(device, &device.fixture, Vec::new());
-    let period_s = f64::from(device.cycle.period_us) * 1e-6;
-    hello(&device.device.name, Command::View, period_s, &device.fixture, &trace, DEVICE_WINDOW_M)
+    let surfaces = surface_lines(&trace.references, DEVICE_WINDOW_M);
+    let mut view_m = DEVICE_WINDOW_M;
+    let [min_x, min_y, max_x, max_y] = &mut view_m;
+    for [x, y] in surfaces.iter().filter(|surface| surface.is_closed).flat_map(|surface| &surface.points_m) {
+        (*min_x, *max_x) = (min_x.min(x - MARGIN_M), max_x.max(x + MARGIN_M));
+        (*min_y, *max_y) = (min_y.min(y - MARGIN_M), max_y.max(y + MARGIN_M));
+    }
+    let machine = machine(&device.device.name, device.cycle.period_us, &device.fixture, &trace, surfaces);
+    Description { view_m, ..machine }
 }
 
-fn hello(
+fn machine(
     name: &str,
-    command: Command,
-    period_s: f64,
+    period_us: u32,
     fixture: &config::Fixture,
     trace: &Trace,
-    window_m: [f64; 4],
-) -> Hello {
-    let forbidden = if trace.is_unilateral { Forbidden::Right } else { Forbidden::None };
-    let surface = |mut points_m: Vec<[f64; 2]>| {
-        let is_closed = points_m.len() > 2 && points_m.first() == points_m.last();
-        if is_closed {
-            points_m.pop();
-        }
-        Surface { points_m, is_closed, forbidden }
+    surfaces: Vec<SurfaceLine>,
+) -> Description {
+    let surface = |SurfaceLine { points_m, is_closed, has_sides }: SurfaceLine| Surface {
+        points_m,
+        is_closed,
+        forbidden: if trace.is_unilateral && has_sides { Forbidden::Right } else { Forbidden::None },
     };
-    Hello {
-        program: concat!("yieldwall ", env!("CARGO_PKG_VERSION")).to_owned(),
-        command,
+    Description {
         name: name.to_owned(),
-        period_s,
-        tier: None,
+        period_s: f64::from(period_us) * 1e-6,
         arm: None,
-        surfaces: surface_lines(&trace.references, window_m).into_iter().map(surface).collect(),
-        view_m: window_m,
+        surfaces: surfaces.into_iter().map(surface).collect(),
+        view_m: DEVICE_WINDOW_M,
         fixture: of_fixture(fixture, trace),
-        faults: faults(),
     }
 }
 
 fn of_fixture(fixture: &config::Fixture, trace: &Trace) -> Fixture {
+    let row = |name: &str, value: String| (name.to_owned(), value);
     let mut rows = vec![
-        ("yield force R".to_owned(), format!("{} N", trace.yield_n)),
-        ("friction F".to_owned(), format!("{} N", trace.friction_n)),
+        row("yield force R", format!("{} N", trace.yield_n)),
+        row("friction F", format!("{} N", trace.friction_n)),
     ];
-    rows.extend(match fixture.coupling {
-        config::Coupling::Admittance { mass_kg } => vec![("virtual mass M".to_owned(), format!("{} kg", *mass_kg))],
-        config::Coupling::Impedance { stiffness_n_per_m, damping_n_s_per_m } => vec![
-            ("stiffness K".to_owned(), format!("{} N/m", *stiffness_n_per_m)),
-            ("damping B".to_owned(), format!("{} N s/m", *damping_n_s_per_m)),
-        ],
-    });
-    rows.push(("hold N_wait".to_owned(), format!("{} cycles", fixture.hold_steps)));
-    rows.push(("side".to_owned(), if trace.is_unilateral { "unilateral" } else { "bilateral" }.to_owned()));
+    match fixture.coupling {
+        config::Coupling::Admittance { mass_kg } => rows.push(row("virtual mass M", format!("{} kg", *mass_kg))),
+        config::Coupling::Impedance { stiffness_n_per_m, damping_n_s_per_m } => {
+            rows.push(row("stiffness K", format!("{} N/m", *stiffness_n_per_m)));
+            rows.push(row("damping B", format!("{} N s/m", *damping_n_s_per_m)));
+        }
+    }
+    rows.push(row(
+        "hold N_wait",
+        match fixture.automatic_hold {
+            Some(hold) => format!("automatic, at most {} s", *hold.longest_s),
+            None => format!("{} cycles", fixture.hold_steps),
+        },
+    ));
+    rows.push(row("side", if trace.is_unilateral { "unilateral" } else { "bilateral" }.to_owned()));
+    // The parameters of a law as its file names them.
+    let document = serde_json::to_value(fixture).unwrap_or_default();
+    for key in ["law", "motion", "passivity"] {
+        let group = &document[key];
+        let group = fixture.law.as_ref().filter(|_| key == "law").map_or(group, |law| &group[law.name()]);
+        let parameters = group.as_object().into_iter().flatten();
+        rows.extend(parameters.map(|(name, value)| row(&format!("{key}: {name}"), value.to_string())));
+    }
+    if trace.references.iter().any(Reference::has_height) {
+        rows.push(row("surfaces", "as cut at z = 0".to_owned()));
+    }
     let law = fixture.law.as_ref();
+    let has_one_level = law.is_none_or(|law| law.guidance().is_none()) && trace.outward_yield_n.is_none();
     Fixture {
         law: law.map_or("plastic", config::FixtureLaw::name).to_owned(),
-        yield_force_n: law.is_none_or(|law| law.guidance().is_none()).then_some(trace.yield_n),
+        yield_force_n: has_one_level.then_some(trace.yield_n),
         rows,
     }
 }

@@ -11,24 +11,31 @@ fn lacks(what: &str) -> Failure {
     Failure::new(Exit::Usage, format!("this build has no `{what}`"), help)
 }
 
-pub(crate) fn view(_: &Arguments, _: &mut Output) -> Result<(), Failure> {
+pub(crate) fn view(arguments: &Arguments, _: &mut Output) -> Result<(), Failure> {
+    let Arguments { recordings: _, on: _, no_open: _ } = arguments;
     Err(lacks("view"))
 }
 
-/// A page, which no value stands for.
-pub(crate) enum Viewing {}
+/// No page.
+#[derive(Default)]
+pub(crate) struct Page;
 
-impl Viewing {
-    /// Refuses a page.
-    pub(crate) fn start(
-        argument: &ViewArgument,
-        _: &config::Rig,
-        _: Option<String>,
-    ) -> Result<Option<(Self, Watch)>, Failure> {
-        argument.view.map_or(Ok(None), |_| Err(lacks("--view")))
+impl Page {
+    /// Refuses one.
+    pub(crate) fn open(&mut self, argument: &ViewArgument, _: &config::Rig) -> Result<(), Failure> {
+        argument.view.map_or(Ok(()), |_| Err(lacks("--view")))
     }
 
-    pub(crate) fn end(self, _: &Result<(), Failure>) {
-        match self {}
+    /// Whether there is one.
+    pub(crate) fn is_open(&self) -> bool {
+        false
     }
+
+    /// Nothing to watch for.
+    pub(crate) fn watch(&mut self) -> Watch {
+        Watch::default()
+    }
+
+    /// Nobody to hear of the end.
+    pub(crate) fn end(self, _: &Result<(), Failure>) {}
 }

@@ -13,7 +13,7 @@ mod serve;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-pub(super) use serve::{Viewing, view};
+pub(super) use serve::{Page, view};
 
 /// Address of a page where none is named: any free port.
 const ANY_PORT: &str = "127.0.0.1:0";
@@ -23,6 +23,7 @@ const ANY_PORT: &str = "127.0.0.1:0";
 pub(super) struct ViewArgument {
     /// Serve a page that shows the rig to a browser on this computer, and print its address; the simulation then runs by the wall clock
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, require_equals = true, default_missing_value = ANY_PORT)]
+    #[arg(conflicts_with_all = ["tui", "dry_run"])]
     pub(super) view: Option<SocketAddr>,
 }
 

@@ -76,6 +76,7 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
 fn check(arguments: &Arguments) -> Result<(), Failure> {
     let options = [
         ("--tui", arguments.tui),
+        ("--view", arguments.page.view.is_some()),
         ("--fault", !arguments.fault.is_empty()),
         ("--candump", arguments.candump.is_some()),
         ("--pcapng", arguments.pcapng.is_some()),

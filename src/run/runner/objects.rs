@@ -61,7 +61,7 @@ impl<P: Place + ?Sized> Runner<P> {
             if !is_asked {
                 match self.send(|master, now, out| master.networks_mut().ask(now, device, request, out)) {
                     Ok(()) => is_asked = true,
-                    // The other axis of the device has its turn.
+                    // The other axis of the device has its turn, or the boot goes on.
                     Err(ObjectError::Busy) => {}
                     Err(_) => return Err(unread),
                 }

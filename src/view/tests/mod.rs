@@ -19,23 +19,23 @@ use yieldwall_record::CycleRecord;
 use yieldwall_record::recording::{Recorded, Sink};
 
 use crate::server::Limits;
-use crate::{Command, Fixture, Hello, Server, Source, ViewSink, faults, stream};
+use crate::{Command, Description, Fixture, Hello, Server, Source, ViewSink, faults, stream};
 
 /// A test that waits longer than this has failed.
 const TOO_LONG: Duration = Duration::from_secs(30);
 
 fn hello() -> Hello {
-    Hello {
-        program: "yieldwall 0.1.0".into(),
-        command: Command::Sim,
+    Hello { program: "yieldwall 0.1.0".into(), command: Command::Run, tier: None, machine: machine(), faults: faults() }
+}
+
+fn machine() -> Description {
+    Description {
         name: "bench".into(),
         period_s: 0.001,
-        tier: None,
         arm: None,
         surfaces: Vec::new(),
         view_m: [-0.2, 0.0, 0.2, 0.4],
         fixture: Fixture { law: "plastic".into(), yield_force_n: Some(20.0), rows: vec![("R".into(), "20 N".into())] },
-        faults: faults(),
     }
 }
 

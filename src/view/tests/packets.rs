@@ -122,7 +122,7 @@ fn the_first_message_is_as_the_page_expects_it() {
     let message: serde_json::Value = serde_json::from_str(&message).unwrap();
     assert_eq!(
         (&message["kind"], &message["protocol"], &message["command"]),
-        (&"hello".into(), &1.into(), &"sim".into())
+        (&"hello".into(), &1.into(), &"run".into())
     );
     assert_eq!((&message["is_live"], &message["recordings"]), (&true.into(), &serde_json::json!([])));
     assert_eq!(message["fixture"]["rows"], serde_json::json!([["R", "20 N"]]));

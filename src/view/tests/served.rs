@@ -263,7 +263,7 @@ fn a_recording_is_the_packets_of_its_records() {
     let folder = Folder::new();
     let records: Vec<_> = (0..2500).map(record).collect();
     let path = recorded(&folder, Machine::Rig("rig".into()), &records);
-    let file = RecordingFile::open(&path).unwrap();
+    let file = RecordingFile::open(&path, machine()).unwrap();
     assert_eq!((file.records(), file.path()), (2500, path.as_path()));
     let source = Source::Recordings(vec![file.clone(), file]);
     let server = Server::start("127.0.0.1:0".parse().unwrap(), hello(), source).unwrap();
@@ -292,10 +292,10 @@ fn a_recording_is_the_packets_of_its_records() {
 #[test]
 fn recordings_of_one_page_are_of_one_kind_of_machine() {
     let (rig, device) = (Folder::new(), Folder::new());
-    let rig = RecordingFile::open(&recorded(&rig, Machine::Rig("rig".into()), &[record(0)])).unwrap();
+    let rig = RecordingFile::open(&recorded(&rig, Machine::Rig("rig".into()), &[record(0)]), machine()).unwrap();
     let sample = DeviceRecord::default();
     let path = recorded(&device, Machine::Device("device".into()), &[sample]);
-    let device = RecordingFile::open(&path).unwrap();
+    let device = RecordingFile::open(&path, machine()).unwrap();
     let start = |files| Server::start("127.0.0.1:0".parse().unwrap(), hello(), Source::Recordings(files));
     assert!(matches!(start(vec![rig, device.clone()]), Err(StartError::MixedRecordings)));
     assert!(matches!(start(Vec::new()), Err(StartError::NoRecording)));
