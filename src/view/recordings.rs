@@ -49,13 +49,14 @@ impl RecordingFile {
         &self.damage
     }
 
-    /// Its part of the first message.
+    /// Its part of the first message: its name is that of the file, and of the folder that it is in.
     pub(crate) fn message(&self) -> RecordingMessage<'_> {
-        let name = self.path.display().to_string();
+        let parts: Vec<_> = self.path.iter().rev().take(2).map(|part| part.to_string_lossy()).collect();
+        let name = parts.into_iter().rev().collect::<Vec<_>>().join("/");
         RecordingMessage { name, records: self.records, machine: &self.machine }
     }
 
-    /// Returns the path, which is the name that the page shows.
+    /// Returns the path.
     pub fn path(&self) -> &Path {
         &self.path
     }

@@ -25,7 +25,7 @@ impl Shipped {
     fn new(name: &str, profile: &DeviceProfile, bus: Fieldbus) -> Option<Self> {
         let servo = profile.servo().filter(|_| profile.is_for(bus))?;
         let (_, mode, can) = MODES.into_iter().find(|(mode, ..)| servo.process_data.of(*mode).is_some())?;
-        // What no document says of its watches: five periods, and a fault. Without these no drill is passed.
+        // Watches of which no document says more: five periods, and a fault. Without these no drill is passed.
         let text = builtin(format!("profiles/{name}.yaml")).read().expect("a shipped profile");
         let text = text.replace("periods: null", "periods: 5").replace("reaction: unknown", "reaction: fault");
         let file = std::env::temp_dir().join(format!("yieldwall-shipped-{name}-{}.yaml", std::process::id()));

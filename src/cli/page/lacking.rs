@@ -31,11 +31,11 @@ impl Page {
         false
     }
 
-    /// Nothing to watch for.
+    /// No observer.
     pub(crate) fn watch(&mut self) -> Watch {
         Watch::default()
     }
 
-    /// Nobody to hear of the end.
+    /// Does nothing.
     pub(crate) fn end(self, _: &Result<(), Failure>) {}
 }

@@ -18,7 +18,7 @@ use yieldwall_record::recording::{Backpressure, Feed, Producer};
 use yieldwall_run::Watch;
 use yieldwall_view::{Command, Description, Hello, RING, RecordingFile, Server, Source, StartError, faults, stream};
 
-/// How long `view` takes to see Ctrl-C.
+/// Time in which `view` sees Ctrl-C.
 const REST: Duration = Duration::from_millis(50);
 
 /// The page of a run, if one is asked for.

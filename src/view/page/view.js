@@ -34,9 +34,9 @@ const page = {
   time: 0,
   /// Record to go to as soon as it is loaded; null without one.
   wanted: null,
-  /// Which recording is loaded as a whole; null without one.
+  /// Recording that is loaded as a whole; null without one.
   loaded: null,
-  /// Which recording lies over it, and whether its surfaces differ.
+  /// Recording that lies over it, and whether its surfaces differ.
   otherLoaded: -1,
   hasOtherSurfaces: false,
   /// Whether the next packet is the first after a lost connection, and when the last packet came, in ms.

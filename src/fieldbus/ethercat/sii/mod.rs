@@ -101,7 +101,7 @@ impl FmmuUse {
     pub const MAILBOX_STATE: FmmuUse = FmmuUse(3);
 }
 
-/// What a port of a controller is.
+/// Kind of a port of a controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PortUse(pub u8);
 
