@@ -31,6 +31,8 @@ const AT_OUTLINE_MM: f64 = 0.1;
 
 /// Greatest distance of a drawn circle from the true one, in tenths of a millimetre.
 const SAGITTA: f64 = 0.1;
+/// How many times a drawing elsewhere may be enlarged without visible corners.
+const ENLARGED: f64 = 25.0;
 /// Most corners of a drawn circle: reached only when it is a hundred metres wide on paper.
 const MOST_CORNERS: f64 = 20_000.0;
 
@@ -299,7 +301,8 @@ pub(super) fn line(reference: &Reference, moved_m: [f64; 3], axes: &Axes) -> Opt
 /// Lines of surfaces at their place, as [`surface_lines`](super::surface_lines).
 pub(super) fn lines_m(references: &[Reference], window_m: [f64; 4]) -> Vec<SurfaceLine> {
     let [x, y, end_x, end_y] = window_m.map(|value| value * MM_PER_M);
-    let frame = Frame { left: 0.0, top: 0.0, right: page::WIDTH, bottom: page::WIDTH };
+    let edge = ENLARGED * page::WIDTH;
+    let frame = Frame { left: 0.0, top: 0.0, right: edge, bottom: edge };
     let axes = Axes { frame, x: [x, end_x], y: [y, end_y] };
     let in_m = |reference: &Reference| {
         let line = line(reference, [0.0; 3], &axes).filter(|line| !line.is_empty())?;

@@ -14,7 +14,7 @@ const PROTOCOL: u32 = 1;
 /// Lengths are in m in the base frame, forces in N. JSON has no infinite numbers; such a number arrives as `null`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Hello {
-    /// Name and version of the program, such as `yieldwall 0.1.0`.
+    /// Name and version of the program: the words `yieldwall` and 0.1.0.
     pub program: String,
     /// Command that serves the page.
     pub command: Command,

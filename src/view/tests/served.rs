@@ -270,7 +270,11 @@ fn a_recording_is_the_packets_of_its_records() {
     let first = client(&server).read().unwrap();
     let first: serde_json::Value = serde_json::from_str(first.to_text().unwrap()).unwrap();
     assert_eq!(first["is_live"], false);
-    assert_eq!(first["recordings"][1], serde_json::json!({"name": path, "records": 2500}));
+    let second = &first["recordings"][1];
+    assert_eq!((&second["records"], &second["machine"]["name"]), (&2500.into(), &"bench".into()));
+    // The name is that of the file in its folder.
+    let name = second["name"].as_str().unwrap();
+    assert!(path.ends_with(name) && name.split('/').count() == 2, "{name}");
     let mut expected = Vec::new();
     for part in records.chunks(1024) {
         expected.extend([1, 0, 0, 0]);
