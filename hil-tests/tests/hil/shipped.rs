@@ -1,4 +1,5 @@
-//! Each shipped servo profile as a process on a bus: jog, commissioning and a run to its end, by Ctrl-C and by a fault. None leaves torque.
+//! Each shipped servo profile as a process on a bus: jog and a run to its end and by Ctrl-C, on EtherCAT commissioning and a fault too. None
+//! leaves torque.
 
 use serde_json::Value;
 use yieldwall::config::{ProfileName, builtin};
@@ -71,7 +72,6 @@ fn assert_no_torque(what: &str, document: &Value, devices: &Value) {
 /// The table of all profiles for a bus, whose two ends are `near` and `far`.
 pub(super) fn no_command_leaves_torque(bus: Fieldbus, near: &str, far: &str) {
     let mut tried = 0;
-    println!("{:18} {:9} jog, commission, run, Ctrl-C, fault", "profile", "mode");
     for (name, profile) in ProfileName::shipped() {
         let Some(shipped) = Shipped::new(name, profile, bus) else { continue };
         tried += 1;
@@ -85,23 +85,24 @@ pub(super) fn no_command_leaves_torque(bus: Fieldbus, near: &str, far: &str) {
             run.signal("INT");
             run
         };
-        let ends = [
+        let mut ends = vec![
             ("jog", OK, shipped.beside(far, &["--no-hand"], || command(&jog))),
-            ("commission", OK, shipped.beside(far, &["--no-hand"], || command(&commission))),
             ("run", OK, shipped.beside(far, &[], || command(&["run", "--duration", "0.4"]))),
             ("Ctrl-C", INTERRUPTED, shipped.beside(far, &[], interrupted)),
-            (
-                "fault",
-                SAFETY_STOP,
-                shipped.beside(far, &["--fault", "drive-fault@0.5:right"], || command(&["run", "--duration", "3"])),
-            ),
         ];
+        // `sim` breaks devices on EtherCAT alone, and commissioning would take minutes in a kernel that has CAN.
+        if bus == Fieldbus::Ethercat {
+            let fault = ["--fault", "drive-fault@0.5:right"];
+            ends.push(("commission", OK, shipped.beside(far, &["--no-hand"], || command(&commission))));
+            ends.push(("fault", SAFETY_STOP, shipped.beside(far, &fault, || command(&["run", "--duration", "3"]))));
+        }
         for (end, wanted, (code, document, devices)) in &ends {
             let what = format!("{name} {} {end}", shipped.mode);
             assert_eq!(code, wanted, "{what}: {document:#}");
             assert_no_torque(&what, document, devices);
         }
-        println!("{name:18} {:9} no torque after {}", shipped.mode, ends.map(|(end, ..)| end).join(", "));
+        let ends: Vec<_> = ends.iter().map(|(end, ..)| *end).collect();
+        println!("{name:18} {:9} no torque after {}", shipped.mode, ends.join(", "));
     }
     assert!(tried >= 4, "{tried}");
 }
