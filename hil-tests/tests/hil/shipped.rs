@@ -11,8 +11,8 @@ use super::programs::*;
 /// A mode and the shipped rig on CAN that has it.
 const MODES: [(OperationMode, &str, &str); 3] = [
     (OperationMode::CyclicTorque, "torque", "paper-admittance.yaml"),
-    (OperationMode::CyclicVelocity, "velocity", "paper-admittance-csv.yaml"),
     (OperationMode::CyclicPosition, "position", "paper-admittance-csp.yaml"),
+    (OperationMode::CyclicVelocity, "velocity", "paper-admittance-csv.yaml"),
 ];
 
 /// A rig with drives of a profile, in the first mode that this has.
