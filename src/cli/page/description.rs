@@ -3,6 +3,7 @@
 use crate::failure::Failure;
 use yieldwall_config as config;
 use yieldwall_figures::{SurfaceLine, surface_lines};
+use yieldwall_motion::elementary;
 use yieldwall_motion::linkage::{Chain, Geometry, WristSide};
 use yieldwall_record::recording::{About, Machine};
 use yieldwall_record::{Reference, Trace};
@@ -130,7 +131,7 @@ fn of_fixture(fixture: &config::Fixture, trace: &Trace) -> Fixture {
 fn arm_window_m(geometry: &Geometry) -> [f64; 4] {
     let [left, right] = geometry.base_m;
     let [dx, dy] = [right[0] - left[0], right[1] - left[1]];
-    let distance_m = dx.hypot(dy);
+    let distance_m = elementary::hypot(dx, dy);
     let along = if distance_m > 0.0 { [dx / distance_m, dy / distance_m] } else { [1.0, 0.0] };
     let turn = if geometry.wrist == WristSide::Forward { 1.0 } else { -1.0 };
     let across = [-turn * along[1], turn * along[0]];
