@@ -18,7 +18,7 @@ pub(crate) fn view(arguments: &Arguments, _: &mut Output) -> Result<(), Failure>
 
 /// No page.
 #[derive(Default)]
-pub(crate) struct Page;
+pub(crate) struct Page(());
 
 impl Page {
     /// Refuses one.
