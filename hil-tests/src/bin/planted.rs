@@ -209,6 +209,7 @@ fn plant(root: &Path, folder: &Path) -> Result<PathBuf, String> {
     replace(&program, "name = \"yieldwall\"", &format!("name = \"{PROGRAM}\""))?;
     replace(&program, "full = [\"yieldwall-cli/full\"]", "full = []")?;
     replace(&program, "ethercrab = [\"yieldwall-cli/ethercrab\"]", "ethercrab = []")?;
+    replace(&program, "view = [\"yieldwall-cli/view\"]", "view = []")?;
     replace(&program, "yieldwall-cli.workspace", "yieldwall-soak.workspace")?;
     // And of another version: cargo takes packages of one name and version in one folder of built files for the same, wherever
     // their sources lie, and would not build the program itself anew afterwards.
