@@ -31,7 +31,7 @@ const AT_OUTLINE_MM: f64 = 0.1;
 
 /// Greatest distance of a drawn circle from the true one, in tenths of a millimetre.
 const SAGITTA: f64 = 0.1;
-/// How many times a drawing elsewhere may be enlarged without visible corners.
+/// Enlargement of a drawing elsewhere up to which its circles show no corners.
 const ENLARGED: f64 = 25.0;
 /// Most corners of a drawn circle: reached only when it is a hundred metres wide on paper.
 const MOST_CORNERS: f64 = 20_000.0;
