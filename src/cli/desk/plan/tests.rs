@@ -36,7 +36,7 @@ impl CanLink for Reading {
     }
 }
 
-/// What a shipped rig would be told, by reading alone.
+/// The plan of a shipped rig, made by reading alone.
 fn planned(rig: &Loaded<Rig>) -> Vec<Line> {
     let plan = master(&rig.value, &rig.value.fixture).unwrap().networks().plan().unwrap();
     let scene = rig.scene().unwrap().value;
