@@ -17,6 +17,7 @@ use yieldwall::canopen::{BusId, Frame, cob};
 use yieldwall::config::{self, Source};
 use yieldwall::elementary;
 use yieldwall::guard::{Device, DeviceSet, Fault, State};
+use yieldwall::link::CanLink;
 use yieldwall::record::Row;
 use yieldwall::rig::{self, DeviceServer, SegmentServer};
 use yieldwall::run::bringup;
@@ -328,6 +329,25 @@ fn a_sensor_that_dies_stops_the_rig_along_its_ramp() {
     cable.set_passage(|_, is_master, frame| is_master || !matches!(frame.id(), 0x18a | 0x28a | 0x70a));
     assert!(until_latched(&mut rig, 2000).is_some());
     assert_at_rest(&cable, &mut rig, State::Stopped);
+}
+
+#[test]
+fn a_drive_that_does_not_answer_is_given_up_wherever_the_clock_of_lockstep_stands() {
+    // The cycles' clock is 20 s ahead of the cable's clock, or behind it.
+    for (cycles, passes) in [(20_000, Duration::ZERO), (300, Duration::from_secs(20))] {
+        let (cable, mut rig) = wired(&Scenario::torque(), Pace::Lockstep);
+        rig.boot().unwrap();
+        for _ in 0..cycles {
+            rig.run_cycle(Ask::Nothing);
+        }
+        cable.pass(passes);
+        let from = cable.now();
+        cable.set_passage(|_, is_master, frame| is_master || frame.id() != 0x581);
+        let read = rig.read(Device::LeftDrive, 0x1018, 1);
+        assert_eq!(read, Err(RunError::Unread { which: drive(1), index: 0x1018, sub: 1 }));
+        let waited = cable.now().since(from);
+        assert!(waited >= Duration::from_millis(900) && waited < Duration::from_secs(8), "{waited:?}");
+    }
 }
 
 #[test]

@@ -74,7 +74,10 @@ impl<P: Place + ?Sized> Runner<P> {
                 let sent =
                     self.send(|master, now, out| master.networks_mut().repeat_heartbeat(now, out).unwrap_or(now));
                 let next = self.master.networks().next_deadline().min(sent + self.between_heartbeats());
-                self.wait_until(self.started + next.since(Time(0)));
+                // The master's clock in lockstep is not the place's clock. A moment in the place's past would be no wait, and this loop would
+                // take the processor from devices that share it.
+                let wait = next.since(self.now());
+                self.wait_until((self.place.now() + wait).min(until));
                 self.drain();
                 self.send(|master, now, out| master.networks_mut().poll(now, out));
             }
