@@ -134,6 +134,20 @@ impl Running {
         (code, serde_json::from_str(&out).unwrap_or_else(|problem| panic!("{problem}: {out}\n{error}")))
     }
 
+    /// Reads the events of a program with `--jsonl` up to an event of this name, or to the end of the program.
+    pub(super) fn until_event(&mut self, name: &str) {
+        let event = format!("\"event\":\"{name}\"");
+        let lines = BufReader::with_capacity(1, self.stdout()).lines();
+        let _ = lines.map(|line| line.expect("text")).find(|line| line.contains(&event));
+    }
+
+    /// Waits for the end of a program with `--jsonl`; exit code, and the document in the last line.
+    pub(super) fn last_line(self) -> (i32, Value) {
+        let (code, out, error) = self.end();
+        let last = out.lines().last().unwrap_or_default();
+        (code, serde_json::from_str(last).unwrap_or_else(|problem| panic!("{problem}: {out}\n{error}")))
+    }
+
     /// Ends simulated devices by Ctrl-C; what they say.
     pub(super) fn interrupted(self) -> String {
         self.signal("INT");

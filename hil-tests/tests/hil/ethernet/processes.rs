@@ -12,6 +12,7 @@ use super::super::programs::*;
 use super::super::shipped::no_command_leaves_torque;
 use super::rigs::{NEAR, PERIOD_US, Slow};
 use super::served::FAR;
+use yieldwall_drives::cia402::OperationMode;
 use yieldwall_drives::profiles::Fieldbus;
 
 /// Five cycles, and a tick of 100 us by which the watchdog is coarser.
@@ -75,8 +76,20 @@ fn a_joint_of_another_process_is_moved_by_an_angle() {
 
 #[test]
 #[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
-fn no_command_leaves_torque_on_a_segment() {
-    no_command_leaves_torque(Fieldbus::Ethercat, NEAR, &format!("main={FAR}"));
+fn no_command_leaves_torque_on_a_segment_in_torque_mode() {
+    no_command_leaves_torque(Fieldbus::Ethercat, OperationMode::CyclicTorque, NEAR, &format!("main={FAR}"));
+}
+
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn no_command_leaves_torque_on_a_segment_in_velocity_mode() {
+    no_command_leaves_torque(Fieldbus::Ethercat, OperationMode::CyclicVelocity, NEAR, &format!("main={FAR}"));
+}
+
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn no_command_leaves_torque_on_a_segment_in_position_mode() {
+    no_command_leaves_torque(Fieldbus::Ethercat, OperationMode::CyclicPosition, NEAR, &format!("main={FAR}"));
 }
 
 /// In lockstep: what the simulated machine of another process is made of is identified, and gains are proposed.
