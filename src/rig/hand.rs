@@ -30,6 +30,7 @@ pub(super) fn hand<const N: usize>(scene: &config::Scene, seed: u64) -> Result<H
                 },
             },
             config::PathSegment::Wait { for_s } => Leg::Wait { for_s: for_s.get() },
+            config::PathSegment::LetGo { for_s } => Leg::LetGo { for_s: for_s.get() },
         });
     }
     let path = Path::new(fixed(&hand.start_m, "the start")?, &legs)?;

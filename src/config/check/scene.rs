@@ -205,7 +205,7 @@ fn legs(scene: &Scene) -> Vec<Leg> {
                     in_s: **in_s,
                 }
             }),
-            PathSegment::Wait { .. } => continue,
+            PathSegment::Wait { .. } | PathSegment::LetGo { .. } => continue,
         };
         let Some(leg) = leg else { break };
         here = leg.end_m;
@@ -266,7 +266,7 @@ fn check_dimension(findings: &mut Findings, scene: &Scene) {
         let (name, point) = match segment {
             PathSegment::To { point_m, .. } => ("to.point_m", point_m),
             PathSegment::Arc { center_m, .. } => ("arc.center_m", center_m),
-            PathSegment::Wait { .. } => continue,
+            PathSegment::Wait { .. } | PathSegment::LetGo { .. } => continue,
         };
         if point.len() != dimension {
             let key = format!("hand.path[{index}].{name}");

@@ -248,6 +248,12 @@ pub enum PathSegment {
         #[garde(dive)]
         for_s: Positive,
     },
+    /// Let go of the tool, and take it again at the end where the path has come to. The mass of the hand stays at the tool.
+    LetGo {
+        /// Duration, s. Above 0.
+        #[garde(dive)]
+        for_s: Positive,
+    },
 }
 
 /// How the speed runs along an arc.
@@ -265,7 +271,7 @@ impl PathSegment {
     pub fn duration_s(&self) -> f64 {
         match self {
             Self::To { in_s, .. } | Self::Arc { in_s, .. } => **in_s,
-            Self::Wait { for_s } => **for_s,
+            Self::Wait { for_s } | Self::LetGo { for_s } => **for_s,
         }
     }
 }

@@ -126,6 +126,8 @@ impl<const N: usize> Default for HandLoad<N> {
 pub struct Hand<const N: usize> {
     parameters: HandParameters,
     path: Path<N>,
+    /// Point that a person aims at in place of the path, and the time of it in s.
+    aim: Option<(f64, PathPoint<N>)>,
     tremor: Option<Noise<N>>,
     aim_error: Option<Noise<N>>,
 }
@@ -153,7 +155,7 @@ impl<const N: usize> Hand<N> {
         let tremor = tremor.map(|tremor| Noise::in_band(tremor, seed)).transpose()?;
         let stream = seed.wrapping_add(AIM_STREAM);
         let aim_error = aim_error.map(|error| Noise::below(error.rms_m, error.corner_hz, stream)).transpose()?;
-        Ok(Self { parameters, path, tremor, aim_error })
+        Ok(Self { parameters, path, aim: None, tremor, aim_error })
     }
 
     /// The parameters it was made with.
@@ -176,9 +178,25 @@ impl<const N: usize> Hand<N> {
         Ok(())
     }
 
+    /// Leaves the path: from now on the hand aims at a point that is at `aim` at `time_s` and keeps its velocity.
+    pub fn aim_at(&mut self, time_s: f64, aim: PathPoint<N>) {
+        self.aim = Some((time_s, aim));
+    }
+
+    /// Whether the path has let go of the handle at the time of the last target.
+    #[inline]
+    fn is_gone(&self) -> bool {
+        self.aim.is_none() && !self.path.holds()
+    }
+
     /// Where the hand aims at `time_s`.
     pub fn target(&mut self, time_s: f64) -> PathPoint<N> {
-        let mut target = self.path.at(time_s);
+        let mut target = match self.aim {
+            Some((from_s, aim)) => {
+                PathPoint { position_m: aim.position_m + aim.velocity_m_per_s * (time_s - from_s), ..aim }
+            }
+            None => self.path.at(time_s),
+        };
         if let Some(error) = &mut self.aim_error {
             let share = (time_s / AIM_ERROR_RISE_S).clamp(0.0, 1.0);
             target.position_m += error.value(time_s) * share;
@@ -193,6 +211,9 @@ impl<const N: usize> Hand<N> {
     #[inline]
     pub fn load(&mut self, time_s: f64, handle_m: SVector<f64, N>) -> HandLoad<N> {
         let target = self.target(time_s);
+        if self.is_gone() {
+            return HandLoad::default();
+        }
         let HandParameters { stiffness_n_per_m, damping_n_s_per_m, voluntary_force_limit_n: limit, .. } =
             self.parameters;
         let pull = (target.position_m - handle_m) * stiffness_n_per_m;
@@ -217,6 +238,9 @@ impl<const N: usize> Hand<N> {
         acceleration_m_per_s2: SVector<f64, N>,
     ) -> SVector<f64, N> {
         let load = self.load(time_s, handle_m);
+        if self.is_gone() {
+            return load.force_n;
+        }
         load.force_n - velocity_m_per_s * load.damping_n_s_per_m - acceleration_m_per_s2 * self.parameters.mass_kg
     }
 }
@@ -265,6 +289,21 @@ mod tests {
         assert!((load.force_n.x * -0.4 - load.force_n.y * -0.3).abs() < 1e-12);
         assert_eq!(load.stiffness_n_per_m, 0.0);
         assert_eq!(hand.load(0.0, Vector2::new(0.15, 0.0)).stiffness_n_per_m, 400.0);
+    }
+
+    #[test]
+    fn a_hand_that_lets_go_does_nothing_to_the_handle_and_takes_it_again() {
+        let here = Vector2::new(0.1, 0.0);
+        let legs = [Leg::Wait { for_s: 1.0 }, Leg::LetGo { for_s: 1.0 }, Leg::Wait { for_s: 1.0 }];
+        let mut hand = Hand::new(parameters(), Path::new(here, &legs).unwrap(), 1).unwrap();
+        let mut force = |time_s| {
+            hand.force_on_tool(time_s, Vector2::new(0.0, 0.0), Vector2::new(0.1, 0.0), Vector2::new(1.0, 0.0)).x
+        };
+        let held_n = 400.0 * 0.1 - 8.0 * 0.1 - 0.5;
+        assert_eq!([0.5, 1.5, 2.5, 1.5].map(&mut force), [held_n, 0.0, held_n, 0.0]);
+        hand.aim_at(1.5, PathPoint { position_m: here, velocity_m_per_s: Vector2::new(0.2, 0.0) });
+        // The aim goes on with its velocity, whatever the path says.
+        assert!((hand.load(1.6, here).force_n.x - (400.0 * 0.02 + 8.0 * 0.2)).abs() < 1e-9);
     }
 
     #[test]

@@ -47,6 +47,11 @@ pub enum Leg<const N: usize> {
         /// How long, in s.
         for_s: f64,
     },
+    /// Rest, without a hand on the handle. The mass of the hand stays at it.
+    LetGo {
+        /// How long, in s.
+        for_s: f64,
+    },
 }
 
 /// Position and velocity of a target.
@@ -85,6 +90,7 @@ enum Shape<const N: usize> {
     Line { by_m: SVector<f64, N> },
     Arc { center_m: [f64; 2], by_rad: f64, speed: Speed },
     Rest,
+    LetGo,
 }
 
 impl<const N: usize> Path<N> {
@@ -130,6 +136,14 @@ impl<const N: usize> Path<N> {
     }
 }
 
+impl<const N: usize> Path<N> {
+    /// Whether the hand holds the handle at the time of the last call of [`Path::at`].
+    #[inline]
+    pub fn holds(&self) -> bool {
+        self.pieces.get(self.current).is_none_or(|piece| !matches!(piece.shape, Shape::LetGo))
+    }
+}
+
 fn checked_shape<const N: usize>(
     leg: usize,
     given: &Leg<N>,
@@ -154,6 +168,7 @@ fn checked_shape<const N: usize>(
             (Shape::Arc { center_m, by_rad, speed }, in_s)
         }
         Leg::Wait { for_s } => (Shape::Rest, for_s),
+        Leg::LetGo { for_s } => (Shape::LetGo, for_s),
     };
     if in_s.is_finite() && in_s > 0.0 { Ok((shape, in_s)) } else { Err(HandError::BadDuration { leg, in_s }) }
 }
@@ -171,7 +186,7 @@ impl<const N: usize> Piece<N> {
     fn at(&self, since_s: f64) -> PathPoint<N> {
         let share = (since_s / self.in_s).clamp(0.0, 1.0);
         match self.shape {
-            Shape::Rest => PathPoint { position_m: self.from_m, velocity_m_per_s: SVector::zeros() },
+            Shape::Rest | Shape::LetGo => PathPoint { position_m: self.from_m, velocity_m_per_s: SVector::zeros() },
             Shape::Line { by_m } => {
                 let (done, rate) = minimum_jerk(share);
                 PathPoint { position_m: self.from_m + by_m * done, velocity_m_per_s: by_m * (rate / self.in_s) }
