@@ -17,8 +17,8 @@ use super::output::Output;
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
 use super::replace::Replace;
-use super::run::check_duration;
-use yieldwall_figures::{Options, comparison};
+use super::run::{check_duration, with_files};
+use yieldwall_figures::{MOST_MOVING, Options, animation, comparison};
 use yieldwall_record::Trace;
 use yieldwall_rig::report::Overrides;
 
@@ -31,6 +31,9 @@ pub(super) struct Arguments {
     /// Draw the ways, forces and distances over one another into this file, an .svg or a .png; folders on the way are made
     #[arg(long, value_name = "PATH")]
     figure: Option<PathBuf>,
+    /// Draw the tools beside each other into this file, an .svg that moves by itself; up to three items
+    #[arg(long, value_name = "FILE.svg")]
+    animation: Option<PathBuf>,
     #[command(flatten)]
     replace: Replace,
     /// Seconds to run, in place of each scene's duration; recordings are taken as they are
@@ -46,6 +49,18 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     if let Some(path) = &arguments.figure {
         check_picture(path, arguments.replace)?;
     }
+    if let Some(path) = &arguments.animation {
+        check_picture(path, arguments.replace)?;
+        if path.extension().is_none_or(|ending| ending != "svg") {
+            let message = format!("--animation {}: a picture that moves is an .svg", path.display());
+            return Err(Failure::new(Exit::Usage, message, "end the name in .svg"));
+        }
+        if arguments.items.len() > MOST_MOVING {
+            let message =
+                format!("--animation is for up to {MOST_MOVING} items, and {} are named", arguments.items.len());
+            return Err(Failure::new(Exit::Usage, message, "name fewer, or draw them with --figure"));
+        }
+    }
     let overrides = Overrides { duration_s: arguments.duration, seed: arguments.seed, ..Overrides::default() };
     let is_interrupted = on_interrupt()?;
     let progress = Progress::new(output);
@@ -57,19 +72,30 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let table = measures_table(&items);
     let documents: Vec<_> = items.iter().map(|item| item.document.clone()).collect();
     let differences = differences(&documents);
+    let names: Vec<String> = items.iter().map(Item::short_name).collect();
+    let runs: Vec<(&str, &Trace)> =
+        names.iter().map(String::as_str).zip(items.iter().map(|item| &item.trace)).collect();
     let drawn = arguments.figure.as_deref().map_or(Ok(()), |path| {
-        let names: Vec<String> = items.iter().map(Item::short_name).collect();
-        let runs: Vec<(&str, &Trace)> =
-            names.iter().map(String::as_str).zip(items.iter().map(|item| &item.trace)).collect();
         let drawing = comparison(&runs, &Options::default()).map_err(|error| drawing_failure(&error))?;
         write_drawing(&drawing, path)
     });
+    let moved = arguments.animation.as_deref().map_or(Ok(()), |path| {
+        // Letters are for items of one name.
+        let titles: Vec<&str> = runs.iter().map(|(_, trace)| trace.title.as_str()).collect();
+        let are_titles_distinct = titles.iter().enumerate().all(|(at, title)| !titles[..at].contains(title));
+        let named =
+            runs.iter().map(|(name, trace)| (if are_titles_distinct { trace.title.as_str() } else { name }, *trace));
+        let picture = animation(&named.collect::<Vec<_>>()).map_err(|error| drawing_failure(&error))?;
+        arguments.replace.write(path, picture.as_bytes())
+    });
+    let drawn = with_files(drawn, [moved, Ok(())]);
     if output.is_json() {
         let figure = arguments.figure.as_ref().filter(|_| drawn.is_ok());
         let document = json!({
             "items": items.iter().map(Item::to_json).collect::<Vec<_>>(),
             "differences": differences.iter().map(|one| json!({ "key": one.key, "values": one.values })).collect::<Vec<_>>(),
             "figure": figure,
+            "animation": arguments.animation.as_ref().filter(|_| drawn.is_ok()),
         });
         return output.end(document, drawn);
     }
@@ -85,8 +111,9 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         differences.iter().for_each(|one| table.push(one.cells()));
         lines.extend(table.lines());
     }
-    if let (Some(path), Ok(())) = (&arguments.figure, &drawn) {
-        lines.push(format!("\nfigure    {}", path.display()));
+    let pictures = [("figure   ", &arguments.figure), ("animation", &arguments.animation)];
+    for (name, path) in pictures.into_iter().filter(|_| drawn.is_ok()) {
+        lines.extend(path.as_ref().map(|path| format!("\n{name} {}", path.display())));
     }
     output.news(&lines.join("\n"))?;
     drawn
@@ -192,11 +219,28 @@ mod tests {
     }
 
     #[test]
+    fn a_picture_that_moves_says_what_wall_and_spring_do_after_the_hand() {
+        let folder = Folder::new("moving");
+        let (recording, picture) = (folder.at("spring"), folder.at("push.svg"));
+        assert_eq!(exit(&format!("yieldwall -q run builtin:play-spring.yaml --record {recording}")), Exit::Ok);
+        let line = format!("yieldwall -q compare builtin:play.yaml {recording} --animation {picture}");
+        assert_eq!((exit(&line), exit(&format!("{line} --force"))), (Exit::Ok, Exit::Ok));
+        let svg = std::fs::read_to_string(picture).unwrap();
+        let moved = svg.split("lets go: the tool moves ").skip(1).map(|rest| rest.split_once(" mm").unwrap().0);
+        let moved_mm: Vec<f64> = moved.map(|text| text.parse().unwrap()).collect();
+        assert_eq!(moved_mm.len(), 2);
+        assert!(moved_mm[0] < 0.2 && moved_mm[1] > 10.0, "{moved_mm:?}");
+        assert_eq!((svg.matches("attributeName=\"cx\"").count(), svg.contains("NaN")), (4, false));
+    }
+
+    #[test]
     fn what_cannot_be_compared_is_refused() {
         for (line, expected) in [
             (format!("compare {RIG}"), Exit::Usage),
             (format!("compare {RIG} {RIG} --duration -1"), Exit::Usage),
             (format!("compare {RIG} {RIG} --figure x.txt"), Exit::Usage),
+            (format!("compare {RIG} {RIG} --animation x.png"), Exit::Usage),
+            (format!("compare {RIG} {RIG} {RIG} {RIG} --animation x.svg"), Exit::Usage),
             (format!("compare {RIG} builtin:scenes/room-walk.yaml --duration 0.1"), Exit::ConfigInvalid),
             (format!("compare {RIG} absent.mcap --duration 0.1"), Exit::ConfigInvalid),
             (format!("compare {RIG} absent.yaml --duration 0.1"), Exit::ConfigInvalid),

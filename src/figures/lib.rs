@@ -6,6 +6,7 @@
 //! Long traces are thinned for drawing only, without visible loss: way curves leave out corners that would move the
 //! line by less than 0.04 mm on paper, time curves keep the first, lowest, highest and last value of every 0.05 mm.
 
+mod animation;
 mod axes;
 pub mod chart;
 mod comparison;
@@ -22,6 +23,7 @@ mod trajectory;
 #[cfg(test)]
 mod tests;
 
+pub use animation::{MOST_MOVING, animation};
 pub use comparison::comparison;
 pub use error::Error;
 pub use history::hold_comparison;
