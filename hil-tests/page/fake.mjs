@@ -8,7 +8,7 @@ import { extname, join } from "node:path";
 export const TOKEN = "0123456789abcdef0123456789abcdef";
 const PAGE = new URL("../../src/view/page/", import.meta.url).pathname;
 const TYPES = { ".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml" };
-const FILES = ["/index.html", "/view.js", "/records.js", "/pen.js", "/scene.js", "/charts.js", "/view.css", "/uplot.js", "/uplot.css", "/favicon.svg"];
+const FILES = ["/index.html", "/view.js", "/records.js", "/pen.js", "/scene.js", "/charts.js", "/play.js", "/view.css", "/uplot.js", "/uplot.css", "/favicon.svg"];
 const HEADERS = {
   "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
   "X-Content-Type-Options": "nosniff",
@@ -113,6 +113,117 @@ function take(source, count) {
   return Array.from({ length: count }, () => source.next().value);
 }
 
+const LAWS = [["plastic", "plastic wall"], ["elastic", "spring"], ["viscous", "viscous"], ["free", "none"]].map(([key, name]) => ({ key, name }));
+const SETTINGS = [
+  { key: "yield_n", name: "yield force R", unit: "N", least: 4, most: 60, step: 0.5, value: 20 },
+  { key: "friction_n", name: "friction F", unit: "N", least: 0, most: 20, step: 0.5, value: 5 },
+  { key: "mass_kg", name: "virtual mass M", unit: "kg", least: 0.5, most: 10, step: 0.1, value: 2 },
+  { key: "hold_steps", name: "hold N_wait", unit: "cycles", least: 0, most: 200, step: 1, value: 0 },
+  { key: "hand_stiffness_n_per_m", name: "stiffness of the hand", unit: "N/m", least: 50, most: 2000, step: 10, value: 400 },
+];
+const PLAY_WALL = 0.06, SPRING = 1500, DAMPING = 40;
+
+/// A rig that takes orders: a mass against the wall y = PLAY_WALL, whose forbidden side lies above.
+class PlayedRig {
+  constructor() {
+    this.values = Object.fromEntries(SETTINGS.map(({ key, value }) => [key, value]));
+    this.law = "plastic";
+    this.position = [0, 0];
+    this.aim = null;
+    this.orders = [];
+    this.boot();
+  }
+
+  /// Begins a new run with the tool at its place.
+  boot() {
+    Object.assign(this, { index: 0, velocity: [0, 0], state: STATE.enabling, cause: -1, smooth: this.aim && [...this.aim], wasOn: false });
+  }
+
+  get settings() { return SETTINGS.map((setting) => ({ ...setting, value: this.values[setting.key] })); }
+
+  /// Takes an order; returns what to send: a new first message, a notice.
+  take(order) {
+    this.orders.push(order);
+    if (order === "let_go") this.aim = null;
+    else if (order === "stop") this.state = STATE.stopped;
+    else if (order === "reset") [this.state, this.cause] = [STATE.idle, -1];
+    else if (order === "enable") this.state = STATE.enabling;
+    else if (order.hold) {
+      this.aim = order.hold;
+      this.smooth ??= [...this.position];
+    } else if (order.fault) [this.state, this.cause] = [STATE.stopped, 2];
+    else if (order.law) {
+      this.law = order.law;
+      this.boot();
+      return { hello: true };
+    } else if (order.set) {
+      const { key, value } = order.set, wanted = { ...this.values, [key]: value };
+      if (wanted.friction_n >= wanted.yield_n) return { hello: true, notice: `friction F (${wanted.friction_n} N) must be below the yield force R (${wanted.yield_n} N)` };
+      this.values = wanted;
+      if (key !== "hand_stiffness_n_per_m") this.boot();
+      return { hello: true };
+    } else throw new Error("an order that nobody knows");
+    if (!this.aim) this.smooth = null;
+    return {};
+  }
+
+  next() {
+    const { values, position, velocity } = this, { yield_n: most, friction_n: friction, mass_kg: mass, hand_stiffness_n_per_m: stiffness } = values, T = 0.001;
+    if (this.state === STATE.enabling && this.index > 50) this.state = STATE.running;
+    if (this.smooth && this.aim) this.smooth = this.smooth.map((value, k) => value + (this.aim[k] - value) * 0.05);
+    const force = this.smooth ? this.smooth.map((value, k) => stiffness * (value - position[k])) : [0, 0];
+    let isOn = false;
+    if (this.state !== STATE.running) velocity.fill(0);
+    else {
+      const depth = position[1] - PLAY_WALL;
+      const push = [...force];
+      if (this.law === "elastic" && depth > 0) push[1] -= SPRING * depth + DAMPING * velocity[1];
+      if (this.law === "viscous" && depth > 0) push[1] -= 200 * velocity[1];
+      const free = velocity.map((value, k) => value + (push[k] * T) / mass), speed = Math.hypot(...free), slow = (friction * T) / mass;
+      const moving = speed > slow ? free.map((value) => value * (1 - slow / speed)) : [0, 0];
+      // The hand's own damping.
+      if (this.smooth) moving.forEach((value, k) => { moving[k] = value * (1 - (12 * T) / mass); });
+      let next = position[1] + moving[1] * T;
+      const stands = this.law === "plastic" && depth <= 1e-9 && next > PLAY_WALL - 1e-9;
+      if (stands && force[1] <= most) [next, moving[1], isOn] = [PLAY_WALL, 0, true];
+      else if (this.law === "plastic" && moving[1] > 0 && next > PLAY_WALL) {
+        // Beyond the wall every way further in costs R.
+        moving[1] = Math.max(0, velocity[1] + ((force[1] - most) * T) / mass);
+        next = Math.max(position[1], PLAY_WALL - 1e-9) + moving[1] * T;
+      }
+      this.velocity = moving;
+      this.position = [position[0] + moving[0] * T, next];
+      // The edge of the workspace stops the tool.
+      this.position.forEach((value, k) => {
+        if (Math.abs(value) <= 0.15) return;
+        this.position[k] = 0.15 * Math.sign(value);
+        moving[k] = 0;
+      });
+    }
+    const time = this.index * T, isImpact = isOn && !this.wasOn, tool = this.position;
+    this.wasOn = isOn;
+    this.index += 1;
+    return {
+      index: this.index - 1, sync_ns: Math.round(time * 1e9), scene_time_s: time, force_x_n: force[0], force_y_n: force[1],
+      tool_x_m: tool[0], tool_y_m: tool[1], proxy_x_m: tool[0], proxy_y_m: tool[1], surface_x_m: 0, surface_y_m: 0, signed_distance_m: PLAY_WALL - tool[1],
+      target_left_rad: angle(tool, 0), target_right_rad: angle(tool, 1), measured_left_rad: angle(tool, 0), measured_right_rad: angle(tool, 1),
+      sync_woke_ns: 1500, woke_ns: 1800, stepped_ns: 11000, sent_ns: 23000, hold_counter: 0,
+      state: this.state, left_state: 4, right_state: 4, motion: this.state === STATE.running ? 1 : 0,
+      has_cause: this.cause >= 0 ? 1 : 0, cause: Math.max(0, this.cause), cause_devices: this.cause >= 0 ? 4 : 0,
+      is_on_surface: isOn ? 1 : 0, is_impact: isImpact ? 1 : 0, is_saturated: 0,
+    };
+  }
+
+  hello() {
+    const whole = machine(0), isPlastic = this.law === "plastic";
+    return {
+      ...whole, name: "play", surfaces: [{ points_m: [[-0.3, PLAY_WALL], [0.3, PLAY_WALL]], is_closed: false, forbidden: "left" }],
+      fixture: { law: this.law, yield_force_n: isPlastic ? this.values.yield_n : null, rows: this.settings.map(({ name, value, unit }) => [name, `${value} ${unit}`]) },
+      command: "play", play: { settings: this.settings, laws: LAWS, law: this.law, faults: Object.entries(FAULTS).map(([name, { meaning }]) => ({ name, meaning })) },
+    };
+  }
+}
+
 /// What the page shows of a rig: the second one differs by its name, its yield force and its guide.
 function machine(k) {
   const yield_n = [YIELD, OTHER_YIELD][k];
@@ -126,8 +237,8 @@ function machine(k) {
 }
 
 /// Starts the server. `recorded` is the number of records of the first recording; without it the rig is live. The second
-/// recording is half as long, the third is empty.
-export async function serve(packages, { recorded = 0, csv = null } = {}) {
+/// recording is half as long, the third is empty. `isPlayed` makes a rig that takes orders.
+export async function serve(packages, { recorded = 0, csv = null, isPlayed = false } = {}) {
   const { WebSocketServer } = createRequire(join(packages, "package.json"))("ws");
   const recordings = recorded > 0 ? [[1, recorded], [77, recorded >> 1], [1, 0]].map(([seed, count]) => take(rig(seed), count)) : [];
   if (recordings[1]) for (const record of recordings[1]) for (const name of ["tool_x_m", "proxy_x_m"]) record[name] = record[name] * 0.9 - 0.004;
@@ -140,6 +251,7 @@ export async function serve(packages, { recorded = 0, csv = null } = {}) {
     kind: "hello", protocol: 1, program: "yieldwall 0.1.0", command: recorded ? "view" : "sim", is_live: recorded === 0, tier: null,
     record: { bytes: STRIDE, fields: FIELDS },
     ...machine(0),
+    play: null,
     faults: FAULTS,
     recordings: recordings.map((records, k) => ({ name: `cycles-${k}.mcap`, records: records.length, machine: machine(k === 1 ? 1 : 0) })),
   };
@@ -160,15 +272,31 @@ export async function serve(packages, { recorded = 0, csv = null } = {}) {
   server.on("upgrade", (request, socket, head) => {
     if (!(request.headers["sec-websocket-protocol"] ?? "").includes(`token.${TOKEN}`)) return socket.end("HTTP/1.1 401 Unauthorized\r\n\r\n");
     return sockets.handleUpgrade(request, socket, head, (client) => {
-      client.send(JSON.stringify(hello));
+      const greet = (to) => to.send(JSON.stringify({ ...hello, ...played?.hello() }));
+      greet(client);
+      client.on("message", (data, isBinary) => {
+        try {
+          if (!played || isBinary) throw new Error("no orders here");
+          const answer = played.take(JSON.parse(data));
+          for (const other of sockets.clients) {
+            if (answer.notice) other.send(JSON.stringify({ kind: "notice", message: answer.notice }));
+            if (answer.hello) greet(other);
+          }
+          if (answer.hello) [begin, sent] = [Date.now(), 0];
+        } catch {
+          client.close(1003);
+        }
+      });
+      client.on("close", () => played?.take("let_go"));
       if (recorded > 0) return;
       const status = setInterval(() => client.send(JSON.stringify({ kind: "status", buses: [{ name: "can0", load_percent: 61.4 }], clients: 1, refused: 0, lost: 0 })), 1000);
       client.on("close", () => clearInterval(status));
     });
   });
   // The rig runs on without a client, as a real one does.
-  const source = rig(1), begin = Date.now();
-  let sent = 0;
+  const played = isPlayed ? new PlayedRig() : null;
+  const source = played ? { next: () => ({ value: played.next() }) } : rig(1);
+  let begin = Date.now(), sent = 0;
   const timer = recorded > 0 ? null : setInterval(() => {
     for (const due = Date.now() - begin; sent + 16 <= due; sent += 16) {
       const bytes = packet(take(source, 16));
@@ -177,5 +305,5 @@ export async function serve(packages, { recorded = 0, csv = null } = {}) {
   }, 4);
   const drop = () => { for (const client of sockets.clients) client.terminate(); };
   await new Promise((done) => server.listen(0, "127.0.0.1", done));
-  return { address: `http://127.0.0.1:${server.address().port}/#${TOKEN}`, recordings, drop, close: () => { clearInterval(timer); drop(); server.closeAllConnections(); server.close(); } };
+  return { address: `http://127.0.0.1:${server.address().port}/#${TOKEN}`, recordings, played, drop, close: () => { clearInterval(timer); drop(); server.closeAllConnections(); server.close(); } };
 }

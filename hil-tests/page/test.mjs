@@ -1,5 +1,5 @@
 // The page in a real browser. Usage:
-//   node test.mjs --packages FOLDER --browser PATH [--live ADDRESS] [--recording ADDRESS --csv cycles.csv] [--shots FOLDER]
+//   node test.mjs --packages FOLDER --browser PATH [--live ADDRESS] [--recording ADDRESS --csv cycles.csv] [--play ADDRESS] [--shots FOLDER]
 // An address is the line that a command prints, with the part after #. Without one a small fake of the program serves.
 
 import { createReadStream, mkdirSync, mkdtempSync, readFileSync } from "node:fs";
@@ -11,14 +11,16 @@ import { parseArgs } from "node:util";
 import { before, after, test } from "node:test";
 import assert from "node:assert/strict";
 
-const { values: given } = parseArgs({ options: Object.fromEntries(["packages", "browser", "live", "recording", "csv", "shots"].map((name) => [name, { type: "string", default: process.env[`PAGE_${name.toUpperCase()}`] }])) });
+const { values: given } = parseArgs({ options: Object.fromEntries(["packages", "browser", "live", "recording", "csv", "play", "shots"].map((name) => [name, { type: "string", default: process.env[`PAGE_${name.toUpperCase()}`] }])) });
 const packages = resolve(given.packages);
 const load = createRequire(join(packages, "package.json"));
 const { chromium } = load("playwright-core");
 const axe = readFileSync(load.resolve("axe-core/axe.min.js"), "utf8");
 
-let browser, live, recording, csv = given.csv;
+let browser, live, recording, play, csv = given.csv;
 const fakes = [], errors = [];
+/// The fake of a program that takes orders; null with a real one.
+let played = null;
 
 before(async () => {
   if (!given.live || !given.recording) {
@@ -29,17 +31,25 @@ before(async () => {
   }
   live = given.live ?? fakes[0].address;
   recording = given.recording ?? fakes.at(-1).address;
+  play = given.play;
+  if (!play) {
+    const { serve } = await import("./fake.mjs");
+    played = await serve(packages, { isPlayed: true });
+    play = played.address;
+  }
   browser = await chromium.launch({ executablePath: given.browser, args: ["--no-sandbox"] });
 });
 
 after(async () => {
   await browser?.close();
   for (const fake of fakes) fake.close();
+  played?.close();
 });
 
 async function opened(address, options = {}) {
   const context = await browser.newContext({ viewport: { width: 1280, height: 900 }, ...options });
   const page = await context.newPage();
+  page.setDefaultTimeout(15000);
   page.on("pageerror", (error) => errors.push(`${error}`));
   page.on("console", (line) => { if (line.type() === "error") errors.push(line.text()); });
   await page.goto(address);
@@ -374,6 +384,347 @@ test("screenshots in light and dark, narrow and wide", async () => {
       assert.ok(overflow <= 0, `${overflow} px wider than a window of ${width} px`);
       await shot(page, `${colorScheme}-${width}`);
       await shot(page, `${colorScheme}-${width}-whole`);
+      await page.context().close();
+    }
+  }
+});
+
+// --- play: the pointer as a hand, on the fake or on `yieldwall play` ---
+
+/// Opens the page of a rig that takes orders, with the tool on the free side of a plastic wall with R = 20 N.
+async function openedPlay(options) {
+  const page = await opened(play, options);
+  await page.waitForFunction(() => window.yieldwall?.total > 100 && window.yieldwall.play);
+  page.wall = await page.evaluate(() => {
+    const [{ points_m: [[ax, ay], ...rest], forbidden }] = window.yieldwall.machine.surfaces, [bx, by] = rest.at(-1);
+    const length = Math.hypot(bx - ax, by - ay), along = [(bx - ax) / length, (by - ay) / length], side = forbidden === "right" ? -1 : 1;
+    // Middle, and unit vector into the forbidden side.
+    return { point: [(ax + bx) / 2, (ay + by) / 2], along, into: [-side * along[1], side * along[0]] };
+  });
+  await page.waitForTimeout(300);
+  if ((await page.getAttribute("#enable", "aria-disabled")) === "false") await page.click("#enable");
+  await running(page);
+  await choose(page, "free");
+  await press(page, [0, 1].map((k) => page.wall.point[k] - 0.05 * page.wall.into[k]));
+  await page.waitForFunction(() => window.yieldwall.value("signed_distance_m") > 0.03 && Math.hypot(window.yieldwall.value("force_x_n"), window.yieldwall.value("force_y_n")) < 10);
+  await page.mouse.up();
+  await page.waitForTimeout(300);
+  for (const [key, value] of [["friction_n", 5], ["yield_n", 20]]) await slide(page, key, value);
+  await choose(page, "plastic");
+  return page;
+}
+
+const running = (page) => page.waitForFunction(() => document.querySelector("#play-states .now")?.textContent === "running");
+const tool = (page) => page.evaluate(() => ["tool_x_m", "tool_y_m"].map((name) => window.yieldwall.value(name)));
+/// Depth of the tool behind the wall in m; negative on the free side.
+async function depth(page) {
+  const [x, y] = await tool(page), { point, into } = page.wall;
+  return (x - point[0]) * into[0] + (y - point[1]) * into[1];
+}
+
+/// The point at a depth behind the wall, beside the tool.
+async function beside(page, depth_m) {
+  const [x, y] = await tool(page), { point, along, into } = page.wall;
+  const way = (x - point[0]) * along[0] + (y - point[1]) * along[1];
+  return [0, 1].map((k) => point[k] + along[k] * way + into[k] * depth_m);
+}
+
+async function pixels(page, [x_m, y_m]) {
+  return page.evaluate(([x, y]) => {
+    const { left, top } = document.getElementById("scene").getBoundingClientRect(), [px, py] = window.yieldwall.toPixels(x, y);
+    return [left + px, top + py];
+  }, [x_m, y_m]);
+}
+
+/// Moves the hand from the tool to a point in the given time, as a person would.
+async function drag(page, to, lasts_ms = 400) {
+  const aim = await page.evaluate(() => window.yieldwall.hand.aim), from = aim ?? (await tool(page));
+  const steps = Math.max(1, Math.round(lasts_ms / 20));
+  for (let k = 1; k <= steps; k += 1) {
+    await page.mouse.move(...(await pixels(page, [0, 1].map((axis) => from[axis] + ((to[axis] - from[axis]) * k) / steps))));
+    await page.waitForTimeout(15);
+  }
+}
+
+async function press(page, to, lasts_ms) {
+  await page.locator("#scene").scrollIntoViewIfNeeded();
+  await page.mouse.move(...(await pixels(page, await tool(page))));
+  await page.mouse.down();
+  await drag(page, to, lasts_ms);
+}
+
+/// Depth of the aim at which the hand on the wall presses with a force.
+async function depthOf(page, force_n) {
+  const stiffness = await page.evaluate(() => window.yieldwall.play.settings.find(({ key }) => key === "hand_stiffness_n_per_m").value);
+  return force_n / stiffness;
+}
+
+async function choose(page, law) {
+  if (await page.isChecked(`input[name=law][value=${law}]`)) return;
+  await page.locator(`label:has(> input[value=${law}])`).click();
+  await page.waitForFunction((key) => window.yieldwall.play.law === key && document.querySelector(`input[value=${key}]`).checked, law);
+  await begun(page);
+}
+
+/// Waits for the run that follows a change.
+async function begun(page) {
+  await page.waitForFunction(() => window.yieldwall.total > 60);
+  await page.waitForTimeout(250);
+  await running(page);
+}
+
+async function slide(page, key, value) {
+  if ((await page.evaluate((name) => window.yieldwall.play.settings.find((setting) => setting.key === name).value, key)) === value) return;
+  await page.locator(`#set-${key}`).fill(String(value));
+  await page.waitForFunction(([name, number]) => window.yieldwall.play.settings.find((setting) => setting.key === name).value === number, [key, value]);
+  await begun(page);
+}
+
+test("play: the hand aims at the pointer's place in metres and lets go", async (t) => {
+  const sent = [];
+  await (await openedPlay()).context().close();
+  const context = await browser.newContext({ viewport: { width: 1280, height: 900 } });
+  const watched = await context.newPage();
+  watched.on("websocket", (socket) => socket.on("framesent", ({ payload }) => sent.push(JSON.parse(payload))));
+  await watched.goto(play);
+  await watched.waitForFunction(() => window.yieldwall?.total > 100);
+  const box = await watched.locator("#scene").boundingBox();
+  for (const [x, y] of [[0.3, 0.4], [0.62, 0.55]]) {
+    const place = [box.x + x * box.width, box.y + y * box.height];
+    sent.length = 0;
+    await watched.mouse.move(...place);
+    await watched.mouse.down();
+    await watched.waitForTimeout(200);
+    const { hold } = sent[0], back = await pixels(watched, hold), off = Math.hypot(back[0] - place[0], back[1] - place[1]);
+    t.diagnostic(`pointer ${place}, aim ${hold}, ${off.toFixed(3)} px off`);
+    assert.ok(off <= 1, `${off} px`);
+    await watched.mouse.move(place[0] + 20, place[1]);
+    await watched.mouse.up();
+    await watched.waitForTimeout(100);
+    assert.equal(sent.at(-1), "let_go");
+    assert.equal(sent.filter((order) => order === "let_go").length, 1);
+  }
+  // At most one message an animation frame.
+  sent.length = 0;
+  await watched.evaluate(() => {
+    const canvas = document.getElementById("scene"), { left, top } = canvas.getBoundingClientRect();
+    canvas.setPointerCapture = () => {};
+    const fire = (kind, k) => canvas.dispatchEvent(new PointerEvent(kind, { pointerId: 7, button: 0, clientX: left + 100 + k, clientY: top + 100, bubbles: true }));
+    fire("pointerdown", 0);
+    for (let k = 1; k < 50; k += 1) fire("pointermove", k);
+  });
+  await watched.waitForTimeout(150);
+  assert.equal(sent.length, 2, JSON.stringify(sent));
+  // A window that loses the focus lets go.
+  await watched.evaluate(() => window.dispatchEvent(new Event("blur")));
+  await watched.waitForTimeout(100);
+  assert.equal(sent.at(-1), "let_go");
+  await context.close();
+});
+
+test("play: the wall holds below R, gives way above R, and stays where it is let go", async (t) => {
+  const page = await openedPlay();
+  await press(page, await beside(page, await depthOf(page, 12)));
+  await page.waitForTimeout(800);
+  const below = await depth(page), force = await page.evaluate(() => Math.hypot(window.yieldwall.value("force_x_n"), window.yieldwall.value("force_y_n")));
+  t.diagnostic(`${force.toFixed(1)} N: depth ${(below * 1000).toFixed(2)} mm`);
+  assert.ok(Math.abs(below) < 0.002, `depth ${below} m at ${force} N`);
+  assert.ok(force > 6 && force < 20, `${force} N`);
+  await shot(page, "play-holds");
+  await drag(page, await beside(page, await depthOf(page, 40)), 600);
+  await page.waitForTimeout(500);
+  const above = await depth(page);
+  assert.ok(above > 0.005, `depth ${above} m`);
+  await page.mouse.up();
+  await page.waitForTimeout(200);
+  const left = await tool(page);
+  await page.waitForTimeout(1000);
+  const moved = Math.hypot(...(await tool(page)).map((value, k) => value - left[k]));
+  t.diagnostic(`depth ${(above * 1000).toFixed(1)} mm, moved by ${(moved * 1000).toFixed(2)} mm after it was let go`);
+  assert.ok(moved < 0.003, `${moved} m`);
+  await page.context().close();
+});
+
+test("play: a spring throws the tool back", async (t) => {
+  const page = await openedPlay();
+  await choose(page, "elastic");
+  await press(page, await beside(page, await depthOf(page, 26)));
+  await page.waitForTimeout(800);
+  const pushed = await depth(page);
+  await page.mouse.up();
+  await page.waitForTimeout(1000);
+  const after = await depth(page);
+  t.diagnostic(`from ${(pushed * 1000).toFixed(1)} mm to ${(after * 1000).toFixed(1)} mm`);
+  assert.ok(pushed > 0.002 && after < pushed - 0.004, `from ${pushed} m to ${after} m`);
+  await page.context().close();
+});
+
+test("play: a setting reaches the rig, which begins a new run", async () => {
+  const page = await openedPlay();
+  await page.waitForFunction(() => window.yieldwall.total > 600);
+  await page.keyboard.press(" ");
+  await page.locator("#set-yield_n").focus();
+  const started = Date.now();
+  for (let k = 0; k < 4; k += 1) await page.keyboard.press("ArrowRight");
+  await page.waitForFunction(() => /R = 22 N/.test(document.getElementById("yield").textContent));
+  const [total, focus] = await page.evaluate(() => [window.yieldwall.total, document.activeElement.id]);
+  // A record a millisecond: the old run would have its 600 more.
+  assert.ok(total < Date.now() - started + 300 && focus === "set-yield_n", `${total} records, focus on ${focus}`);
+  await page.waitForTimeout(600);
+  assert.equal(await page.textContent("#set-yield_n >> xpath=preceding-sibling::output"), "22.0 N");
+  assert.match(await page.textContent("#fixture"), /22 N/);
+  assert.equal(await page.textContent("#badge"), "live");
+  assert.ok(await page.evaluate(() => window.yieldwall.total - window.yieldwall.shown < 50), "the page follows the new run");
+  await page.context().close();
+});
+
+test("play: a refused setting shows its reason and the old value", async () => {
+  const page = await openedPlay();
+  await page.locator("#set-yield_n").fill("4");
+  await page.waitForFunction(() => document.getElementById("play-notice-text").textContent.length > 10);
+  await page.waitForFunction(() => document.getElementById("set-yield_n").value === "20");
+  assert.equal(await page.textContent("#set-yield_n >> xpath=preceding-sibling::output"), "20.0 N");
+  await shot(page, "play-refused");
+  await page.click("#notice-close");
+  assert.equal(await page.textContent("#play-notice-text"), "");
+  await page.context().close();
+});
+
+test("play: stop, reset and enable follow the state; a fault stops the rig", async () => {
+  const page = await openedPlay();
+  const usable = () => page.evaluate(() => ["stop", "reset", "enable"].filter((id) => document.getElementById(id).getAttribute("aria-disabled") === "false").join());
+  const until = (name) => page.waitForFunction((wanted) => document.querySelector("#play-states .now")?.textContent === wanted, name);
+  assert.equal(await usable(), "stop");
+  await page.click("#stop");
+  await until("stopped");
+  assert.equal(await usable(), "reset,enable");
+  assert.match(await page.textContent("#guide-text"), /"stopped".*"Enable"/);
+  await page.click("#reset");
+  await until("idle");
+  assert.equal(await usable(), "enable");
+  await page.click("#enable");
+  await until("running");
+  if (played) {
+    await page.click("#injections-whole summary");
+    await page.click("#injections button >> nth=2");
+    await until("stopped");
+    assert.match(await page.textContent("#fault-name"), /sensor-lost/);
+    await page.click("#enable");
+    await until("running");
+  }
+  await page.context().close();
+});
+
+test("play: the guide goes on by what the hand does", async (t) => {
+  const page = await openedPlay();
+  const step = (wanted) => page.waitForFunction((number) => window.yieldwall.guide.step === number, wanted, { timeout: 15000 });
+  await page.click("#guide-restart");
+  await step(0);
+  await press(page, await beside(page, await depthOf(page, 12)));
+  await step(1);
+  await shot(page, "guide-1");
+  await drag(page, await beside(page, await depthOf(page, 40)), 500);
+  await step(2);
+  await page.mouse.up();
+  await step(3);
+  await shot(page, "guide-3");
+  await press(page, await beside(page, -0.03));
+  await page.waitForTimeout(600);
+  await page.mouse.up();
+  await choose(page, "elastic");
+  await press(page, await beside(page, await depthOf(page, 27)));
+  await step(5);
+  await shot(page, "guide-5");
+  await page.mouse.up();
+  await step(6);
+  await page.waitForTimeout(200);
+  const { results: { plastic, elastic } } = await page.evaluate(() => window.yieldwall.guide);
+  t.diagnostic(JSON.stringify({ plastic, elastic }));
+  assert.ok(plastic.moved_mm < 3.5 && elastic.back_mm > 4 && elastic.fastest_mm_per_s > 20 && elastic.fastest_mm_per_s > 5 * plastic.fastest_mm_per_s);
+  assert.ok(plastic.returned_mj < 0.1 * elastic.returned_mj && elastic.returned_mj > 1 && elastic.given_mj > 1);
+  assert.match(await page.textContent("#guide-end"), /yieldwall new my-rig.yaml/);
+  await shot(page, "guide-end-whole");
+  await page.click("#guide-skip");
+  assert.ok(await page.isHidden("#guide-body"));
+  await page.click("#guide-restart");
+  await step(0);
+  await page.context().close();
+});
+
+test("play: keys aim, hold and let go, and leave the records alone", async () => {
+  const page = await openedPlay();
+  const shownIsLive = () => page.evaluate(() => window.yieldwall.total - window.yieldwall.shown < 60);
+  const hand = () => page.evaluate(() => window.yieldwall.hand);
+  await page.focus("#scene");
+  const from = await tool(page);
+  await page.keyboard.press("ArrowUp");
+  await page.keyboard.press("Shift+ArrowLeft");
+  let { aim, isHeld } = await hand();
+  assert.ok(!isHeld && Math.abs(aim[0] - from[0] + 0.01) < 5e-4 && Math.abs(aim[1] - from[1] - 0.002) < 5e-4, `${aim} from ${from}`);
+  await page.keyboard.press(" ");
+  for (let k = 0; k < 5; k += 1) await page.keyboard.press("Shift+ArrowLeft");
+  ({ aim, isHeld } = await hand());
+  assert.ok(isHeld && await shownIsLive());
+  await page.waitForFunction((x) => window.yieldwall.value("tool_x_m") < x - 0.01, from[0]);
+  await page.keyboard.press(" ");
+  assert.deepEqual(await hand(), { aim: null, isHeld: false });
+  await page.keyboard.press(" ");
+  assert.ok((await hand()).isHeld);
+  await page.keyboard.press("Escape");
+  assert.ok(!(await hand()).isHeld && await shownIsLive());
+  await page.keyboard.press(" ");
+  await page.keyboard.press("Tab");
+  assert.ok(!(await hand()).isHeld, "a picture without the focus lets go");
+  await page.context().close();
+});
+
+test("play: a finger is a hand", async () => {
+  const page = await openedPlay({ hasTouch: true, viewport: { width: 360, height: 740 } });
+  const devtools = await page.context().newCDPSession(page);
+  await page.locator("#scene").scrollIntoViewIfNeeded();
+  const [x, y] = await pixels(page, await tool(page)), touch = (type, points) => devtools.send("Input.dispatchTouchEvent", { type, touchPoints: points });
+  const scrolled = await page.evaluate(() => scrollY);
+  await touch("touchStart", [{ x, y }]);
+  for (let k = 1; k < 12; k += 1) {
+    await touch("touchMove", [{ x: x + k, y: y + 3 * k }]);
+    await page.waitForTimeout(20);
+  }
+  const { aim, isHeld } = await page.evaluate(() => window.yieldwall.hand), back = await pixels(page, aim);
+  assert.ok(isHeld && Math.hypot(back[0] - x - 11, back[1] - y - 33) <= 1.5, `${back} for ${[x + 11, y + 33]}`);
+  assert.equal(await page.evaluate(() => scrollY), scrolled);
+  await shot(page, "play-touch");
+  await touch("touchEnd", []);
+  await page.waitForFunction(() => !window.yieldwall.hand.isHeld);
+  await page.context().close();
+});
+
+test("play: no controls without a program that takes orders", async () => {
+  for (const address of [live, recording]) {
+    const page = await opened(address);
+    await page.waitForFunction(() => window.yieldwall?.draws > 0);
+    assert.ok(await page.isHidden("#play-panel") && await page.isHidden("#guide"));
+    await page.mouse.click(400, 300);
+    await page.waitForTimeout(300);
+    assert.notEqual(await page.textContent("#badge"), "not connected");
+    await page.context().close();
+  }
+});
+
+test("play: axe-core finds no barrier, and nothing is wider than the window", async () => {
+  for (const colorScheme of ["light", "dark"]) {
+    for (const [width, height] of [[360, 740], [1280, 900], [1920, 1080]]) {
+      const page = await openedPlay({ colorScheme, viewport: { width, height } });
+      await press(page, await beside(page, await depthOf(page, 30)));
+      await page.waitForTimeout(500);
+      await shot(page, `play-${colorScheme}-${width}`);
+      await page.mouse.up();
+      await page.click("#injections-whole summary");
+      await page.evaluate(axe);
+      const { violations } = await page.evaluate(() => window.axe.run());
+      assert.deepEqual(violations.map(({ id, nodes }) => `${id}: ${nodes.map((node) => node.html.slice(0, 120)).slice(0, 3).join(" | ")}`), []);
+      const overflow = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
+      assert.ok(overflow <= 0, `${overflow} px wider than a window of ${width} px`);
+      await shot(page, `play-${colorScheme}-${width}-whole`);
       await page.context().close();
     }
   }

@@ -139,6 +139,15 @@ impl Plan<'_> {
         }
     }
 
+    /// Name of the bus, and the greatest share of its time that frames take.
+    #[cfg(feature = "view")]
+    pub(super) fn load(&self) -> (&str, f64) {
+        match self {
+            Plan::Can(plan) => (plan.name, plan.budget.load()),
+            Plan::Segment(plan) => plan.load(),
+        }
+    }
+
     /// Whether every frame is always in time, or takes none.
     pub(super) fn is_kept(&self) -> bool {
         match self {

@@ -15,6 +15,7 @@ use super::ending::rig_failure;
 use super::failure::{Exit, Failure, both};
 use super::interrupt::on_interrupt;
 use super::output::Output;
+use super::page::{Pace, Page, PageOf, ViewArgument};
 use super::replace::Replace;
 use super::unsafe_drives;
 use earlier::Earlier;
@@ -51,6 +52,8 @@ pub(super) struct Arguments {
     restore: bool,
     #[command(flatten)]
     replace: Replace,
+    #[command(flatten)]
+    page: ViewArgument,
     #[cfg(target_os = "linux")]
     #[command(flatten)]
     on_bus: super::first_motion::OnBus,
@@ -134,11 +137,26 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         return on_bus::run(arguments, file, &rig, output);
     }
     let mut scene = rig.scene()?.value;
-    let rig = &rig.value;
-    add_defects(&mut scene, rig, &arguments.defect)?;
+    add_defects(&mut scene, &rig.value, &arguments.defect)?;
+    let mut served = Page::default();
+    served.open(&arguments.page, &rig.value, PageOf { command: "commission", pace: Pace::Virtual })?;
+    let end = run_simulated(arguments, &rig.value, &scene, &mut served, output);
+    served.end(&end);
+    end
+}
+
+/// Commissions the simulated machine of a scene.
+fn run_simulated(
+    arguments: &Arguments,
+    rig: &config::Rig,
+    scene: &config::Scene,
+    served: &mut Page,
+    output: &mut Output,
+) -> Result<(), Failure> {
     let is_interrupted = on_interrupt()?;
-    let machine = EmbeddedRig::new(rig, &scene, &rig.fixture, scene.seed);
+    let machine = EmbeddedRig::new(rig, scene, &rig.fixture, scene.seed);
     let mut machine = machine.map_err(|error| rig_failure(&error))?;
+    machine.set_watch(served.watch_by_the_clock());
     output.aside(&format!("the simulated machine of {}; a real one with --bus INTERFACE", rig.rig.name));
     let simulated = Machine::Simulated {
         defects: scene

@@ -195,6 +195,14 @@ fn interface_checks(facts: &InterfaceFacts, bit_rate: Option<u32>, period: Durat
     checks
 }
 
+/// The tier that this computer has proved for a rig, if it has proved one.
+#[cfg(feature = "view")]
+pub(super) fn proven_tier(rig: &Rig) -> Option<String> {
+    let (folder, limits) = (state_folder("latency")?, limits());
+    let computer = computer(limits.priority.is_ok(), limits.memory.is_ok());
+    computer.check(rig, &folder, now_unix_s()).ok().map(|kept| kept.tier.to_string())
+}
+
 /// What this computer has proved of its timing for a rig.
 fn timing(rig: &Rig, limits: &Limits) -> Check {
     let subject = "timing";

@@ -31,8 +31,7 @@ impl FaultArgument {
     /// such a bus, if there is one.
     pub(super) fn of_rig(&self, rig: &config::Rig) -> Result<Injection, Failure> {
         let Some(device) = &self.device else {
-            let mut usual = self.injection.kind.row().targets.iter().map(|target| self.injection.on(*target));
-            let fits = usual.find(|injection| injection.check_on(rig.medium(injection)).is_ok());
+            let fits = at_first_target(self.injection, rig);
             return Ok(fits.filter(|_| !self.has_target).unwrap_or(self.injection));
         };
         let [left, right] = &rig.drives;
@@ -53,6 +52,12 @@ impl FaultArgument {
         };
         Err(refused(format!("there is no device and no target {device}"), help))
     }
+}
+
+/// The injection at the first target of its kind that is on such a bus, if there is one.
+pub(super) fn at_first_target(injection: Injection, rig: &config::Rig) -> Option<Injection> {
+    let mut usual = injection.kind.row().targets.iter().map(|target| injection.on(*target));
+    usual.find(|injection| injection.check_on(rig.medium(injection)).is_ok())
 }
 
 impl FromStr for FaultArgument {

@@ -46,6 +46,11 @@ impl OnBus {
         !self.bus.is_empty()
     }
 
+    /// The pace of its cycles.
+    pub(super) fn pace(&self) -> PaceArgument {
+        self.pace
+    }
+
     /// Whether its cycles follow the wall clock.
     pub(super) fn is_by_the_clock(&self) -> bool {
         self.pace == PaceArgument::Free

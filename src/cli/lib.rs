@@ -188,6 +188,8 @@ enum Command {
     Plot(plot::Arguments),
     /// Show a recording on a page in the browser: play it, jump to faults and impacts, lay another one over it
     View(page::Arguments),
+    /// Push the tool of a simulated rig with the mouse, on a page in the browser: a wall that yields beside a spring
+    Play(page::PlayArguments),
     /// Put runs and recordings side by side: measures, curves, and what differs in their configurations
     Compare(compare::Arguments),
     /// Look into recordings and mend them
@@ -316,6 +318,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Replay(arguments) => replay::run(&arguments, &mut output),
         Command::Plot(arguments) => plot::run(&arguments, &mut output),
         Command::View(arguments) => page::view(&arguments, &mut output),
+        Command::Play(arguments) => page::play(&arguments, &mut output),
         Command::Compare(arguments) => compare::run(&arguments, &mut output),
         Command::Record(command) => record::run(&command, &mut output),
         Command::Soak(arguments) => soak::run(&arguments, &mut output),

@@ -20,7 +20,7 @@ use super::on_bus::{
 };
 use super::output::Output;
 use super::pace::PaceArgument;
-use super::page::Page;
+use super::page::{Page, PageOf};
 use super::run::{Arguments, check, check_candump, check_loop, draw, view, with_files};
 use super::tui::Screen;
 use facts::Facts;
@@ -88,7 +88,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
         ignores_bus_budget: arguments.ignore_bus_budget,
     };
     let is_interrupted = on_interrupt()?;
-    page.open(&arguments.page, &rig)?;
+    page.open(&arguments.page, &rig, PageOf { command: "run", pace: arguments.pace.into() })?;
     let interfaces = Interfaces::of(&rig, &arguments.bus)?;
     let on_bus = RigOnBus::open(&rig, interfaces.names(), arguments.pace.pace(), &journals("run"));
     let mut on_bus = on_bus.map_err(|error| not_opened(&error, &rig, &arguments.rig, &interfaces))?;

@@ -21,7 +21,7 @@ use super::margins::{Margins, has_other_inertia};
 use super::masses::{Masses, advice};
 use super::on_bus::{standing, told_at_boot, with_findings, with_told};
 use super::output::Output;
-use super::page::{Page, ViewArgument};
+use super::page::{Pace, Page, PageOf, ViewArgument};
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
 use super::replace::{Replace, Written};
@@ -84,14 +84,14 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "DIR")]
     pub(super) record: Option<PathBuf>,
     /// Say what boot and start would send to each device, old -> new, and send nothing but the reading of objects
-    #[arg(long, conflicts_with_all = ["fault", "figure", "candump", "pcapng", "record", "black_box"])]
+    #[arg(long, conflicts_with_all = ["fault", "figure", "candump", "pcapng", "record", "black_box", "view"])]
     pub(super) dry_run: bool,
     #[command(flatten)]
     pub(super) replace: Replace,
     #[command(flatten)]
     pub(super) stream: Stream,
     /// Show axes, force, lateness and events on the whole terminal, with a key that stops the rig; the simulation then runs by the wall
-    #[arg(long, conflicts_with_all = ["jsonl", "json", "quiet", "verbose"])]
+    #[arg(long, conflicts_with_all = ["jsonl", "json", "quiet", "verbose", "view"])]
     pub(super) tui: bool,
     #[command(flatten)]
     pub(super) page: ViewArgument,
@@ -149,7 +149,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
     // Before anything is written: a rig that is refused leaves no record.
     let drilled = rig::drill(&rig.value, &scene.value, |_| ()).map_err(|error| rig_failure(&error))?;
     judge(&drilled, &rig.value, NOTHING_ENABLED)?;
-    page.open(&arguments.page, &rig.value)?;
+    page.open(&arguments.page, &rig.value, PageOf { command: "run", pace: Pace::Virtual })?;
     let interfaces = simulated_interfaces(&rig.value);
     let watched = Watched::Simulation(&interfaces);
     let duration_s = overrides.duration_s.unwrap_or(scene.value.duration_s.get());
@@ -311,6 +311,6 @@ pub(super) fn check_loop(rig: &Loaded<config::Rig>, has_hand: bool, output: &mut
 }
 
 /// What the buses of the embedded simulation are called in logs, so that `canplayer` finds them.
-fn simulated_interfaces(rig: &config::Rig) -> Vec<String> {
+pub(super) fn simulated_interfaces(rig: &config::Rig) -> Vec<String> {
     (0..rig.buses.len()).map(|number| format!("vcan{number}")).collect()
 }

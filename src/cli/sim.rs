@@ -18,6 +18,7 @@ use super::interrupt::on_interrupt;
 use super::on_bus::{link_failure, open_failure};
 use super::output::Output;
 use super::pace::PaceArgument;
+use super::page::{Page, PageOf, ViewArgument};
 use yieldwall_bus::{MasterSetup, SensorLink, Signs};
 use yieldwall_config::{self as config, Source};
 use yieldwall_drives::cia402;
@@ -64,8 +65,10 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "SOCKET")]
     plant: Option<PathBuf>,
     /// Attach the one device of this process to the arm of the process that has made this socket
-    #[arg(long, value_name = "SOCKET", requires = "nodes", conflicts_with_all = ["plant", "pace", "seed"])]
+    #[arg(long, value_name = "SOCKET", requires = "nodes", conflicts_with_all = ["plant", "pace", "seed", "view"])]
     attach: Option<PathBuf>,
+    #[command(flatten)]
+    page: ViewArgument,
     /// Have the drives ignore that this stays away, so that a drill has something to find; may be repeated
     #[arg(long, value_enum, value_name = "WHAT")]
     unwatched: Vec<Unwatched>,
@@ -124,6 +127,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let link = open_buses(&rig, interfaces.names(), |bus| own.roles(bus), everything);
     let mut link = link.map_err(|error| open_failure(&error))?;
     own.listen(&mut link, &is_interrupted, |frame| *frame)?;
+    let mut page = Page::default();
+    page.open(&arguments.page, &rig, PageOf { command: "sim", pace: arguments.pace.into() })?;
     let entrance = match &arguments.plant {
         Some(path) => Some(Entrance::open(path, arguments.pace.pace()).map_err(|error| no_socket(path, &error))?),
         None => None,
@@ -134,11 +139,14 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         interfaces.shown(&rig),
         arguments.pace.name()
     ))?;
+    let mut show = page.show_devices(&rig);
     let served = serve(&mut server, &mut link, &is_interrupted, |server| {
+        show(server.now(), &mut || server.record());
         if let Some(entrance) = &entrance {
             entrance.admit(server);
         }
     });
+    drop(show);
     if let Some(path) = &arguments.plant {
         // It may be gone already.
         let _ = std::fs::remove_file(path);
@@ -149,6 +157,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         ServeError::Rig(error) => rig_failure(error),
         ServeError::Gone => Failure::new(Exit::BusUnavailable, error.to_string(), "plug the adapter in again"),
     });
+    page.end(&end);
     if output.is_json() {
         let drive =
             |(state, torque): (cia402::State, f64)| json!({ "state": format!("{state:?}"), "torque_n_m": torque });

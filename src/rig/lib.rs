@@ -21,6 +21,7 @@ mod impedance;
 mod line;
 pub mod live;
 mod misread;
+mod playground;
 pub mod report;
 #[cfg(test)]
 #[path = "../sample.rs"]
@@ -40,5 +41,6 @@ pub use drill::drill;
 pub use embedded::{BodyTruth, EmbeddedRig, PORTS};
 pub use error::RigError;
 pub use impedance::{ImpedanceLoop, ImpedanceRig};
+pub use playground::Playground;
 pub use segment::{SegmentServed, SegmentServer};
 pub use server::{DeviceServer, Served};

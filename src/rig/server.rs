@@ -12,6 +12,7 @@ use yieldwall_drives::cia402;
 use yieldwall_drives::watchdog::{Clock, Watchdog};
 use yieldwall_fieldbus::canopen::{BusId, Frame, Outbox, cob};
 use yieldwall_fieldbus::time::Time;
+use yieldwall_record::CycleRecord;
 use yieldwall_run::Pace;
 use yieldwall_sim::{Drive, ForceSensor};
 
@@ -277,6 +278,12 @@ impl DeviceServer {
     /// States of the drives, left and right.
     pub fn drive_states(&self) -> [cia402::State; 2] {
         self.far.drive_states()
+    }
+
+    /// Record of arm, hand and drives at present, for those who look on. The master's part in it is blank.
+    pub fn record(&mut self) -> CycleRecord {
+        let states = self.drive_states();
+        self.far.world.record(self.now, states)
     }
 
     /// Torques of the drives in N m.

@@ -12,8 +12,10 @@ use yieldwall_fieldbus::time::Time;
 use yieldwall_motion::linkage::{FiveBar, Posture};
 use yieldwall_motion::quantity::{Force, JointAngles, JointRates, JointTorques, TipPoint, TipVelocity};
 use yieldwall_motion::sensing::{Calibration, Mounting};
+use yieldwall_record::recording::Recorded;
+use yieldwall_record::{self as record, CycleRecord, Moment};
 use yieldwall_sim::arm::Arm;
-use yieldwall_sim::hand::{Hand, HandLoad};
+use yieldwall_sim::hand::{Hand, HandLoad, PathPoint};
 use yieldwall_sim::standard_normal;
 
 /// How the tool follows the drives.
@@ -244,12 +246,44 @@ impl World {
         }
     }
 
+    /// A person moves the hand in place of its path: from `now` on it holds the tool and aims so, or has let go of it.
+    pub(super) fn move_hand(&mut self, now: Time, aim: Option<PathPoint<2>>) {
+        // States of the drives neither take the tool nor let go of it.
+        self.has_hand = false;
+        self.grip = if aim.is_some() { Grip::Firm } else { Grip::LetGo };
+        if let Some(aim) = aim {
+            self.hand.aim_at(now.as_secs_f64() - self.hand_from_s, aim);
+        }
+    }
+
     /// Angles and rates of the joints.
     fn motion(&self) -> (JointAngles, JointRates) {
         match &self.body {
             Body::Arm(arm) => (arm.motor_angles(), arm.motor_rates()),
             Body::Ideal(ideal) => (ideal.angles, JointRates::default()),
         }
+    }
+
+    /// Record of the machine, of which no master is known here: the supervisor idles in it, and there is no proxy.
+    pub(super) fn record(&mut self, now: Time, states: [cia402::State; 2]) -> CycleRecord {
+        let mut record = CycleRecord::blank();
+        // Before the first SYNC nothing has been sampled.
+        let present = self.present(now).map(|(_, truth, _)| truth);
+        let Truth { tip, velocity, force } = present.unwrap_or(self.truth);
+        let sync_ns = now.0;
+        record.moment = Moment {
+            sync_ns,
+            compute_ns: sync_ns,
+            scene_time_s: now.as_secs_f64() - self.hand_from_s,
+            ..record.moment
+        };
+        record.inputs.drives.iter_mut().zip(states).for_each(|(drive, state)| drive.state = state);
+        let (angles, none) = (self.motion().0, TipPoint(Vector2::repeat(f64::NAN)));
+        let signals = &mut record.signals;
+        (signals.tool, signals.force, signals.proxy) = (tip, force, none);
+        (signals.measured_angles, signals.target_angles) = (angles, angles);
+        record.truth = Some(record::Truth { tool: tip, velocity, torques: self.torques });
+        record
     }
 
     /// Closes and opens the brakes of the joints.

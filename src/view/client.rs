@@ -9,6 +9,7 @@ use tokio::sync::broadcast::Receiver;
 use tokio::sync::broadcast::error::{RecvError, TryRecvError};
 use tokio::time::{MissedTickBehavior, interval, timeout};
 
+use crate::order::Order;
 use crate::server::{BusLoad, Seat, Site};
 use crate::stream::Published;
 
@@ -21,6 +22,7 @@ pub(crate) const MAX_MESSAGE: usize = 1024;
 enum Text<'a> {
     Lagged { records: u64 },
     Status { buses: &'a [BusLoad], clients: usize, refused: u64, lost: u64 },
+    Notice { message: &'a str },
     End { message: &'a str },
 }
 
@@ -39,6 +41,8 @@ struct Client {
     socket: WebSocket,
     /// Records of the stream up to the last packet that was sent; `None` before the first.
     position: Option<u64>,
+    /// Whether its hand holds the tool of a simulation.
+    holds: bool,
 }
 
 impl Client {
@@ -84,15 +88,19 @@ impl Client {
 
 /// Closes a client that found no seat.
 pub(crate) async fn turn_away(socket: WebSocket, site: Arc<Site>) {
-    let client = Client { socket, position: None };
+    let client = Client { socket, position: None, holds: false };
     client.close(&site, close_code::AGAIN, "too many clients").await;
 }
 
 /// Serves a client until it leaves, the run ends, or the client sends data.
 pub(crate) async fn serve(socket: WebSocket, site: Arc<Site>, _seat: Seat) {
-    let mut client = Client { socket, position: None };
+    let mut client = Client { socket, position: None, holds: false };
     let mut packets = site.packets.subscribe();
-    if let Some((code, reason)) = follow(&mut client, &mut packets, &site).await.unwrap_or(None) {
+    let end = follow(&mut client, &mut packets, &site).await.unwrap_or(None);
+    if let Some(desk) = site.desk().filter(|_| client.holds) {
+        desk.take(Order::LetGo).await;
+    }
+    if let Some((code, reason)) = end {
         client.close(&site, code, reason).await;
     }
 }
@@ -106,15 +114,26 @@ async fn follow(
     let mut ended = pin!(site.ended());
     let mut status = interval(site.limits.status);
     status.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    client.send(Message::Text(site.hello.clone())).await?;
+    let (mut hello, mut notices) = (site.hello.subscribe(), site.notices.subscribe());
+    let description = hello.borrow_and_update().clone();
+    client.send(Message::Text(description)).await?;
     loop {
         tokio::select! {
             incoming = client.socket.recv() => match incoming {
                 None | Some(Ok(Message::Close(_))) => return Ok(None),
                 Some(Ok(Message::Ping(_) | Message::Pong(_))) => {}
+                Some(Ok(Message::Text(text))) if let (Some(desk), Some(order)) = (site.desk(), Order::of(&text)) => {
+                    match order {
+                        Order::Hold(_) => client.holds = true,
+                        Order::LetGo => client.holds = false,
+                        _ => {}
+                    }
+                    desk.take(order).await;
+                }
                 Some(Ok(Message::Text(_) | Message::Binary(_)) | Err(_)) => {
                     site.refuse();
-                    return Ok(Some((close_code::UNSUPPORTED, "this server takes no data")));
+                    let reason = if site.desk().is_some() { "the message is no order" } else { "this server takes no data" };
+                    return Ok(Some((close_code::UNSUPPORTED, reason)));
                 }
             },
             packet = packets.recv() => match packet {
@@ -123,6 +142,12 @@ async fn follow(
                 Err(RecvError::Lagged(_)) => {}
                 Err(RecvError::Closed) => return Ok(Some((close_code::AWAY, "the stream is closed"))),
             },
+            Ok(()) = hello.changed() => {
+                let description = hello.borrow_and_update().clone();
+                client.send(Message::Text(description)).await?;
+            }
+            // A client that missed some has others.
+            Ok(notice) = notices.recv() => client.send(Text::Notice { message: &notice }.message()).await?,
             _ = status.tick() => {
                 let text = {
                     let buses = site.buses();

@@ -23,6 +23,7 @@ pub(crate) const FILES: &[PageFile] = files! {
     "/" "text/html; charset=utf-8" "index.html";
     "/view.js" "text/javascript; charset=utf-8" "view.js";
     "/charts.js" "text/javascript; charset=utf-8" "charts.js";
+    "/play.js" "text/javascript; charset=utf-8" "play.js";
     "/pen.js" "text/javascript; charset=utf-8" "pen.js";
     "/records.js" "text/javascript; charset=utf-8" "records.js";
     "/scene.js" "text/javascript; charset=utf-8" "scene.js";

@@ -16,15 +16,67 @@ const PROTOCOL: u32 = 1;
 pub struct Hello {
     /// Name and version of the program: the words `yieldwall` and 0.1.0.
     pub program: String,
-    /// Command that serves the page.
-    pub command: Command,
-    /// Tier of real time that this computer has proved, if it is known.
+    /// Name of the command that serves the page.
+    pub command: &'static str,
+    /// Tier of real time that this computer has proved for the rig, or why it needs none; `None` if it is not known.
     pub tier: Option<String>,
     /// The rig that runs, or the machine of the first recording.
     #[serde(flatten)]
     pub machine: Description,
     /// Words for each fault by its name, as [`faults`] returns them.
     pub faults: BTreeMap<String, FaultWords>,
+    /// Controls of the page; `None` on a read-only page.
+    pub play: Option<Play>,
+}
+
+/// Controls of a page that takes orders.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Play {
+    /// Numbers, each with its range.
+    pub settings: Vec<Setting>,
+    /// Laws of the fixture to choose from.
+    pub laws: Vec<Choice>,
+    /// Key of the law that acts.
+    pub law: &'static str,
+    /// Faults that can be injected.
+    pub faults: Vec<Injectable>,
+}
+
+/// A number that a person can change.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Setting {
+    /// Key in [`Order::Set`](crate::Order::Set).
+    pub key: &'static str,
+    /// Name with the symbol, such as `yield force R`.
+    pub name: &'static str,
+    /// Unit.
+    pub unit: &'static str,
+    /// Least value.
+    pub least: f64,
+    /// Greatest value.
+    pub most: f64,
+    /// Step from one value to the next.
+    pub step: f64,
+    /// Present value.
+    pub value: f64,
+}
+
+/// Entry of a list to choose from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Choice {
+    /// Key in [`Order::Law`](crate::Order::Law).
+    pub key: &'static str,
+    /// Name for people.
+    pub name: &'static str,
+}
+
+/// A fault that can be injected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Injectable {
+    /// Name in [`Order::Fault`](crate::Order::Fault).
+    pub name: &'static str,
+    /// Effect in one sentence.
+    pub meaning: &'static str,
 }
 
 /// Description of a rig or of an impedance device with its fixture.
@@ -42,16 +94,6 @@ pub struct Description {
     pub view_m: [f64; 4],
     /// Law and parameters of the fixture.
     pub fixture: Fixture,
-}
-
-/// Command that serves the page.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Command {
-    /// `run`.
-    Run,
-    /// `view`.
-    View,
 }
 
 /// Dimensions of a five-bar arm.

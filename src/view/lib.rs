@@ -9,16 +9,17 @@
 //! The cycle pays one push of a record. A client that does not keep up loses records and gets their number. It delays
 //! neither the cycle nor the other clients.
 //!
-//! The page is read-only: [`gate`] admits GET alone, and data from a client close its connection.
+//! The page is read-only: [`gate`] admits GET alone, and data from a client close its connection. The page of a simulation
+//! alone takes an [`Order`]: [`Source::Play`] has the [`Desk`] for it.
 //! `docs/live-page.md` has the threat model.
 //!
 //! ```
 //! use yieldwall_record::{CycleRecord, recording::{Backpressure, Feed, Recorded}};
-//! use yieldwall_view::{Command, Description, Fixture, Hello, RING, Server, Source, faults, stream};
+//! use yieldwall_view::{Description, Fixture, Hello, RING, Server, Source, faults, stream};
 //!
 //! let hello = Hello {
 //!     program: "yieldwall 0.1.0".into(),
-//!     command: Command::Run,
+//!     command: "run",
 //!     tier: None,
 //!     machine: Description {
 //!         name: "bench".into(),
@@ -29,6 +30,7 @@
 //!         fixture: Fixture { law: "plastic".into(), yield_force_n: Some(20.0), rows: Vec::new() },
 //!     },
 //!     faults: faults(),
+//!     play: None,
 //! };
 //! let (stream, sink) = stream::<CycleRecord>();
 //! let (mut producer, feed) = Feed::start("view", RING, Backpressure::Drop, sink)?;
@@ -46,6 +48,7 @@ mod files;
 pub mod gate;
 mod hello;
 mod metrics;
+mod order;
 mod packet;
 mod patient;
 mod recordings;
@@ -54,7 +57,10 @@ mod stream;
 #[cfg(test)]
 mod tests;
 
-pub use hello::{Arm, Command, Description, FaultWords, Fixture, Forbidden, Hello, Surface, Tool, faults};
+pub use hello::{
+    Arm, Choice, Description, FaultWords, Fixture, Forbidden, Hello, Injectable, Play, Setting, Surface, Tool, faults,
+};
+pub use order::{Desk, Order, orders};
 pub use recordings::RecordingFile;
 pub use server::{BusLoad, Server, Source, StartError};
 pub use stream::{RING, Stream, ViewSink, stream};

@@ -29,6 +29,7 @@ use yieldwall_record::recording::Layout;
 use crate::client::{self, MAX_MESSAGE};
 use crate::gate::{File, Gate, Head, SUBPROTOCOL, Token, Wanted};
 use crate::hello::{Hello, RecordingMessage};
+use crate::order::Desk;
 use crate::patient::Patient;
 use crate::recordings::RecordingFile;
 use crate::stream::{Published, Stream};
@@ -49,12 +50,16 @@ const HEADERS: [(HeaderName, &str); 6] = [
 const PLAIN_TEXT: &str = "text/plain; charset=utf-8";
 /// Threads that read recordings at most.
 const READERS: usize = 4;
+/// Notices that wait for the slowest client.
+const NOTICES: usize = 16;
 
 /// Records that a server shows.
 #[derive(Clone, Debug)]
 pub enum Source {
     /// A rig that runs.
     Live(Stream),
+    /// A simulation that takes orders from its page.
+    Play(Stream, Desk),
     /// Recordings, at least one, all of rigs or all of impedance devices.
     Recordings(Vec<RecordingFile>),
 }
@@ -64,7 +69,7 @@ pub enum Source {
 pub struct BusLoad {
     /// Name of the bus in the rig file.
     pub name: String,
-    /// Share of the bus time that frames take, in per cent.
+    /// Greatest share of the bus time that frames take, in per cent.
     pub load_percent: f64,
 }
 
@@ -146,7 +151,8 @@ impl Default for Limits {
 /// State that all connections share.
 pub(crate) struct Site {
     gate: Gate,
-    pub(crate) hello: Utf8Bytes,
+    pub(crate) hello: watch::Sender<Utf8Bytes>,
+    pub(crate) notices: broadcast::Sender<String>,
     source: Source,
     pub(crate) packets: broadcast::Sender<Published>,
     connections: Arc<Semaphore>,
@@ -161,8 +167,16 @@ pub(crate) struct Site {
 impl Site {
     pub(crate) fn stream(&self) -> Option<&Stream> {
         match &self.source {
-            Source::Live(stream) => Some(stream),
+            Source::Live(stream) | Source::Play(stream, _) => Some(stream),
             Source::Recordings(_) => None,
+        }
+    }
+
+    /// Desk that takes the orders of clients, if there is one.
+    pub(crate) fn desk(&self) -> Option<&Desk> {
+        match &self.source {
+            Source::Play(_, desk) => Some(desk),
+            Source::Live(_) | Source::Recordings(_) => None,
         }
     }
 
@@ -232,7 +246,7 @@ impl Server {
         }
         let hello = first_message(&hello, &source)?;
         let packets = match &source {
-            Source::Live(stream) => stream.packets().clone(),
+            Source::Live(stream) | Source::Play(stream, _) => stream.packets().clone(),
             // No packet is ever sent.
             Source::Recordings(_) => broadcast::Sender::new(1),
         };
@@ -252,7 +266,8 @@ impl Server {
             let (end, ending) = watch::channel(None);
             let site = Arc::new(Site {
                 gate: Gate::new(address, Token::draw()?),
-                hello: hello.into(),
+                hello: watch::Sender::new(hello.into()),
+                notices: broadcast::Sender::new(NOTICES),
                 source,
                 packets,
                 connections: Arc::new(Semaphore::new(limits.connections)),
@@ -286,6 +301,21 @@ impl Server {
         *self.site.buses() = loads;
     }
 
+    /// Sends all clients, now and from now on, another description of the machine.
+    ///
+    /// # Errors
+    /// If the description has no form in JSON.
+    pub fn describe(&self, hello: &Hello) -> Result<(), StartError> {
+        self.site.hello.send_replace(first_message(hello, &self.site.source)?.into());
+        Ok(())
+    }
+
+    /// Sends a sentence to the people at the page.
+    pub fn notify(&self, message: &str) {
+        // Without a client there is nobody to read it.
+        let _ = self.site.notices.send(message.to_owned());
+    }
+
     /// Returns how many connections, requests and messages were refused.
     pub fn refused(&self) -> u64 {
         self.site.refused()
@@ -317,7 +347,7 @@ impl Drop for Server {
 
 fn first_message(hello: &Hello, source: &Source) -> Result<String, StartError> {
     let (layout, recordings): (&Layout, Option<Vec<RecordingMessage<'_>>>) = match source {
-        Source::Live(stream) => (stream.layout(), None),
+        Source::Live(stream) | Source::Play(stream, _) => (stream.layout(), None),
         Source::Recordings(files) => {
             let layout = files.first().ok_or(StartError::NoRecording)?.layout();
             if files.iter().any(|file| file.layout() != layout) {
@@ -434,7 +464,7 @@ fn content(media_type: &'static str, body: impl Into<Body>) -> Response {
 async fn recording(site: &Site, number: usize) -> Response {
     let file = match &site.source {
         Source::Recordings(files) => files.get(number),
-        Source::Live(_) => None,
+        Source::Live(_) | Source::Play(..) => None,
     };
     let Some(file) = file else {
         return (StatusCode::NOT_FOUND, content(PLAIN_TEXT, "there is no such recording\n")).into_response();

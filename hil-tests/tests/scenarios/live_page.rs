@@ -64,6 +64,60 @@ fn a_recording_is_that_of_a_run_without_the_page_whoever_looks_on() {
     fs::remove_dir_all(folder).unwrap();
 }
 
+/// Sends a message of at most 125 bytes; the mask of zeros leaves it as it is.
+fn send(socket: &mut TcpStream, message: &str) {
+    let head = [0x81, 0x80 | u8::try_from(message.len()).unwrap(), 0, 0, 0, 0];
+    socket.write_all(&[&head, message.as_bytes()].concat()).unwrap();
+}
+
+/// Reads the stream until it has this text.
+fn read_until(socket: &mut TcpStream, text: &str) {
+    let (mut seen, mut part) = (Vec::new(), [0; 4096]);
+    while !contains(&seen, text) {
+        seen.drain(..seen.len().saturating_sub(text.len()));
+        let count = socket.read(&mut part).unwrap();
+        assert!(count > 0, "the stream ends without {text}");
+        seen.extend_from_slice(&part[..count]);
+    }
+}
+
+#[test]
+fn the_page_of_play_breaks_and_changes_a_rig_whose_recordings_repeat_bit_by_bit() {
+    let folder = folder("played");
+    let mut play = Command::new(program());
+    play.args(["play", "--no-open", "--record"]).arg(folder.join("runs")).env("XDG_STATE_HOME", &folder);
+    let mut play = Process::start(play.stdout(Stdio::piped()).stderr(Stdio::piped()));
+    let mut line = String::new();
+    BufReader::with_capacity(1, play.stdout()).read_line(&mut line).unwrap();
+    let (address, token) = line.trim().rsplit_once("http://").unwrap().1.split_once("/#").unwrap();
+    let (mut page, answer) = client(address.parse().unwrap(), token);
+    assert!(answer.starts_with("HTTP/1.1 101"), "{answer}");
+    read_until(&mut page, "\"law\":\"plastic\"");
+    send(&mut page, r#"{"hold": [-0.05, 0.0]}"#);
+    // A surface that yields sooner than free motion is no rig; this one and the next change nothing.
+    send(&mut page, r#"{"set": {"key": "friction_n", "value": 20}}"#);
+    read_until(&mut page, "Friction F must be below yield force R (20 N)");
+    send(&mut page, r#"{"set": {"key": "mass_kg", "value": -1}}"#);
+    read_until(&mut page, "virtual mass M is -1 kg: it lies between");
+    send(&mut page, r#"{"fault": "drive-fault"}"#);
+    send(&mut page, r#""enable""#);
+    send(&mut page, r#"{"law": "elastic"}"#);
+    read_until(&mut page, "\"law\":\"elastic\",\"faults\"");
+    send(&mut page, r#"{"hold": [-0.02, 0.0]}"#);
+    send(&mut page, r#"{"law": "free"}"#);
+    read_until(&mut page, "\"law\":\"free\",\"faults\"");
+    drop(page);
+    play.signal("INT");
+    let done = play.output();
+    assert_eq!(done.status.code(), Some(0), "{}", String::from_utf8_lossy(&done.stderr));
+    for number in ["1", "2", "3"] {
+        let recording = folder.join("runs").join(number).join("cycles.mcap");
+        let replayed = Command::new(program()).arg("replay").arg(&recording).output().unwrap();
+        assert!(replayed.status.success(), "{number}: {}", String::from_utf8_lossy(&replayed.stderr));
+    }
+    fs::remove_dir_all(folder).unwrap();
+}
+
 #[test]
 fn a_page_is_served_on_loopback_alone() {
     let folder = folder("refused");

@@ -26,6 +26,12 @@ impl<'a> SegmentPlan<'a> {
         self.budget.is_schedulable()
     }
 
+    /// Name of the bus, and the greatest share of its time that frames take.
+    #[cfg(feature = "view")]
+    pub(super) fn load(&self) -> (&str, f64) {
+        (self.name, self.budget.load())
+    }
+
     /// Whether every frame is in time, or takes none.
     pub(super) fn is_kept(&self) -> bool {
         !self.rig.frames_take_time() || self.is_schedulable()

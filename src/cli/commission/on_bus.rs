@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::{Arguments, Machine, Taken, begin, end, told};
+use super::{Arguments, Earlier, Machine, Taken, begin, end, told};
 use crate::at_the_arm::Typed;
 use crate::clock::now_unix_s;
 use crate::confirm::agreed;
@@ -19,9 +19,10 @@ use crate::interrupt::on_interrupt;
 use crate::live::not_run;
 use crate::on_bus::{warn, with_told};
 use crate::output::Output;
+use crate::page::{Page, PageOf};
 use yieldwall_config as config;
 use yieldwall_motion::quantity::Force;
-use yieldwall_run::commission::STEPS;
+use yieldwall_run::commission::{Begin, STEPS};
 use yieldwall_run::host::{News, Person};
 use yieldwall_service::OnInterfaces;
 
@@ -122,7 +123,6 @@ pub(super) fn run(
     loaded: &config::Loaded<config::Rig>,
     output: &mut Output,
 ) -> Result<(), Failure> {
-    let events = Events::of(output);
     let rig = &loaded.value;
     if arguments.restore {
         let are_closed = close_journals(&arguments.on_bus.interfaces(rig)?, output)?;
@@ -149,8 +149,25 @@ pub(super) fn run(
         }
     }
     close_journals(&interfaces, output)?;
+    let mut page = Page::default();
+    page.open(&arguments.page, rig, PageOf { command: "commission", pace: arguments.on_bus.pace().into() })?;
+    let end = commissioned(arguments, (file, loaded), (&machine, begin, earlier), &mut page, output);
+    page.end(&end);
+    end
+}
+
+/// Commissions the rig on its buses, from a step on.
+fn commissioned(
+    arguments: &Arguments,
+    (file, loaded): (&str, &config::Loaded<config::Rig>),
+    (machine, begin, earlier): (&Machine, Begin, Option<Earlier>),
+    page: &mut Page,
+    output: &mut Output,
+) -> Result<(), Failure> {
+    let (events, rig) = (Events::of(output), &loaded.value);
     let opened = arguments.on_bus.open("commission", file, loaded, output)?;
-    let Opened { on_bus, terms, interfaces, is_interrupted } = opened;
+    let Opened { mut on_bus, terms, interfaces, is_interrupted } = opened;
+    on_bus.set_watch(page.watch());
     let names = rig.drives.each_ref().map(|drive| drive.name.clone());
     let mut person =
         AtTheTerminal { names: (!arguments.yes).then_some(names), typed: Typed::new(Arc::clone(&is_interrupted)) };
@@ -172,7 +189,7 @@ pub(super) fn run(
         Ok(commissioned) => {
             let with_emergencies = |failure| with_told(failure, &outcome.emergencies, &outcome.errors, rig);
             let taken = Taken::new(earlier, commissioned.clone(), ran);
-            end(arguments, rig, &taken, &machine, (with_emergencies, given_back), output)
+            end(arguments, rig, &taken, machine, (with_emergencies, given_back), output)
         }
         Err(error) => both(Err(not_run(error, &outcome, &interfaces, rig, file)), given_back),
     }

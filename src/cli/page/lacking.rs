@@ -1,9 +1,11 @@
 //! The page of a build that has none.
 
-use super::{Arguments, ViewArgument};
+use super::{Arguments, PageOf, PlayArguments, ViewArgument};
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
 use yieldwall_config as config;
+use yieldwall_fieldbus::time::Time;
+use yieldwall_record::CycleRecord;
 use yieldwall_run::Watch;
 
 fn lacks(what: &str) -> Failure {
@@ -16,13 +18,19 @@ pub(crate) fn view(arguments: &Arguments, _: &mut Output) -> Result<(), Failure>
     Err(lacks("view"))
 }
 
+pub(crate) fn play(arguments: &PlayArguments, _: &mut Output) -> Result<(), Failure> {
+    let PlayArguments { rig: _, view: _, no_open: _, record: _ } = arguments;
+    Err(lacks("play"))
+}
+
 /// No page.
 #[derive(Default)]
 pub(crate) struct Page(());
 
 impl Page {
     /// Refuses one.
-    pub(crate) fn open(&mut self, argument: &ViewArgument, _: &config::Rig) -> Result<(), Failure> {
+    pub(crate) fn open(&mut self, argument: &ViewArgument, _: &config::Rig, of: PageOf) -> Result<(), Failure> {
+        let PageOf { command: _, pace: _ } = of;
         argument.view.map_or(Ok(()), |_| Err(lacks("--view")))
     }
 
@@ -34,6 +42,19 @@ impl Page {
     /// No observer.
     pub(crate) fn watch(&mut self) -> Watch {
         Watch::default()
+    }
+
+    /// No observer.
+    pub(crate) fn watch_by_the_clock(&mut self) -> Watch {
+        Watch::default()
+    }
+
+    /// Shows nothing.
+    pub(crate) fn show_devices(
+        &mut self,
+        _: &config::Rig,
+    ) -> impl FnMut(Time, &mut dyn FnMut() -> CycleRecord) + use<> {
+        |_, _| ()
     }
 
     /// Does nothing.

@@ -1,9 +1,12 @@
-//! `yieldwall view` and `--view`: a page for a browser on this computer, with recordings or with a rig that runs.
+//! `yieldwall view`, `yieldwall play` and `--view`: a page for a browser on this computer, with recordings, with a simulation whose hand is the
+//! pointer, or with a rig that runs.
 
 #[cfg(feature = "view")]
 mod browser;
 #[cfg(feature = "view")]
 mod description;
+#[cfg(feature = "view")]
+mod play;
 #[cfg(not(feature = "view"))]
 #[path = "lacking.rs"]
 mod serve;
@@ -13,17 +16,46 @@ mod serve;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
+#[cfg(feature = "view")]
+pub(super) use play::play;
+#[cfg(not(feature = "view"))]
+pub(super) use serve::play;
 pub(super) use serve::{Page, view};
 
 /// Address of a page where none is named: any free port.
 const ANY_PORT: &str = "127.0.0.1:0";
+
+/// The command that a page belongs to.
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(not(feature = "view"), expect(dead_code, reason = "a build without the page has no use for it"))]
+pub(super) struct PageOf {
+    pub(super) command: &'static str,
+    pub(super) pace: Pace,
+}
+
+/// The time that a rig on a page goes by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Pace {
+    Virtual,
+    Lockstep,
+    Free,
+}
+
+#[cfg(target_os = "linux")]
+impl From<super::pace::PaceArgument> for Pace {
+    fn from(pace: super::pace::PaceArgument) -> Self {
+        match pace {
+            super::pace::PaceArgument::Free => Self::Free,
+            super::pace::PaceArgument::Lockstep => Self::Lockstep,
+        }
+    }
+}
 
 /// The page of a rig that runs.
 #[derive(Debug, clap::Args)]
 pub(super) struct ViewArgument {
     /// Serve a page that shows the rig to a browser on this computer, and print its address; the simulation then runs by the wall clock
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, require_equals = true, default_missing_value = ANY_PORT)]
-    #[arg(conflicts_with_all = ["tui", "dry_run"])]
     pub(super) view: Option<SocketAddr>,
 }
 
@@ -38,4 +70,20 @@ pub(super) struct Arguments {
     /// Open no browser
     #[arg(long)]
     no_open: bool,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct PlayArguments {
+    /// The rig, with its simulation
+    #[arg(value_name = "RIG.yaml", default_value = "builtin:play.yaml")]
+    rig: String,
+    /// Address of the page: a loopback address, with port 0 on any free port
+    #[arg(long, value_name = "ADDRESS", default_value = ANY_PORT)]
+    view: SocketAddr,
+    /// Open no browser
+    #[arg(long)]
+    no_open: bool,
+    /// Record every cycle and every frame: a new folder in this one for each fixture that is chosen on the page
+    #[arg(long, value_name = "DIR")]
+    record: Option<PathBuf>,
 }

@@ -9,6 +9,7 @@ use crate::interfaces::Interfaces;
 use crate::interrupt::on_interrupt;
 use crate::on_bus::{only_for_can, open_failure};
 use crate::output::Output;
+use crate::page::{Page, PageOf};
 use yieldwall_config as config;
 use yieldwall_config::injection::{Injection, Medium};
 use yieldwall_fieldbus::canopen::BusId;
@@ -50,6 +51,9 @@ pub(super) fn run(
     for fault in faults {
         server.inject(fault).map_err(|error| no_fault(&error))?;
     }
+    // Its threads have no real-time priority.
+    let mut page = Page::default();
+    page.open(&arguments.page, rig, PageOf { command: "sim", pace: arguments.pace.into() })?;
     let names = names(rig, here).join(", ");
     output.news(&format!(
         "simulated {names} on {}, {}; Ctrl-C ends it",
@@ -61,12 +65,16 @@ pub(super) fn run(
     }
     // Devices do not wait for a processor; where the system refuses, they are as late as it is.
     let _ = run_first();
-    let served = serve_segment(&mut server, &mut link, &is_interrupted);
+    let mut show = page.show_devices(rig);
+    let served =
+        serve_segment(&mut server, &mut link, &is_interrupted, |server| show(server.now(), &mut || server.record()));
+    drop(show);
     let (counts, time_s) = (server.counts(), server.now().as_secs_f64());
     let end = served.map_err(|error| match &error {
         ServeError::Rig(error) => rig_failure(error),
         ServeError::Gone => Failure::new(Exit::BusUnavailable, error.to_string(), "plug the adapter in again"),
     });
+    page.end(&end);
     if output.is_json() {
         let drives = server.drive_states().into_iter().zip(server.torques_n_m());
         let drives: Vec<_> = drives

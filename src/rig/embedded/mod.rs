@@ -45,14 +45,15 @@ use yieldwall_drives::watchdog::Watchdog;
 use yieldwall_fieldbus::time::Time;
 use yieldwall_motion::cycle::Outputs;
 use yieldwall_motion::guard::{Cause, Request, State};
+use yieldwall_motion::quantity::TipPoint;
 use yieldwall_record::{CycleRecord, Moment, Row, Stages};
 use yieldwall_run::assembly;
 use yieldwall_run::{
-    Ask, BootWatch, DriveError, Enabling, ErrorWatch, Observer, Pace, Permit, Place, RunError, Runner, Tap,
+    Ask, BootWatch, DriveError, Enabling, ErrorWatch, Observer, Pace, Permit, Place, RunError, Runner, Tap, Watch,
 };
 use yieldwall_sim::arm::Arm;
 use yieldwall_sim::can::{BusCounters, Tamper};
-use yieldwall_sim::hand::Hand;
+use yieldwall_sim::hand::{Hand, PathPoint};
 use yieldwall_sim::{Drive, ForceSensor};
 
 /// Master, virtual buses, simulated devices, arm and hand.
@@ -206,6 +207,14 @@ impl EmbeddedRig {
         &mut self.place_mut().silence
     }
 
+    /// Installs these closures from now on.
+    pub fn set_watch(&mut self, Watch { tap, observer, boot, errors }: Watch) {
+        tap.into_iter().for_each(|tap| self.set_tap(tap));
+        observer.into_iter().for_each(|observer| self.set_observer(observer));
+        boot.into_iter().for_each(|boot| self.set_boot_watch(boot));
+        errors.into_iter().for_each(|errors| self.set_error_watch(errors));
+    }
+
     /// Has `tap` get every frame from now on.
     pub fn set_tap(&mut self, tap: Tap) {
         self.place_mut().tap = Some(tap);
@@ -214,6 +223,25 @@ impl EmbeddedRig {
     /// Has `observer` get the record of every cycle from now on, those of enabling and stopping included.
     pub fn set_observer(&mut self, observer: Observer) {
         self.runner.set_observer(observer);
+    }
+
+    /// Takes the hand off the path of its scene: from now on it holds the tool and aims so, or has let go of it.
+    pub fn move_hand(&mut self, aim: Option<PathPoint<2>>) {
+        let Simulation { now, far, .. } = self.place_mut();
+        far.world.move_hand(*now, aim);
+    }
+
+    /// Sets the stiffness of the hand, N/m.
+    ///
+    /// # Errors
+    /// For a number that is negative or not finite.
+    pub fn set_hand_stiffness(&mut self, stiffness_n_per_m: f64) -> Result<(), RigError> {
+        Ok(self.place_mut().far.world.hand.set_stiffness(stiffness_n_per_m)?)
+    }
+
+    /// Place of the tool in the base frame.
+    pub fn tool(&self) -> TipPoint {
+        self.place().far.world.truth.tip
     }
 
     /// Has `watch` follow every boot from now on.

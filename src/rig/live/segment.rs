@@ -13,7 +13,7 @@ const MOST_AT_ONCE: usize = 64;
 
 /// Serves a segment, and devices on CAN beside it, until `is_over` or an interface is removed. Of what came while the process was stopped, or
 /// could not run for a second, only NMT commands are taken. An interface that is down is waited for: the devices then hear nothing, as with
-/// the cable out.
+/// the cable out. `between` is called now and then, at least twenty times a second.
 ///
 /// # Errors
 /// If the simulated arm cannot go on, or there is no interface any more.
@@ -21,6 +21,7 @@ pub fn serve_segment<L: Wires>(
     server: &mut SegmentServer,
     link: &mut L,
     is_over: &AtomicBool,
+    mut between: impl FnMut(&mut SegmentServer),
 ) -> Result<(), ServeError> {
     let mut buffer = [0; LONGEST];
     let mut looked_at = link.now();
@@ -43,6 +44,7 @@ pub fn serve_segment<L: Wires>(
                 _ => {}
             }
         }
+        between(server);
         let wall = link.now();
         back(link, |send| server.poll(wall, send))?;
         send_can(server, link)?;
@@ -183,7 +185,7 @@ mod tests {
         // Then cycles, each 300 ms on the wall.
         link.on_can.extend((0..10).map(|number| (at(2100 + 300 * number), Frame::new(cob::SYNC, &[]).on_bus(sensor))));
         link.coming.extend((0..10).map(|number| (at(2100 + 300 * number + 150), reading.clone())));
-        serve_segment(&mut server, &mut link, &is_over).unwrap();
+        serve_segment(&mut server, &mut link, &is_over, |_| ()).unwrap();
         assert_eq!((server.counts().syncs, server.counts().frames, link.sent.len()), (10, 20, 20));
         // 2.001 s of the wall, 9 periods of the boot, 10 of the cycles.
         assert_eq!(server.now(), at(2001 + 9 + 10));
@@ -204,7 +206,7 @@ mod tests {
         let coming = [10, 5000, 5000, 5010].map(|milliseconds: u64| (Time(milliseconds * 1_000_000), frame.clone()));
         let is_over = AtomicBool::new(false);
         let mut link = Script { coming: coming.into(), oversleeps: true, ..Script::new(&is_over) };
-        serve_segment(&mut server, &mut link, &is_over).unwrap();
+        serve_segment(&mut server, &mut link, &is_over, |_| ()).unwrap();
         assert_eq!((server.counts().frames, server.counts().returned, link.sent.len()), (2, 2, 2));
         // All three in INIT, and each has counted.
         assert!(link.sent.iter().all(|sent| sent[26..30] == [0x01, 0, 3, 0]), "{:02x?}", link.sent);

@@ -106,18 +106,7 @@ pub fn run_rig(
 ) -> Result<RunReport, RigError> {
     let fixture = overrides.fixture.as_ref().unwrap_or(&rig.fixture);
     let mut machine = EmbeddedRig::new(rig, scene, fixture, overrides.seed.unwrap_or(scene.seed))?;
-    if let Some(tap) = watch.tap {
-        machine.set_tap(tap);
-    }
-    if let Some(observer) = watch.observer {
-        machine.set_observer(observer);
-    }
-    if let Some(boot) = watch.boot {
-        machine.set_boot_watch(boot);
-    }
-    if let Some(errors) = watch.errors {
-        machine.set_error_watch(errors);
-    }
+    machine.set_watch(watch);
     overrides.faults.iter().try_for_each(|fault| machine.inject(*fault))?;
     machine.enable()?;
     let started_at = machine.next_sync();

@@ -255,6 +255,12 @@ impl SegmentServer {
         [here(0, left), here(1, right)]
     }
 
+    /// Record of arm, hand and drives at present, for those who look on. The master's part in it is blank.
+    pub fn record(&mut self) -> yieldwall_record::CycleRecord {
+        let states = self.far.drive_states();
+        self.far.world.record(self.now, states)
+    }
+
     /// Torques of the drives in N m.
     pub fn torques_n_m(&self) -> [f64; 2] {
         self.far.world.torques.to_array()

@@ -37,7 +37,6 @@ export class Records {
     this.capacity = Math.max(2, Math.floor(capacity));
     this.stride = layout.bytes;
     this.period_s = machine.period_s > 0 ? machine.period_s : 0.001;
-    this.total = 0;
     this.serverLost = 0;
     this.fields = new Map(layout.fields.map((field) => [field.name, field]));
     this.names = new Map();
@@ -75,13 +74,21 @@ export class Records {
       cause: reader("cause"),
       stages: STAGES.map(([name]) => reader(name)),
     };
+    /// Runs that have begun after the first one.
+    this.runs = 0;
+    this.forget();
+  }
+
+  /// Forgets all records.
+  forget() {
+    this.total = 0;
     this.sceneStart = NaN;
     this.faults = [];
     this.impacts = [];
     this.lastCause = -1;
     this.lastImpact = false;
     this.path = [];
-    this.pathStep = pathStep(machine.view_m);
+    this.pathStep = pathStep(this.machine.view_m);
     this.bins = STAGES.map(() => new Uint32Array(BINS));
     this.worst = STAGES.map(() => 0);
   }
@@ -131,7 +138,8 @@ export class Records {
     return low;
   }
 
-  /// Takes whole packets from `bytes`; returns how many bytes it took. `stopsWhenFull` ends at the capacity.
+  /// Takes whole packets from `bytes`; returns how many bytes it took. `stopsWhenFull` ends at the capacity. Otherwise a
+  /// record with a lower index than the last one begins another run, and the earlier records are forgotten.
   take(bytes, stopsWhenFull = false) {
     const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
     let at = 0;
@@ -143,11 +151,22 @@ export class Records {
       this.serverLost = Number(view.getBigUint64(at + 8, true));
       for (let from = at + PACKET_HEAD; from < end; from += this.stride) {
         if (stopsWhenFull && this.total === this.capacity) return bytes.length;
+        if (!stopsWhenFull && this.isEarlier(view, from)) {
+          this.runs += 1;
+          this.forget();
+        }
         this.append(bytes, from);
       }
       at = end;
     }
     return at;
+  }
+
+  /// Whether the record at a byte of a packet has a lower index than the last one here.
+  isEarlier(view, from) {
+    if (this.total === 0 || !this.has("index")) return false;
+    const { type, offset } = this.fields.get("index");
+    return READERS[type](view, from + offset) < this.get.index(this.place(this.last));
   }
 
   /// Number of records that are missing between the last one and a packet of the same run.

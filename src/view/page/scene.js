@@ -1,6 +1,8 @@
 // The arm, the surfaces, proxy, tool and force of one record, seen along z.
 
 const PADDING = 10;
+/// Force of an arrow of unit length where no yield force is known, N.
+const USUAL_N = 20;
 /// Radius on the screen of the circle of the yield force.
 const YIELD_SHARE = 0.11;
 /// Longest arrow, in radii of that circle.
@@ -15,7 +17,11 @@ export function projection(view, width, height, zoom = 1, focus = null) {
   const [left, low, right, high] = usable ? view : [-0.5, -0.5, 0.5, 0.5];
   const scale = zoom * Math.max(1, Math.min((width - 2 * PADDING) / (right - left), (height - 2 * PADDING) / (high - low)));
   const [x, y] = zoom > 1 && focus?.every(Number.isFinite) ? focus : [(left + right) / 2, (low + high) / 2];
-  return { scale, to: (px, py) => [width / 2 + (px - x) * scale, height / 2 - (py - y) * scale] };
+  return {
+    scale,
+    to: (px, py) => [width / 2 + (px - x) * scale, height / 2 - (py - y) * scale],
+    from: (left_px, top_px) => [x + (left_px - width / 2) / scale, y - (top_px - height / 2) / scale],
+  };
 }
 
 const pair = (value) => (Array.isArray(value) ? value : [value, value]);
@@ -95,7 +101,7 @@ function meet([left, right], [a, b], near) {
 
 /// Draws a record, and another recording's record over it. Returns the pixels of tool and proxy.
 export function drawScene(pen, size, shown, colors) {
-  const { records, index, other, zoom } = shown, { machine } = records;
+  const { records, index, other, zoom, hand = null } = shown, { machine } = records;
   const value = (name) => records.value(name, index);
   const toolNames = records.isDevice ? ["reported_x_m", "reported_y_m"] : ["tool_x_m", "tool_y_m"];
   const tool_m = toolNames.map(value);
@@ -109,7 +115,11 @@ export function drawScene(pen, size, shown, colors) {
   if (arm) drawArm(pen, place, arm, colors);
   const tool = place.to(...tool_m);
   const proxy = place.to(value("proxy_x_m"), value("proxy_y_m"));
-  drawForce(pen, size, tool, ["force_x_n", "force_y_n"].map(value), machine.fixture?.yield_force_n, colors);
+  // In play the arrow of the force ends at the point at which the hand aims.
+  const yield_n = machine.fixture?.yield_force_n, unit_n = hand?.yield_n || yield_n || USUAL_N;
+  const radius = hand?.reach_m > 0 ? hand.reach_m * place.scale : YIELD_SHARE * Math.min(size.width, size.height);
+  if (hand?.aim) drawAim(pen, tool, place.to(...hand.aim), hand.isHeld, yield_n, colors);
+  drawForce(pen, tool, radius, ["force_x_n", "force_y_n"].map(value), { unit_n, yield_n }, hand?.aim ? 27 : 16, colors);
   pen.circle(...tool, TOOL_RADIUS, { fill: colors.tool });
   pen.circle(...proxy, PROXY_RADIUS, { color: colors.proxy, width: 3 });
   drawScale(pen, size, place, colors);
@@ -196,10 +206,18 @@ function drawArm(pen, place, { bases, elbows, wrist, tool }, colors) {
   });
 }
 
-function drawForce(pen, size, [x, y], [fx, fy], yield_n, colors) {
-  const radius = YIELD_SHARE * Math.min(size.width, size.height);
+/// Draws the point at which the hand aims, and what the circle round the tool means.
+function drawAim(pen, tool, [x, y], isHeld, yield_n, colors) {
+  const color = isHeld ? colors.ink : colors.muted;
+  pen.line([...tool, x, y], { color, width: 1.5, dash: [6, 4] });
+  pen.circle(x, y, 7, { color, width: 2 });
+  for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) pen.line([x + 4 * dx, y + 4 * dy, x + 11 * dx, y + 11 * dy], { color, width: 2 });
+  if (yield_n > 0) pen.text(14, 22, `aim inside the circle: less than R = ${Number(yield_n.toPrecision(3))} N`, { color: colors.forceText, size: 12 });
+}
+
+/// `unit_n` is the force of an arrow of length `radius`, and `gap` the distance in pixels from the arrow to its number.
+function drawForce(pen, [x, y], radius, [fx, fy], { unit_n: unit, yield_n }, gap, colors) {
   const force = Math.hypot(fx, fy);
-  const unit = yield_n > 0 ? yield_n : 20;
   if (yield_n > 0) pen.circle(x, y, radius, { color: colors.force, width: 1.5, dash: [5, 4] });
   if (!(force > 0) || !Number.isFinite(x) || !Number.isFinite(force)) return;
   const length = Math.min(force / unit, LONGEST_ARROW) * radius;
@@ -210,7 +228,7 @@ function drawForce(pen, size, [x, y], [fx, fy], yield_n, colors) {
   pen.line([...tip, neck[0] - uy * head * 0.5, neck[1] + ux * head * 0.5, neck[0] + uy * head * 0.5, neck[1] - ux * head * 0.5], { fill: colors.force, isClosed: true });
   if (length > 0.3 * radius) {
     const beyond = force / unit > LONGEST_ARROW ? "> " : "";
-    pen.text(tip[0] + ux * 16, tip[1] + uy * 16 + 4, `${beyond}${force.toFixed(1)} N`, { color: colors.forceText, size: 12, weight: 600, anchor: ux < -0.3 ? "end" : ux > 0.3 ? "start" : "middle" });
+    pen.text(tip[0] + ux * gap, tip[1] + uy * gap + 4, `${beyond}${force.toFixed(1)} N`, { color: colors.forceText, size: 12, weight: 600, anchor: ux < -0.3 ? "end" : ux > 0.3 ? "start" : "middle" });
   }
 }
 

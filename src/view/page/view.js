@@ -4,6 +4,7 @@ import { BINS, BINS_PER_DECADE, Records, STAGES, quantile_us } from "./records.j
 import { CanvasPen, SvgPen } from "./pen.js";
 import { drawScene, posture, projection } from "./scene.js";
 import { Charts } from "./charts.js";
+import { Play } from "./play.js";
 
 const LIVE_SPAN_S = 60;
 /// Most bytes that the page holds of one recording, and of a running rig.
@@ -23,6 +24,9 @@ function write(element, text) { if (element.textContent !== text) element.textCo
 const page = {
   token: location.hash.slice(1),
   hello: null,
+  socket: null,
+  /// Hand, controls and guide of a program that takes orders.
+  playing: null,
   main: null,
   other: null,
   charts: null,
@@ -63,6 +67,7 @@ function connect() {
   }
   badge("connecting");
   const socket = new WebSocket(`ws://${location.host}/stream`, ["yieldwall.v1", `token.${page.token}`]);
+  page.socket = socket;
   socket.binaryType = "arraybuffer";
   socket.onmessage = ({ data }) => {
     try {
@@ -77,10 +82,15 @@ function connect() {
   socket.onclose = ({ code }) => closed(code);
 }
 
+function send(order) {
+  if (page.socket?.readyState === WebSocket.OPEN) page.socket.send(JSON.stringify(order));
+}
+
 function message(data) {
   if (data.kind === "hello") begin(data);
   if (data.kind === "lagged") page.lagged += data.records;
   if (data.kind === "status") page.status = data;
+  if (data.kind === "notice") page.playing.notice(/^[a-z]+_/.test(data.message) ? data.message : sentence(data.message));
   if (data.kind === "end") {
     page.hasEnded = true;
     if (page.isLive) play(false);
@@ -94,7 +104,10 @@ function packet(bytes) {
   if (!page.main || !page.isLive) return;
   if (page.isResuming) resume(bytes);
   page.received = Date.now();
-  page.main.take(bytes);
+  const { main } = page, { runs } = main;
+  main.take(bytes);
+  if (main.runs !== runs) begunAnew();
+  page.playing.take(main);
   if (page.isFollowing) follow();
   page.sceneChanged = true;
   if (!Array.isArray(page.selection)) page.charts.markAll();
@@ -103,6 +116,7 @@ function packet(bytes) {
 }
 
 async function closed(code) {
+  page.playing.disconnected();
   if (page.hasEnded) return;
   if (page.hello && !page.isLive) {
     badge("recording, program ended");
@@ -161,20 +175,24 @@ function begin(hello) {
   page.status = null;
   notice("");
   write($("program"), `${hello.program}, ${hello.command}`);
+  page.playing.begin(hello);
   if (isSameRig) {
     // The first packet shows whether the run is the same.
     page.isResuming = true;
     badge("live", "live");
     return;
   }
+  const isAnew = page.isLive && hello.is_live;
   page.isLive = hello.is_live;
   page.loaded = null;
   document.body.classList.remove("waiting");
   $("live").hidden = !page.isLive;
   $("main-choice").hidden = page.isLive || hello.recordings.length < 2;
   $("other-choice").hidden = page.isLive || hello.recordings.length < 2;
-  page.selection = page.isLive ? null : "all";
-  $("window").value = page.isLive ? "10" : "all";
+  if (!isAnew) {
+    page.selection = page.isLive ? null : "all";
+    $("window").value = page.isLive ? "10" : "all";
+  }
   write($("time-axis"), page.isLive ? "time since switching on (s)" : "time of the scene (s)");
   if (page.isLive) {
     badge("live", "live");
@@ -200,12 +218,28 @@ const isEqual = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 /// Begins an empty history of a running rig and follows it.
 function beginLive() {
   const { hello } = page, wanted = LIVE_SPAN_S / (hello.period_s > 0 ? hello.period_s : 0.001);
-  page.lagged = 0;
   page.isResuming = false;
+  followAnew();
+  use(new Records(hello.record, machineOf(hello), Math.min(wanted, LARGEST_LIVE / (hello.record.bytes + Records.DERIVED_BYTES))), null);
+}
+
+/// Follows a run from its beginning.
+function followAnew() {
+  page.lagged = 0;
   page.isFollowing = true;
   page.isPlaying = true;
   write($("play"), "Pause");
-  use(new Records(hello.record, machineOf(hello), Math.min(wanted, LARGEST_LIVE / (hello.record.bytes + Records.DERIVED_BYTES))), null);
+  if (Array.isArray(page.selection)) {
+    page.selection = null;
+    $("window").value = "10";
+  }
+}
+
+/// Goes on with another run of the same rig, whose first records have come.
+function begunAnew() {
+  followAnew();
+  forgetShown();
+  page.charts.markAll();
 }
 
 /// Goes on after a lost connection: counts the records of the gap as missed. Another run begins a new history.
@@ -309,11 +343,7 @@ async function load(which, signal, whenBegun) {
 
 function use(main, other) {
   if (main !== page.main) {
-    page.shown = 0;
-    page.time = 0;
-    page.listedFaults = null;
-    page.stageCounts = null;
-    page.announced = null;
+    forgetShown();
     document.body.classList.remove("empty");
   }
   page.main = main;
@@ -329,6 +359,14 @@ function use(main, other) {
   machineTexts();
   page.charts.build(page.colors, Boolean(other));
   changed();
+}
+
+function forgetShown() {
+  page.shown = 0;
+  page.time = 0;
+  page.listedFaults = null;
+  page.stageCounts = null;
+  page.announced = null;
 }
 
 /// Time on the records' clock that the page shows as zero.
@@ -499,7 +537,14 @@ function advance(now) {
 function shownScene() {
   const { main: records, shown: index, other, zoom } = page;
   const over = other && other.total > 0 ? { records: other, index: other.at(page.time + offset(other)), hasOwnSurfaces: page.hasOtherSurfaces } : null;
-  return { records, index, other: over, zoom };
+  return { records, index, other: over, zoom, hand: page.playing.drawn() };
+}
+
+/// Projection of the scene as it is shown.
+function place() {
+  const { clientWidth, clientHeight } = $("scene"), { main, zoom } = page;
+  const focus = zoom > 1 ? [main.get.toolX, main.get.toolY].map((get) => get(main.place(page.shown))) : null;
+  return projection(main?.machine.view_m, clientWidth, clientHeight, zoom, focus);
 }
 
 function draw() {
@@ -557,6 +602,7 @@ function texts() {
   const { main } = page;
   if (!main) return;
   streamTexts();
+  page.playing.texts(main);
   if (main.total === 0) return;
   keepShown();
   stateTexts();
@@ -568,9 +614,14 @@ function texts() {
   describe();
 }
 
+/// State of the supervisor; null where there is none, as beside simulated devices without their master.
+function supervisor(main, index) {
+  return page.hello.command === "sim" ? null : main.code("state", index);
+}
+
 function stateTexts() {
-  const { main, shown: index } = page;
-  const state = main.code("state", index), list = $("states");
+  const { main, shown: index } = page, hasMaster = page.hello.command !== "sim";
+  const state = supervisor(main, index), list = $("states");
   list.hidden = state === null;
   if (state !== null && list.children.length === 0) list.append(...STATES.map((name) => make("li", "", name)));
   for (const item of list.children) {
@@ -586,14 +637,15 @@ function stateTexts() {
   rows($("values"), [
     ...coded("left_state", "Left drive"),
     ...coded("right_state", "Right drive"),
-    ...coded("motion", "Reference"),
-    ...coded("command_kind", "Command"),
+    ...(hasMaster ? [...coded("motion", "Reference"), ...coded("command_kind", "Command")] : []),
     ["Force", withUnit(main.column("force", index), 1, 1, "N")],
-    ["Proxy to surface", withUnit(value("signed_distance_m"), 1000, 2, "mm")],
-    [`${capital(main.words.tool)} to proxy`, withUnit(main.column("distance", index), 1000, 2, "mm")],
-    ["Proxy on the surface", yesOrNo(value("is_on_surface"))],
-    ["Hold counter", withUnit(value("hold_counter"), 1, 0, main.fields.get("hold_counter")?.unit ?? "")],
-    ...(main.has("is_saturated") ? [["Torque at its limit", yesOrNo(value("is_saturated")), value("is_saturated") === 1]] : []),
+    ...(hasMaster ? [
+      ["Proxy to surface", withUnit(value("signed_distance_m"), 1000, 2, "mm")],
+      [`${capital(main.words.tool)} to proxy`, withUnit(main.column("distance", index), 1000, 2, "mm")],
+      ["Proxy on the surface", yesOrNo(value("is_on_surface"))],
+      ["Hold counter", withUnit(value("hold_counter"), 1, 0, main.fields.get("hold_counter")?.unit ?? "")],
+      ...(main.has("is_saturated") ? [["Torque at its limit", yesOrNo(value("is_saturated")), value("is_saturated") === 1]] : []),
+    ] : []),
   ]);
 }
 
@@ -752,7 +804,7 @@ function streamTexts() {
   buses.forEach(({ name, load_percent: load }, k) => {
     if (!list.children[k]) list.append(meter());
     const isKnown = Number.isFinite(load);
-    set(list.children[k], `Load of ${name}`, isKnown ? `${load.toFixed(1)} %` : "unknown", isKnown ? load / 100 : 0, null, load > 80);
+    set(list.children[k], `Load of ${name}, at most`, isKnown ? `${load.toFixed(1)} %` : "unknown", isKnown ? load / 100 : 0, null, load > 80);
   });
   rows($("stream"), [
     ["Real-time tier", hello.tier ?? "unknown"],
@@ -807,7 +859,7 @@ function marks() {
 /// Writes for a screen reader: the canvas's content, and changes of state as they come.
 function describe() {
   const { main, shown: index } = page;
-  const state = main.code("state", index), fault = main.value("has_cause", index) === 1 ? main.code("cause", index) : null;
+  const state = supervisor(main, index), fault = main.value("has_cause", index) === 1 ? main.code("cause", index) : null;
   $("scene").setAttribute("aria-label", `${$("scene-title").textContent} at ${shownTime().toFixed(1)} s: ${main.words.force} ${withUnit(main.column("force", index), 1, 1, "N")}, ${main.words.tool} to proxy ${withUnit(main.column("distance", index), 1000, 1, "mm")}`);
   const text = `${state ? `Supervisor: ${state}.` : ""}${fault ? ` Fault: ${fault}.` : ""}`;
   if (page.announced !== text) {
@@ -837,7 +889,7 @@ function compose(pen) {
     pen.text(x + 16, 50 + scene + 28, name, { color: colors.ink, size: 13 });
     x += 36 + name.length * 7;
   }
-  const state = main.code("state", index);
+  const state = supervisor(main, index);
   const facts = [state && `supervisor ${state}`, main.has("left_state") && `drives ${main.code("left_state", index)}, ${main.code("right_state", index)}`, `${words.force} ${withUnit(main.column("force", index), 1, 1, "N")}`, `${words.tool} to proxy ${withUnit(main.column("distance", index), 1000, 2, "mm")}`];
   pen.text(20, 50 + scene + 56, facts.filter(Boolean).join("; "), { color: colors.ink, size: 13 });
   if (main.value("has_cause", index) === 1) {
@@ -923,7 +975,8 @@ const SHIFT_KEYS = { s: saveSvg, p: savePng };
 function onKey(event) {
   if (event.ctrlKey || event.metaKey || event.altKey || $("help").open) return;
   const { target } = event;
-  if (target instanceof HTMLSelectElement || (target instanceof HTMLButtonElement && event.key === " ")) return;
+  if (target instanceof HTMLSelectElement || (target instanceof HTMLInputElement && target.id !== "scrub")) return;
+  if (event.key === " " && target.closest?.("button, summary")) return;
   const name = event.key.toLowerCase();
   const act = (event.shiftKey ? SHIFT_KEYS[name] : null) ?? KEYS[event.key] ?? KEYS[name];
   if (!act || (!page.main && !["t", "?"].includes(event.key))) return;
@@ -949,6 +1002,13 @@ function begun() {
   on("other-recording", "change", loadChosen);
   on("zoom", "change", () => { page.zoom = Number($("zoom").value); changed(); });
   on("window", "change", () => select($("window").value === "all" ? "all" : null));
+  page.playing = new Play($("scene"), {
+    send,
+    place,
+    tool: () => (page.main?.total > 0 ? [page.main.get.toolX, page.main.get.toolY].map((get) => get?.(page.main.place(page.main.last))) : null),
+    live: () => { if (!page.isFollowing && page.main && !page.hasEnded) goLive(); },
+    changed: () => { page.sceneChanged = true; schedule(); },
+  });
   document.addEventListener("keydown", onKey);
   addEventListener("hashchange", () => location.reload());
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", themeChanged);
@@ -959,11 +1019,7 @@ function begun() {
 
 /// Read-only, for tests.
 window.yieldwall = Object.freeze({
-  toPixels: (x_m, y_m) => {
-    const { clientWidth, clientHeight } = $("scene");
-    const focus = page.zoom > 1 ? [page.main.get.toolX, page.main.get.toolY].map((get) => get(page.main.place(page.shown))) : null;
-    return projection(page.main?.machine.view_m, clientWidth, clientHeight, page.zoom, focus).to(x_m, y_m);
-  },
+  toPixels: (x_m, y_m) => place().to(x_m, y_m),
   now: () => performance.now(),
   get draws() { return page.drawCount; },
   get drawTimes() { return page.draws.slice(); },
@@ -972,6 +1028,13 @@ window.yieldwall = Object.freeze({
   get tool() { return page.drawn.tool.slice(); },
   get proxy() { return page.drawn.proxy.slice(); },
   get colors() { return { ...page.colors }; },
+  get machine() { return structuredClone(page.main?.machine ?? null); },
+  get play() { return structuredClone(page.playing.play ?? null); },
+  get hand() { const { aim, isHeld } = page.playing.hand; return { aim: aim?.slice() ?? null, isHeld }; },
+  get guide() { return structuredClone({ step: page.playing.guide.step, results: page.playing.guide.results }); },
+  value: (name) => page.main?.value(name, page.main.last) ?? NaN,
+  /// Number of the last record, and the energy up to it in J.
+  get energy() { return page.main ? [page.main.last, page.main.column("energy", page.main.last)] : null; },
 });
 
 begun();

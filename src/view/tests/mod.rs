@@ -2,6 +2,7 @@
 
 mod gate;
 mod packets;
+mod played;
 mod served;
 mod streamed;
 
@@ -19,13 +20,20 @@ use yieldwall_record::CycleRecord;
 use yieldwall_record::recording::{Recorded, Sink};
 
 use crate::server::Limits;
-use crate::{Command, Description, Fixture, Hello, Server, Source, ViewSink, faults, stream};
+use crate::{Description, Fixture, Hello, Server, Source, ViewSink, faults, stream};
 
 /// A test that waits longer than this has failed.
 const TOO_LONG: Duration = Duration::from_secs(30);
 
 fn hello() -> Hello {
-    Hello { program: "yieldwall 0.1.0".into(), command: Command::Run, tier: None, machine: machine(), faults: faults() }
+    Hello {
+        program: "yieldwall 0.1.0".into(),
+        command: "run",
+        tier: None,
+        machine: machine(),
+        faults: faults(),
+        play: None,
+    }
 }
 
 fn machine() -> Description {
