@@ -32,7 +32,7 @@ const MODES: [Mode; 3] = [
 /// The columns of the table.
 const COMMANDS: [&str; 8] = ["run", "Ctrl-C", "fault", "jog", "commission", "last step", "home", "drill"];
 
-/// What distinguishes a rig of a profile in a mode from another one.
+/// Differences between the rigs of a profile and a mode.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
     /// A cycle of 1 ms.

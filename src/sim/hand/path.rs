@@ -44,12 +44,12 @@ pub enum Leg<const N: usize> {
     },
     /// Rest.
     Wait {
-        /// How long, in s.
+        /// Duration, in s.
         for_s: f64,
     },
     /// Rest, without a hand on the handle. The mass of the hand stays at it.
     LetGo {
-        /// How long, in s.
+        /// Duration, in s.
         for_s: f64,
     },
 }
