@@ -26,7 +26,7 @@ use super::tui::Screen;
 use facts::Facts;
 use proof::{check_measured_loop, measured_masses, unproven, untimely};
 pub(super) use proof::{evidence, loops};
-use yieldwall_config::{self as config, Source};
+use yieldwall_config as config;
 use yieldwall_motion::guard::{Cause, Fault, State};
 use yieldwall_record::CycleRecord;
 use yieldwall_record::recording::About;
@@ -55,7 +55,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 
 fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
-    let rig = config::load_rig(Source::named(&arguments.rig))?;
+    let rig = config::load_rig(arguments.source()?)?;
     check_candump(arguments, &rig)?;
     output.configuration(&rig.warnings)?;
     check_buses(&rig, Some(arguments.ignore_bus_budget), output)?;

@@ -57,6 +57,11 @@ pub(super) struct Arguments {
     #[cfg(target_os = "linux")]
     #[arg(long, requires = "bus")]
     pub(super) ignore_latency: bool,
+    /// Set a value of the rig or of its simulation for this run, as a variant of the file would; may be repeated
+    ///
+    /// A drive goes by its name: --set drives.left.direction=-1. A value is YAML: --set 'fixture.law={ellipse: {}}'.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<config::SetValue>,
     /// Seconds to run, in place of the scene's duration
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub(super) duration: Option<f64>,
@@ -101,6 +106,12 @@ pub(super) struct Arguments {
 }
 
 impl Arguments {
+    /// The document of the rig, with the values that are set over it.
+    pub(super) fn source(&self) -> Result<Source, Failure> {
+        let source = Source::named(&self.rig).with_values(&self.set);
+        source.map_err(|error| Failure::new(Exit::Usage, format!("--set: {error}"), "set each key once"))
+    }
+
     /// The files of a run.
     pub(super) fn wanted(&self) -> Wanted<'_> {
         let [candump, pcapng, record, black_box] =
@@ -119,7 +130,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 
 fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
-    let source = Source::named(&arguments.rig);
+    let source = arguments.source()?;
     let rig = match config::load(source.clone())? {
         Document::Rig(rig) => *rig,
         Document::Device(_) if arguments.dry_run => {

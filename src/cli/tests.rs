@@ -53,6 +53,16 @@ fn messages_of_malformed_files() {
 }
 
 #[test]
+fn values_are_set_for_one_run() {
+    let exit = |line: &str| run(line.split(' ').map(OsString::from));
+    let rig = "yieldwall -q run builtin:play.yaml --duration 0.1";
+    assert_eq!(exit(&format!("{rig} --set fixture.yield_n=25 --set simulation.arm.tool_kg=1.2")), Exit::Ok);
+    assert_eq!(exit(&format!("{rig} --set fixture.yield_n=-1")), Exit::ConfigInvalid);
+    assert_eq!(exit(&format!("{rig} --set fixture.yield_n")), Exit::Usage);
+    assert_eq!(exit(&format!("{rig} --set fixture.yield_n=25 --set fixture.yield_n=26")), Exit::Usage);
+}
+
+#[test]
 fn exit_codes_tell_what_happened() {
     let exit = |line: &str| run(line.split(' ').map(OsString::from));
     assert_eq!(exit("yieldwall --help"), Exit::Ok);

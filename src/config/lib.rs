@@ -23,6 +23,7 @@ mod number;
 mod outline;
 mod reader;
 mod schema;
+mod set_value;
 mod source;
 mod suggest;
 mod tree;
@@ -38,6 +39,7 @@ pub use load::{
 };
 pub use number::{Finite, NotNegative, Positive};
 pub use schema::schema;
+pub use set_value::{SetValue, SetValueError};
 pub use source::{MAX_FILE_BYTES, Source, builtin, builtin_names};
 pub use suggest::nearest as nearest_word;
 pub use tree::*;

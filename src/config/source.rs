@@ -17,6 +17,9 @@ pub const MAX_FILE_BYTES: usize = 1 << 20;
 /// Folders of the shipped device profiles and tables of error codes among the shipped files.
 const OF_DRIVES: [(&str, &[(&str, &str)]); 2] = [("profiles", profiles::SHIPPED), ("codes", codes::SHIPPED)];
 
+/// Name of the text of values that stand over those of a file.
+const SET: &str = "--set";
+
 /// What stands before the name of a shipped file.
 const BUILTIN_PREFIX: &str = "builtin:";
 
@@ -111,6 +114,8 @@ enum Origin {
     Builtin,
     /// Texts by name.
     Memory(Arc<BTreeMap<PathBuf, Arc<str>>>),
+    /// A text that stands beside documents of another origin.
+    Beside(Arc<str>, Box<Origin>),
 }
 
 /// The copy of a shipped file inside the program, by its path in `config/`, such as `figures/fig11.yaml`. Whether it
@@ -160,6 +165,17 @@ impl Source {
         }
     }
 
+    /// Name of the file in its folder.
+    pub(super) fn file_name(&self) -> Option<&str> {
+        self.path.file_name()?.to_str()
+    }
+
+    /// A text beside this document, in which paths mean what they mean in this one.
+    pub(super) fn beneath(self, text: String) -> Self {
+        let path = self.path.with_file_name(SET);
+        Self { path, origin: Origin::Beside(text.into(), Box::new(self.origin)) }
+    }
+
     /// Whether it is a file that comes with the program.
     pub fn is_shipped(&self) -> bool {
         self.origin == Origin::Builtin
@@ -173,6 +189,7 @@ impl Source {
         }
         let joined = self.path.parent().unwrap_or(Path::new("")).join(path);
         match &self.origin {
+            Origin::Beside(_, origin) => Self { path: self.path.clone(), origin: *origin.clone() }.relative(path),
             Origin::Disk => Self::disk(joined),
             Origin::Memory(texts) if texts.contains_key(&normalise(&joined)) => {
                 Self { path: normalise(&joined), origin: self.origin.clone() }
@@ -187,6 +204,7 @@ impl Source {
     /// No such file; not a regular file; above [`MAX_FILE_BYTES`]; binary; not UTF-8.
     pub fn read(&self) -> Result<Arc<str>, Report> {
         match &self.origin {
+            Origin::Beside(text, _) => Ok(text.clone()),
             Origin::Disk => self.read_disk(),
             Origin::Builtin => match shipped(&self.path) {
                 Some(text) => Ok(Arc::from(text)),
@@ -323,6 +341,9 @@ impl From<&Source> for Source {
 /// The path; a shipped file has `builtin:` before it.
 impl fmt::Display for Source {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if matches!(self.origin, Origin::Beside(..)) {
+            return out.write_str(SET);
+        }
         let prefix = if self.origin == Origin::Builtin { BUILTIN_PREFIX } else { "" };
         write!(out, "{prefix}{}", self.path.display())
     }

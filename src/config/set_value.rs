@@ -1,0 +1,190 @@
+//! Values that stand over those of a file: a variant of it that needs no file of its own.
+
+use std::str::FromStr;
+
+use thiserror::Error;
+
+use super::kind::LIKE;
+use super::source::Source;
+
+/// The key of a list whose entries have names.
+const DRIVES: &str = "drives";
+
+/// A value and its key, as `fixture.yield_n=25`. Drives go by their names: `drives.left.direction=-1`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SetValue {
+    keys: Vec<String>,
+    value: String,
+}
+
+/// Reason why a text sets no value, or why values do not go together.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum SetValueError {
+    /// There is no `=`.
+    #[error("{0} is no KEY=VALUE, such as fixture.yield_n=25")]
+    NoValue(String),
+    /// A key is empty or has another character than letters, digits, `_` and `-`, or it is that of a whole drive.
+    #[error(
+        "{0} is no key: write the keys from the outermost one on, such as fixture.yield_n or drives.left.direction"
+    )]
+    NoKey(String),
+    /// The value does not stand on one line.
+    #[error("the value of {0} has more than one line: write it on one, such as [1.0, 0.0]")]
+    Lines(String),
+    /// Two of them set the same key, or one sets a group of which the other sets a part.
+    #[error("{0} is set twice: once as a whole or in part is enough")]
+    Twice(String),
+}
+
+impl FromStr for SetValue {
+    type Err = SetValueError;
+
+    fn from_str(text: &str) -> Result<Self, SetValueError> {
+        let (path, value) = text.split_once('=').ok_or_else(|| SetValueError::NoValue(text.to_owned()))?;
+        let keys: Vec<String> = path.split('.').map(str::to_owned).collect();
+        let is_key = |key: &String| {
+            !key.is_empty() && key.chars().all(|one| one.is_ascii_alphanumeric() || matches!(one, '_' | '-'))
+        };
+        let is_part_of_drive = |keys: &[String]| keys.first().is_none_or(|key| key != DRIVES) || keys.len() > 2;
+        if !keys.iter().all(is_key) || !is_part_of_drive(&keys) {
+            return Err(SetValueError::NoKey(path.to_owned()));
+        }
+        if value.contains(['\n', '\r']) {
+            return Err(SetValueError::Lines(path.to_owned()));
+        }
+        Ok(Self { keys, value: value.to_owned() })
+    }
+}
+
+/// A group of the text that is written: each key with its value or its group.
+#[derive(Default)]
+struct Group(Vec<(String, Entry)>);
+
+enum Entry {
+    Value(String),
+    Group(Group),
+}
+
+impl Group {
+    /// Puts a value at its place; whether nothing else is there.
+    fn put(&mut self, keys: &[String], value: &str) -> bool {
+        let [key, rest @ ..] = keys else { return false };
+        let place = self.0.iter_mut().find(|(known, _)| known == key).map(|(_, entry)| entry);
+        match (place, rest) {
+            (None, []) => self.0.push((key.clone(), Entry::Value(value.to_owned()))),
+            (None, _) => {
+                let mut group = Group::default();
+                group.put(rest, value);
+                self.0.push((key.clone(), Entry::Group(group)));
+            }
+            (Some(Entry::Group(group)), [_, ..]) => return group.put(rest, value),
+            (Some(_), _) => return false,
+        }
+        true
+    }
+
+    /// Writes it in YAML, `indent` blanks from the left.
+    fn write(&self, indent: usize, text: &mut String) {
+        let blanks = " ".repeat(indent);
+        for (key, entry) in &self.0 {
+            match entry {
+                Entry::Value(value) => text.push_str(&format!("{blanks}{key}: {value}\n")),
+                Entry::Group(group) if indent == 0 && key == DRIVES => group.write_drives(text),
+                Entry::Group(group) => {
+                    text.push_str(&format!("{blanks}{key}:\n"));
+                    group.write(indent + 2, text);
+                }
+            }
+        }
+    }
+
+    /// The same for drives, which are a list whose entries have names.
+    fn write_drives(&self, text: &mut String) {
+        text.push_str(&format!("{DRIVES}:\n"));
+        for (name, entry) in &self.0 {
+            text.push_str(&format!("  - name: {name}\n"));
+            if let Entry::Group(group) = entry {
+                group.write(4, text);
+            }
+        }
+    }
+}
+
+impl Source {
+    /// Returns a variant of this document in which `values` stand over its own; without any the document itself.
+    ///
+    /// # Errors
+    /// If a key is set twice.
+    pub fn with_values(self, values: &[SetValue]) -> Result<Self, SetValueError> {
+        let Some(name) = self.file_name().filter(|_| !values.is_empty()) else { return Ok(self) };
+        let mut group = Group::default();
+        for SetValue { keys, value } in values {
+            if !group.put(keys, value) {
+                return Err(SetValueError::Twice(keys.join(".")));
+            }
+        }
+        // A name in double quotes is the same in JSON and in YAML.
+        let mut text = format!("{LIKE}: {}\n", serde_json::Value::from(name));
+        group.write(0, &mut text);
+        Ok(self.beneath(text))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{builtin, load_rig};
+
+    fn set(values: &[&str]) -> Result<Source, SetValueError> {
+        let values = values.iter().map(|text| text.parse()).collect::<Result<Vec<_>, _>>()?;
+        builtin("play.yaml").with_values(&values)
+    }
+
+    #[test]
+    fn values_stand_over_those_of_the_file_and_of_its_simulation() {
+        let values = [
+            "fixture.yield_n=25",
+            "fixture.law.ellipse={}",
+            "drives.left.direction=-1",
+            "drives.left.zero_offset_rad=0.1",
+            "simulation.arm.coulomb_n_m=[0.0, 0.0]",
+        ];
+        let rig = load_rig(set(&values).unwrap()).unwrap().value;
+        assert_eq!((*rig.fixture.yield_n, *rig.fixture.friction_n), (25.0, 3.0));
+        assert_eq!(rig.fixture.law.map(|law| law.name()), Some("ellipse"));
+        assert_eq!((rig.drives[0].direction, *rig.drives[0].zero_offset_rad), (-1, 0.1));
+        assert_eq!(rig.drives[1].direction, 1);
+        let simulation = serde_json::to_value(rig.simulation.unwrap()).unwrap();
+        assert_eq!(simulation["arm"]["coulomb_n_m"], serde_json::json!([0.0, 0.0]));
+        assert_eq!(simulation["arm"]["tool_kg"], 1.0);
+        assert_eq!(set(&[]).unwrap(), builtin("play.yaml"));
+    }
+
+    #[test]
+    fn a_bad_value_is_found_where_it_was_set() {
+        let report = load_rig(set(&["fixture.yield_n=-1"]).unwrap()).unwrap_err();
+        let finding = &report.diagnostics[0];
+        assert_eq!(finding.file, "--set");
+        assert!(finding.message.contains("fixture.yield_n"), "{}", finding.message);
+        let report = load_rig(set(&["fixture.yeild_n=25"]).unwrap()).unwrap_err();
+        assert!(report.diagnostics[0].help.as_ref().is_some_and(|help| help.contains("yield_n")), "{report:?}");
+        // A value that is no YAML is an error of this text.
+        assert_eq!(load_rig(set(&["fixture.yield_n=[1"]).unwrap()).unwrap_err().diagnostics[0].file, "--set");
+    }
+
+    #[test]
+    fn what_sets_nothing_is_refused() {
+        for (values, error) in [
+            (&["fixture.yield_n"][..], SetValueError::NoValue("fixture.yield_n".into())),
+            (&["=1"], SetValueError::NoKey(String::new())),
+            (&["fixture..yield_n=1"], SetValueError::NoKey("fixture..yield_n".into())),
+            (&["fixture.yield n=1"], SetValueError::NoKey("fixture.yield n".into())),
+            (&["drives.left=1"], SetValueError::NoKey("drives.left".into())),
+            (&["rig.name=a\nb: c"], SetValueError::Lines("rig.name".into())),
+            (&["fixture.yield_n=1", "fixture.yield_n=2"], SetValueError::Twice("fixture.yield_n".into())),
+            (&["fixture.law=null", "fixture.law.ellipse={}"], SetValueError::Twice("fixture.law.ellipse".into())),
+        ] {
+            assert_eq!(set(values).unwrap_err(), error, "{values:?}");
+        }
+    }
+}
