@@ -28,7 +28,7 @@ const fn case(machine: &'static str, scene: &'static str, figure: Option<&'stati
     Case { machine, scene, figure }
 }
 
-const CASES: [Case; 12] = [
+const CASES: [Case; 13] = [
     case("paper-admittance", "circle-tour", None),
     case("paper-admittance-csp", "circle-tour", None),
     case("paper-admittance", "circle-hold", None),
@@ -41,6 +41,7 @@ const CASES: [Case; 12] = [
     case("paper-impedance", "cylinder-tour", None),
     case("paper-impedance", "cylinder-wall", Some("fig9")),
     case("paper-impedance", "plane-push", Some("fig14")),
+    case("play", "push-and-let-go", None),
 ];
 
 /// The study `ablation`.
