@@ -54,7 +54,7 @@ async function opened(address) {
 }
 
 test("a recording does not depend on a browser that stands still for 10 s and four that come and go", async (t) => {
-  const run = (name, ...words) => start("--quiet", "run", "builtin:paper-admittance.yaml", "--duration", "60", "--record", join(folder, name), ...words);
+  const run = (name, ...words) => start("--quiet", "run", "builtin:paper-admittance.yaml", "--duration", "45", "--record", join(folder, name), ...words);
   const viewed = run("viewed", "--view"), address = await viewed.address;
   const page = await opened(address);
   await page.evaluate(() => {

@@ -306,8 +306,9 @@ fn the_loop_does_not_allocate(scenario: &Scenario, pace: Pace) {
 fn the_rig_does_not_allocate(scenario: &Scenario) {
     let mut machine =
         EmbeddedRig::new(&scenario.rig, &scenario.scene, &scenario.rig.fixture, scenario.seed).expect("a shipped rig");
-    // As a recording has it: a ring that a thread empties.
-    let (mut ring, feed) = Feed::start("test", 512, Backpressure::Drop, Forget(0)).expect("a thread");
+    // As a page has it: a ring that a thread empties into the stream of its clients.
+    let (_stream, sink) = yieldwall_view::stream::<CycleRecord>();
+    let (mut ring, feed) = Feed::start("view", yieldwall_view::RING, Backpressure::Drop, sink).expect("a thread");
     machine.set_observer(Box::new(move |record| ring.push(record)));
     machine.enable().expect("it is enabled");
     // Queues have grown to their size by then.

@@ -1,6 +1,7 @@
 //! Servers on real connections of this computer. No test asserts how long something takes.
 
 mod gate;
+mod malformed;
 mod packets;
 mod played;
 mod served;

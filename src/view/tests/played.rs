@@ -7,7 +7,7 @@ use super::*;
 use crate::{Order, orders};
 
 /// A server of a simulation that takes orders, their other end, and the sink that takes its records.
-fn played() -> (Server, Receiver<Order>, ViewSink<CycleRecord>) {
+pub(super) fn played() -> (Server, Receiver<Order>, ViewSink<CycleRecord>) {
     let ((stream, sink), (desk, orders)) = (stream(), orders());
     let address = "127.0.0.1:0".parse().unwrap();
     let server = Server::start_within(Limits::default(), address, hello(), Source::Play(stream, desk));

@@ -109,9 +109,11 @@ fn both_masters_read_the_same_of_the_simulated_segment() {
 
 #[test]
 fn what_changes_between_the_readings_is_named() {
-    // The product code stands in words 0Ah and 0Bh, the protocols of the mailbox in word 1Ch.
+    // The product code stands in words 0Ah and 0Bh, the serial number in words 0Eh and 0Fh, the protocols of the mailbox in word 1Ch.
     let (own, other) = readings(|link| link.change_sii(1, |image| image[0x14] ^= 1));
     assert_eq!(named(&own, &other), [(Some(1), Subject::Product)]);
+    let (own, other) = readings(|link| link.change_sii(0, |image| image[0x1c] ^= 1));
+    assert_eq!(named(&own, &other), [(Some(0), Subject::Serial)]);
     let (own, other) = readings(|link| link.change_sii(2, |image| image[0x38] ^= 0x08));
     assert_eq!(named(&own, &other), [(Some(2), Subject::Protocols)]);
     let (own, other) = readings(|link| {
