@@ -12,7 +12,6 @@ use yieldwall_drives::cia402;
 use yieldwall_drives::watchdog::{Clock, Watchdog};
 use yieldwall_fieldbus::canopen::{BusId, Frame, Outbox, cob};
 use yieldwall_fieldbus::time::Time;
-use yieldwall_record::CycleRecord;
 use yieldwall_run::Pace;
 use yieldwall_sim::{Drive, ForceSensor};
 
@@ -281,7 +280,8 @@ impl DeviceServer {
     }
 
     /// Record of arm, hand and drives at present, for those who look on. The master's part in it is blank.
-    pub fn record(&mut self) -> CycleRecord {
+    #[cfg(feature = "recording")]
+    pub fn record(&mut self) -> yieldwall_record::CycleRecord {
         let states = self.drive_states();
         self.far.world.record(self.now, states)
     }

@@ -12,8 +12,6 @@ use yieldwall_fieldbus::time::Time;
 use yieldwall_motion::linkage::{FiveBar, Posture};
 use yieldwall_motion::quantity::{Force, JointAngles, JointRates, JointTorques, TipPoint, TipVelocity};
 use yieldwall_motion::sensing::{Calibration, Mounting};
-use yieldwall_record::recording::Recorded;
-use yieldwall_record::{self as record, CycleRecord, Moment};
 use yieldwall_sim::arm::Arm;
 use yieldwall_sim::hand::{Hand, HandLoad, PathPoint};
 use yieldwall_sim::standard_normal;
@@ -265,7 +263,10 @@ impl World {
     }
 
     /// Record of the machine, of which no master is known here: the supervisor idles in it, and there is no proxy.
-    pub(super) fn record(&mut self, now: Time, states: [cia402::State; 2]) -> CycleRecord {
+    #[cfg(feature = "recording")]
+    pub(super) fn record(&mut self, now: Time, states: [cia402::State; 2]) -> yieldwall_record::CycleRecord {
+        use yieldwall_record::recording::Recorded;
+        use yieldwall_record::{self as record, CycleRecord, Moment};
         let mut record = CycleRecord::blank();
         // Before the first SYNC nothing has been sampled.
         let present = self.present(now).map(|(_, truth, _)| truth);

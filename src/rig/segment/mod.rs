@@ -256,6 +256,7 @@ impl SegmentServer {
     }
 
     /// Record of arm, hand and drives at present, for those who look on. The master's part in it is blank.
+    #[cfg(feature = "recording")]
     pub fn record(&mut self) -> yieldwall_record::CycleRecord {
         let states = self.far.drive_states();
         self.far.world.record(self.now, states)
