@@ -49,7 +49,7 @@ after(async () => {
 async function opened(address, options = {}) {
   const context = await browser.newContext({ viewport: { width: 1280, height: 900 }, ...options });
   const page = await context.newPage();
-  page.setDefaultTimeout(15000);
+  page.setDefaultTimeout(30000);
   page.on("pageerror", (error) => errors.push(`${error}`));
   page.on("console", (line) => { if (line.type() === "error") errors.push(line.text()); });
   await page.goto(address);
