@@ -98,7 +98,7 @@ impl Group {
         }
     }
 
-    /// The same for drives, which are a list whose entries have names.
+    /// Writes the drives, a list whose entries have names.
     fn write_drives(&self, text: &mut String) {
         text.push_str(&format!("{DRIVES}:\n"));
         for (name, entry) in &self.0 {

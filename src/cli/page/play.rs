@@ -342,10 +342,11 @@ pub(crate) fn play(arguments: &PlayArguments, output: &mut Output) -> Result<(),
     let producer = Arc::new(Mutex::new(producer));
     let mut runs = Runs { producer, folder: arguments.record.clone(), count: 0, keep: None };
     let (rig, scene) = table.checked()?;
-    let playground = runs.start(&rig, &scene, None)?;
     let (desk, orders) = orders();
+    // First: an address that is refused leaves no recording.
     let server = start(arguments.view, table.hello(), Source::Play(live, desk))?;
     server.set_buses(loads(&table.rig));
+    let playground = runs.start(&rig, &scene, None)?;
     let _opened = announce(&server, arguments.no_open, output)?;
     let period = Duration::from_micros(file.value.cycle.period_us.into());
     let mut game = Game { table, playground, runs, server };
