@@ -14,14 +14,14 @@ const HEAD: f64 = 50.0;
 const GAP: f64 = 16.0;
 /// Room around the ways of the tools, m.
 const MARGIN_M: f64 = 0.03;
-/// Length of an arrow for 1 N, px.
-const PX_PER_N: f64 = 3.0;
+/// Length of an arrow for the greatest yield force of the runs, px.
+const YIELD_PX: f64 = 60.0;
 /// Pictures a second.
 const RATE_HZ: f64 = 30.0;
 /// Time for which the last picture stays, s.
 const REST_S: f64 = 1.0;
-/// A hand that presses with less does not hold the tool, N.
-const HELD_N: f64 = 0.5;
+/// A hand that presses with less than this share of the yield force does not hold the tool.
+const HELD_SHARE: f64 = 0.025;
 /// Width of the band on the forbidden side, px.
 const BAND: f64 = 14.0;
 
@@ -39,7 +39,8 @@ pub fn animation(runs: &[(&str, &Trace)]) -> Result<String, Error> {
     let end_s = all().filter_map(|rows| Some(rows.last()?.time_s)).fold(f64::INFINITY, f64::min);
     let rows: Vec<&[&Row]> =
         all().map(|rows| rows.split_at(rows.partition_point(|row| row.time_s <= end_s)).0).collect();
-    let view = Panel::around(&rows);
+    let yield_n = runs.iter().map(|(_, trace)| trace.yield_n).fold(0.0, f64::max);
+    let view = Panel::around(&rows, YIELD_PX / yield_n);
     let width = runs.len() as f64 * (PANEL[0] + GAP) - GAP;
     let height = HEAD + PANEL[1];
     let mut svg = format!(
@@ -62,10 +63,11 @@ pub fn animation(runs: &[(&str, &Trace)]) -> Result<String, Error> {
 struct Panel {
     center_m: [f64; 2],
     px_per_m: f64,
+    px_per_n: f64,
 }
 
 impl Panel {
-    fn around(rows: &[&[&Row]]) -> Self {
+    fn around(rows: &[&[&Row]], px_per_n: f64) -> Self {
         let tools = || rows.iter().flat_map(|rows| rows.iter()).map(|row| row.tool_m);
         let range = |axis: usize| {
             let values = || tools().map(|tool_m| tool_m[axis]);
@@ -73,7 +75,7 @@ impl Panel {
         };
         let (x, y) = (range(0), range(1));
         let px_per_m = (PANEL[0] / (x[1] - x[0])).min(PANEL[1] / (y[1] - y[0]));
-        Self { center_m: [(x[0] + x[1]) / 2.0, (y[0] + y[1]) / 2.0], px_per_m }
+        Self { center_m: [(x[0] + x[1]) / 2.0, (y[0] + y[1]) / 2.0], px_per_m, px_per_n }
     }
 
     fn window_m(&self) -> [f64; 4] {
@@ -96,7 +98,7 @@ impl Panel {
             PANEL[0], PANEL[1]
         );
         surface_lines(&trace.references, self.window_m()).iter().for_each(|line| self.surface(&mut svg, line, trace));
-        frames.bodies(&mut svg, trace.yield_n);
+        frames.bodies(&mut svg, trace.yield_n * self.px_per_n);
         svg.push_str("</g>");
         svg
     }
@@ -147,8 +149,8 @@ impl Frames {
             let [tool_x, tool_y] = panel.place([x, y]);
             tools.push([tool_x, tool_y]);
             // The hand presses against the force on it.
-            tips.push([tool_x - force_n[0] * PX_PER_N, tool_y + force_n[1] * PX_PER_N]);
-            is_held.push(self::force_n(trace, row) > HELD_N);
+            tips.push([tool_x - force_n[0] * panel.px_per_n, tool_y + force_n[1] * panel.px_per_n]);
+            is_held.push(is_held_in(trace, row));
         }
         let gone_from = is_held.iter().rposition(|held| *held).map_or(0, |last| last + 1);
         Self { tools, tips, is_held, gone_from, lasts_s: count as f64 / RATE_HZ }
@@ -167,12 +169,11 @@ impl Frames {
         self.animate(attribute, "linear", points.iter().map(|point| format!("{:.1}", point[axis])))
     }
 
-    fn bodies(&self, svg: &mut String, yield_n: f64) {
+    fn bodies(&self, svg: &mut String, radius: f64) {
         let shown = self.animate("opacity", "discrete", self.is_held.iter().map(|held| u8::from(*held).to_string()));
         let place = |x: &str, y: &str, points| self.moved(x, points, 0) + &self.moved(y, points, 1);
         let [at, circle] = [place("cx", "cy", &self.tools), place("cx", "cy", &self.tools)];
         let arrow = place("x1", "y1", &self.tools) + &place("x2", "y2", &self.tips);
-        let radius = yield_n * PX_PER_N;
         let _ = write!(
             svg,
             "<g>{shown}<circle r=\"{radius}\" fill=\"none\" stroke=\"#0072b2\" stroke-dasharray=\"4 4\">{circle}</circle>\
@@ -202,7 +203,7 @@ impl Frames {
 
 /// Way of the tool after the hand has let go of it for good, m; `None` if it never does.
 fn thrown_back_m(trace: &Trace, rows: &[&Row]) -> Option<f64> {
-    let is_held = |row: &&&Row| force_n(trace, row) > HELD_N;
+    let is_held = |row: &&&Row| is_held_in(trace, row);
     let (last, end) = (rows.iter().rev().find(is_held)?, rows.last()?);
     let way_m = [0, 1].map(|axis| end.tool_m[axis] - last.tool_m[axis]);
     (end.time_s > last.time_s + 0.1).then(|| hypot(way_m[0], way_m[1]))
@@ -212,4 +213,8 @@ fn thrown_back_m(trace: &Trace, rows: &[&Row]) -> Option<f64> {
 fn force_n(trace: &Trace, row: &Row) -> f64 {
     let [x, y, _] = trace.force_on_hand_n(row);
     hypot(x, y)
+}
+
+fn is_held_in(trace: &Trace, row: &Row) -> bool {
+    force_n(trace, row) > HELD_SHARE * trace.yield_n
 }
