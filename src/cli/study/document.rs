@@ -13,7 +13,7 @@ use yieldwall_study::sweep::{Report, Study, Table};
 /// How fast the points of a table were computed in this run.
 #[derive(Clone, Debug)]
 pub(super) struct Pace {
-    pub(super) table: &'static str,
+    pub(super) table: String,
     /// Points, each a run of what the table is about.
     pub(super) runs: usize,
     pub(super) wall_s: f64,
@@ -57,10 +57,8 @@ impl Pace {
 
 /// What is in the document beside the tables.
 pub(super) struct Origin<'a> {
-    pub(super) command: String,
+    pub(super) origin: &'a super::Origin,
     pub(super) build: &'a str,
-    /// Version of the MuJoCo that took part, if one did.
-    pub(super) mujoco: Option<String>,
     /// What this run computed; points that were there are not in it.
     pub(super) computed: &'a [Pace],
 }
@@ -95,10 +93,10 @@ pub(super) fn write(
 
 /// All in one.
 pub(super) fn document(study: &dyn Study, tables: &[Table], report: &Report, origin: &Origin<'_>) -> Value {
-    let others: Map<_, _> = tables.iter().skip(1).map(|table| (table.name.to_owned(), table.json())).collect();
+    let others: Map<_, _> = tables.iter().skip(1).map(|table| (table.name.clone(), table.json())).collect();
     json!({
         "study": study.name(),
-        "command": origin.command,
+        "command": origin.origin.command,
         "machine": machine(origin),
         "computed": origin.computed.iter().map(Pace::json).collect::<Value>(),
         "rows": tables.first().map(Table::json),
@@ -123,6 +121,6 @@ fn machine(origin: &Origin<'_>) -> Value {
         "profile": yieldwall_run::built::PROFILE,
         "opt_level": yieldwall_run::built::OPT_LEVEL,
         "debug_assertions": cfg!(debug_assertions),
-        "mujoco": origin.mujoco,
+        "mujoco": origin.origin.mujoco,
     })
 }

@@ -4,6 +4,7 @@ use clap::Parser;
 
 use super::*;
 use yieldwall_study::sweep::{Clock, Report};
+use yieldwall_study::{Options, study};
 
 /// Points that need no time: a table of halves and one of squares.
 struct Small([Box<dyn Sweep>; 2]);
@@ -17,8 +18,8 @@ impl Sweep for Powers {
     fn name(&self) -> &'static str {
         self.name
     }
-    fn columns(&self) -> &'static [&'static str] {
-        &["side_m", "value"]
+    fn columns(&self) -> Vec<&str> {
+        vec!["side_m", "value"]
     }
     fn points(&self) -> u64 {
         25
@@ -47,7 +48,7 @@ impl Study for Small {
 #[derive(Parser)]
 struct Line {
     #[command(flatten)]
-    arguments: Arguments,
+    points: Points,
 }
 
 /// A folder that goes with the test.
@@ -73,11 +74,12 @@ fn study_of(folder: &Folder, line: &str) -> Result<(), Failure> {
         Box::new(Powers { name: "halves", of: |side| 0.5 * side }),
         Box::new(Powers { name: "squares", of: |side| side * side }),
     ]);
-    let words = ["study", "pair", "--out"].into_iter().map(str::to_owned);
+    let words = ["study", "--out"].into_iter().map(str::to_owned);
     let out = folder.0.display().to_string();
-    let Line { arguments } = Line::parse_from(words.chain([out]).chain(line.split_whitespace().map(str::to_owned)));
+    let Line { points } = Line::parse_from(words.chain([out]).chain(line.split_whitespace().map(str::to_owned)));
     let mut output = Output::new(true, false, false);
-    compute_or_draw(&study, &Options::default(), &arguments, &mut output).map(|_| ())
+    let origin = Origin { command: "yieldwall study small".to_owned(), hangs_on: String::new(), mujoco: None };
+    points.compute_or_draw(&study, &origin, &mut output).map(|_| ())
 }
 
 fn read(folder: &Folder, name: &str) -> String {

@@ -118,8 +118,8 @@ impl Sweep for Terms {
         "terms"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &[
+    fn columns(&self) -> Vec<&str> {
+        vec![
             "machine",
             "scene",
             "term",

@@ -62,8 +62,8 @@ impl Sweep for Settings {
         "settings"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &[
+    fn columns(&self) -> Vec<&str> {
+        vec![
             "rate_hz",
             "delay_cycles",
             "law",
@@ -139,8 +139,8 @@ impl Sweep for BusLoad {
         "bus-load"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &["rate_hz", "cyclic_load"]
+    fn columns(&self) -> Vec<&str> {
+        vec!["rate_hz", "cyclic_load"]
     }
 
     fn points(&self) -> u64 {
@@ -184,8 +184,8 @@ impl Sweep for Computing {
         "computing"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &["law", "space", "feeds_forward", "cycle_ns"]
+    fn columns(&self) -> Vec<&str> {
+        vec!["law", "space", "feeds_forward", "cycle_ns"]
     }
 
     fn points(&self) -> u64 {

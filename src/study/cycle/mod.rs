@@ -74,7 +74,7 @@ fn motion(machine: &Machine) -> Vec<Value> {
 /// What [`motion`] gives.
 macro_rules! with_motion {
     ([$($before:literal),*], [$($behind:literal),*]) => {
-        &[
+        vec![
             $($before,)*
             "outcome",
             "error_rms_m",
@@ -109,7 +109,7 @@ impl Sweep for Rigs {
         "rigs"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
+    fn columns(&self) -> Vec<&str> {
         with_motion!(
             [
                 "bus",
@@ -174,7 +174,7 @@ impl Sweep for Again {
         "again"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
+    fn columns(&self) -> Vec<&str> {
         with_motion!(["variant", "bus", "mode", "period_ms"], [])
     }
 
@@ -212,8 +212,8 @@ impl Sweep for Shortest {
         "shortest"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &["bus", "mode", "shortest_ms", "bus_load", "outcome"]
+    fn columns(&self) -> Vec<&str> {
+        vec!["bus", "mode", "shortest_ms", "bus_load", "outcome"]
     }
 
     fn points(&self) -> u64 {
@@ -252,8 +252,8 @@ impl Sweep for Computing {
         "computing"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &["bus", "mode", "step_ns", "outcome"]
+    fn columns(&self) -> Vec<&str> {
+        vec!["bus", "mode", "step_ns", "outcome"]
     }
 
     fn points(&self) -> u64 {

@@ -146,8 +146,8 @@ impl Sweep for Impacts {
         self.name
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &[
+    fn columns(&self) -> Vec<&str> {
+        vec![
             "variant",
             "place",
             "grip",
@@ -215,8 +215,8 @@ impl Sweep for Pushes {
         "pushes"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &[
+    fn columns(&self) -> Vec<&str> {
+        vec![
             "variant",
             "place",
             "grip",

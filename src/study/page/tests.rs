@@ -29,8 +29,8 @@ impl Sweep for Squares {
     fn name(&self) -> &'static str {
         "squares"
     }
-    fn columns(&self) -> &'static [&'static str] {
-        &["side_m", "square_m2", "remark"]
+    fn columns(&self) -> Vec<&str> {
+        vec!["side_m", "square_m2", "remark"]
     }
     fn points(&self) -> u64 {
         4

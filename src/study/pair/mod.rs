@@ -58,8 +58,8 @@ impl Sweep for Delays {
         "delays"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &[
+    fn columns(&self) -> Vec<&str> {
+        vec![
             "fixture",
             "hand_n_per_m",
             "tissue_n_per_m",

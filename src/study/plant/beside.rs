@@ -30,8 +30,8 @@ impl Sweep for Hold {
         "hold"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &["engine", "method", "step_s", "moved_m", "creep_m_per_s", "is_exactly_still", "stopped"]
+    fn columns(&self) -> Vec<&str> {
+        vec!["engine", "method", "step_s", "moved_m", "creep_m_per_s", "is_exactly_still", "stopped"]
     }
 
     fn points(&self) -> u64 {
@@ -92,8 +92,8 @@ impl Sweep for Stiff {
         "stiff-hand"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &[
+    fn columns(&self) -> Vec<&str> {
+        vec![
             "hand_n_per_m",
             "hand_n_s_per_m",
             "engine",
@@ -149,8 +149,8 @@ impl Sweep for Lock {
         "lock"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &["pull", "engine", "method", "step_s", "end_s", "fastest_m_per_s", "is_finite", "loop_gap_m", "stopped"]
+    fn columns(&self) -> Vec<&str> {
+        vec!["pull", "engine", "method", "step_s", "end_s", "fastest_m_per_s", "is_finite", "loop_gap_m", "stopped"]
     }
 
     fn points(&self) -> u64 {

@@ -83,8 +83,8 @@ impl Sweep for Speed {
         "plant"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &[
+    fn columns(&self) -> Vec<&str> {
+        vec![
             "engine",
             "method",
             "step_s",

@@ -86,8 +86,8 @@ impl Sweep for Jumps {
         "corners"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &["place", "speed_m_per_s", "seed", "jumps", "longest_step_over_reach", "longest_excess_over_reach"]
+    fn columns(&self) -> Vec<&str> {
+        vec!["place", "speed_m_per_s", "seed", "jumps", "longest_step_over_reach", "longest_excess_over_reach"]
     }
 
     fn points(&self) -> u64 {

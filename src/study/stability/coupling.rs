@@ -112,8 +112,8 @@ impl Sweep for Map {
         "coupling"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &["setting", "damping_n_s_per_m", "stiffness_n_per_m", "dies_away"]
+    fn columns(&self) -> Vec<&str> {
+        vec!["setting", "damping_n_s_per_m", "stiffness_n_per_m", "dies_away"]
     }
 
     fn points(&self) -> u64 {

@@ -41,8 +41,8 @@ impl Sweep for Push {
         "friction"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &["law", "virtual_mass_kg", "push_over_friction", "moved_m", "chatter_m_per_s", "gained_j"]
+    fn columns(&self) -> Vec<&str> {
+        vec!["law", "virtual_mass_kg", "push_over_friction", "moved_m", "chatter_m_per_s", "gained_j"]
     }
 
     fn points(&self) -> u64 {

@@ -45,8 +45,8 @@ impl Sweep for Proxy {
         "impact"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &["yield_n", "speed_m_per_s", "last_distance_m", "depth_m", "theory_depth_m"]
+    fn columns(&self) -> Vec<&str> {
+        vec!["yield_n", "speed_m_per_s", "last_distance_m", "depth_m", "theory_depth_m"]
     }
 
     fn points(&self) -> u64 {
@@ -110,8 +110,8 @@ impl Sweep for Tool {
         "impact-tool"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &["yield_n", "hold_steps", "speed_m_per_s", "impact_m_per_s", "depth_m", "theory_depth_m", "tool_depth_m"]
+    fn columns(&self) -> Vec<&str> {
+        vec!["yield_n", "hold_steps", "speed_m_per_s", "impact_m_per_s", "depth_m", "theory_depth_m", "tool_depth_m"]
     }
 
     fn points(&self) -> u64 {

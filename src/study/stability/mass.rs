@@ -48,8 +48,8 @@ impl Sweep for Map {
         "mass"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &["setting", "hand_n_per_m", "virtual_mass_kg", "outcome"]
+    fn columns(&self) -> Vec<&str> {
+        vec!["setting", "hand_n_per_m", "virtual_mass_kg", "outcome"]
     }
 
     fn points(&self) -> u64 {
@@ -74,8 +74,8 @@ impl Sweep for Theory {
         "mass-theory"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &["setting", "hand_n_per_m", "least_mass_kg", "crossover_kg"]
+    fn columns(&self) -> Vec<&str> {
+        vec!["setting", "hand_n_per_m", "least_mass_kg", "crossover_kg"]
     }
 
     fn points(&self) -> u64 {
@@ -136,8 +136,16 @@ impl Sweep for Rows {
         "mass-rows"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &["setting", "hand_n_per_m", "joint_friction_n_m", "measured_kg", "theory_kg", "crossover_kg", "reference_kg"]
+    fn columns(&self) -> Vec<&str> {
+        vec![
+            "setting",
+            "hand_n_per_m",
+            "joint_friction_n_m",
+            "measured_kg",
+            "theory_kg",
+            "crossover_kg",
+            "reference_kg",
+        ]
     }
 
     fn points(&self) -> u64 {

@@ -54,8 +54,8 @@ impl Sweep for Samples {
         "samples"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &["trouble", "hand_n_per_m", "virtual_mass_kg", "share", "seed", "given_j", "largest_return_j", "is_bounded"]
+    fn columns(&self) -> Vec<&str> {
+        vec!["trouble", "hand_n_per_m", "virtual_mass_kg", "share", "seed", "given_j", "largest_return_j", "is_bounded"]
     }
 
     fn points(&self) -> u64 {

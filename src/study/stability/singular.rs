@@ -110,8 +110,8 @@ impl Sweep for Map {
         "singular"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &["case", "gap_m", "virtual_mass_kg", "outcome"]
+    fn columns(&self) -> Vec<&str> {
+        vec!["case", "gap_m", "virtual_mass_kg", "outcome"]
     }
 
     fn points(&self) -> u64 {

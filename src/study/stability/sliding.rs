@@ -33,8 +33,8 @@ impl Sweep for Overshoot {
         "sliding"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &[
+    fn columns(&self) -> Vec<&str> {
+        vec![
             "torque_limit_n_m",
             "friction_n_m",
             "step_rad",

@@ -36,11 +36,11 @@ pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
 /// A table of a study: points by number, and what is found at each.
 pub trait Sweep: Sync {
     /// Name, as in `--point NAME:INDEX` and in file names; small letters and hyphens.
-    fn name(&self) -> &'static str;
+    fn name(&self) -> &str;
 
     /// Names of the columns, in order: small letters, underscores, the unit last. What the point asks comes before what is
     /// found there.
-    fn columns(&self) -> &'static [&'static str];
+    fn columns(&self) -> Vec<&str>;
 
     /// Number of points.
     fn points(&self) -> u64;
@@ -58,7 +58,7 @@ pub trait Sweep: Sync {
 /// A question, the tables that answer it, and how they are read.
 pub trait Study {
     /// Name, as on the command line.
-    fn name(&self) -> &'static str;
+    fn name(&self) -> &str;
 
     /// What it asks, in one line.
     fn about(&self) -> &'static str;

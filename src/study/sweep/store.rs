@@ -187,11 +187,11 @@ mod tests {
     }
 
     impl Sweep for Squares {
-        fn name(&self) -> &'static str {
+        fn name(&self) -> &str {
             "squares"
         }
-        fn columns(&self) -> &'static [&'static str] {
-            &["side_m", "area_m2"]
+        fn columns(&self) -> Vec<&str> {
+            vec!["side_m", "area_m2"]
         }
         fn points(&self) -> u64 {
             10

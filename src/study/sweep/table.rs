@@ -35,9 +35,9 @@ fn value(cell: &str) -> Value {
 #[derive(Clone, Debug)]
 pub struct Table {
     /// Its name.
-    pub name: &'static str,
+    pub name: String,
     /// Names of the columns.
-    pub columns: &'static [&'static str],
+    pub columns: Vec<String>,
     /// Number of points when all are there.
     pub points: u64,
     pub(super) cells: BTreeMap<u64, Vec<Value>>,
@@ -48,15 +48,16 @@ pub struct Table {
 pub struct Row<'a> {
     /// Number of the point.
     pub index: u64,
-    table: &'static str,
-    columns: &'static [&'static str],
+    table: &'a str,
+    columns: &'a [String],
     cells: &'a [Value],
 }
 
 impl Table {
     /// A table without points.
     pub fn new(sweep: &dyn Sweep) -> Self {
-        Self { name: sweep.name(), columns: sweep.columns(), points: sweep.points(), cells: BTreeMap::new() }
+        let columns = sweep.columns().into_iter().map(str::to_owned).collect();
+        Self { name: sweep.name().to_owned(), columns, points: sweep.points(), cells: BTreeMap::new() }
     }
 
     /// Takes a point in.
@@ -70,7 +71,7 @@ impl Table {
 
     /// The points, by number.
     pub fn rows(&self) -> impl Iterator<Item = Row<'_>> {
-        self.cells.iter().map(|(&index, cells)| Row { index, table: self.name, columns: self.columns, cells })
+        self.cells.iter().map(|(&index, cells)| Row { index, table: &self.name, columns: &self.columns, cells })
     }
 
     /// Numbers of the points that have not been computed.
@@ -107,7 +108,7 @@ impl Table {
         let mut table = Self::new(sweep);
         let mut lines = (1..).zip(text.lines());
         let found = cells(lines.next().map_or("", |(_, line)| line));
-        let wanted: Vec<&str> = ["index"].into_iter().chain(table.columns.iter().copied()).collect();
+        let wanted: Vec<&str> = ["index"].into_iter().chain(table.columns.iter().map(String::as_str)).collect();
         if let Some(column) = wanted.iter().find(|column| !found.iter().any(|name| name == *column)) {
             return Err(format!("the first line has no column {column}"));
         }
@@ -184,7 +185,7 @@ impl<'a> Row<'a> {
 
     /// The point as an object, with its number.
     pub fn json(&self) -> Value {
-        let cells = self.columns.iter().zip(self.cells).map(|(name, cell)| ((*name).to_owned(), cell.clone()));
+        let cells = self.columns.iter().zip(self.cells).map(|(name, cell)| (name.clone(), cell.clone()));
         let index = [("index".to_owned(), Value::from(self.index))];
         Value::Object(index.into_iter().chain(cells).collect::<Map<_, _>>())
     }
@@ -198,11 +199,11 @@ mod tests {
     struct Halves;
 
     impl Sweep for Halves {
-        fn name(&self) -> &'static str {
+        fn name(&self) -> &str {
             "halves"
         }
-        fn columns(&self) -> &'static [&'static str] {
-            &["whole_m", "half_m", "remark"]
+        fn columns(&self) -> Vec<&str> {
+            vec!["whole_m", "half_m", "remark"]
         }
         fn points(&self) -> u64 {
             3

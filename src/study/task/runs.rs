@@ -167,8 +167,8 @@ impl Sweep for Runs {
         self.name
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &[
+    fn columns(&self) -> Vec<&str> {
+        vec![
             "variant",
             "way",
             "grip",

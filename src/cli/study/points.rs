@@ -1,0 +1,293 @@
+//! Points of a study: computed, kept, and drawn when all of them are there.
+
+use std::io::{self, IsTerminal};
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde_json::{Value, json};
+
+use super::document::{self, Pace};
+use crate::failure::{Exit, Failure};
+use crate::output::Output;
+use yieldwall_rig::batch;
+use yieldwall_study::sweep::{Store, StoreError, Study, Sweep, Table};
+
+/// Name of the file of a table that is not computed in shards.
+const WHOLE: &str = "whole";
+
+/// Which points are computed, where they are kept, and whether they are drawn.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Points {
+    /// Folder of the results; each study has one of its own within
+    ///
+    /// In it are each table as CSV, all of them as one JSON document, the charts as SVG and PNG, and every point that was
+    /// computed (*.jsonl), so that an interrupted study goes on where it stood.
+    #[arg(long, value_name = "DIR", default_value = "out/study")]
+    pub(super) out: PathBuf,
+    /// Threads; as many as there are cores unless given. Times are measured on one
+    #[arg(long, value_name = "J")]
+    jobs: Option<NonZeroUsize>,
+    /// Compute part I of N alone, from 1, and draw nothing: for job arrays
+    ///
+    /// The points are kept in the folder; parts may be computed at once and on several computers, by the same build. When all
+    /// are in one folder, --merge draws them. Tables that measure time are left out: their points belong in one run, which
+    /// is one without --shard.
+    #[arg(long, value_name = "I/N", value_parser = parse_shard, conflicts_with_all = ["merge", "point"])]
+    shard: Option<Shard>,
+    /// Compute nothing: draw the points that the folder holds
+    ///
+    /// It needs every point of every table, whichever parts (DIR/NAME/*.jsonl) they are in, and says which is missing if one
+    /// is. It leaves tables, document and charts as a whole run does, and the points as they are.
+    #[arg(long, conflicts_with = "point")]
+    pub(super) merge: bool,
+    /// Compute one point alone, print it and keep nothing
+    #[arg(long, value_name = "TABLE:INDEX", value_parser = parse_point)]
+    pub(super) point: Option<(String, u64)>,
+    /// Take points that another build of this program has left
+    #[arg(long)]
+    any_build: bool,
+    /// Throw away the points that the folder holds, and compute all
+    #[arg(long, conflicts_with_all = ["merge", "any_build", "point", "shard"])]
+    fresh: bool,
+}
+
+/// What the points of a study come from.
+pub(crate) struct Origin {
+    /// The command that computes all of them.
+    pub(crate) command: String,
+    /// What they hang on beside the build of the program and the name of the study.
+    pub(crate) hangs_on: String,
+    /// Version of the MuJoCo that takes part, if one does.
+    pub(crate) mujoco: Option<String>,
+}
+
+/// Part `number`, from 1, of `of`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Shard {
+    number: u64,
+    of: u64,
+}
+
+impl Shard {
+    fn name(self) -> String {
+        format!("{}-of-{}", self.number, self.of)
+    }
+
+    fn text(self) -> String {
+        format!("{}/{}", self.number, self.of)
+    }
+}
+
+fn parse_shard(text: &str) -> Result<Shard, String> {
+    let wanted = || "a part and their number, such as 3/16, the first from 1".to_owned();
+    let (number, of) = text.split_once('/').ok_or_else(wanted)?;
+    let number_of = |text: &str| text.parse::<u64>().map_err(|_| wanted());
+    let shard = Shard { number: number_of(number)?, of: number_of(of)? };
+    if (1..=shard.of).contains(&shard.number) { Ok(shard) } else { Err(wanted()) }
+}
+
+fn parse_point(text: &str) -> Result<(String, u64), String> {
+    let point = text.rsplit_once(':').and_then(|(table, index)| Some((table.to_owned(), index.parse().ok()?)));
+    point.ok_or_else(|| "a table and a number, such as mass:17".to_owned())
+}
+
+impl Points {
+    /// Computes and draws a study; the JSON document of that, if it is asked for and not printed yet.
+    pub(crate) fn compute_or_draw(
+        &self,
+        study: &dyn Study,
+        origin: &Origin,
+        output: &mut Output,
+    ) -> Result<Option<Value>, Failure> {
+        if let Some((table, index)) = &self.point {
+            let (sweep, one) = point(study, table, *index)?;
+            return print(sweep, &one, output).map(|()| None);
+        }
+        let timed: Vec<_> = study.sweeps().iter().filter(|sweep| sweep.is_timed()).map(|sweep| sweep.name()).collect();
+        let folder = self.out.join(study.name());
+        let build = build();
+        let edition = format!("build {build}{}", origin.hangs_on);
+        let (mut tables, mut computed) = (Vec::new(), Vec::new());
+        if self.fresh {
+            for sweep in study.sweeps() {
+                Store::discard(&folder, sweep.as_ref()).map_err(store_failure)?;
+            }
+        }
+        // Times of several runs are not to be compared.
+        for sweep in study.sweeps().iter().filter(|sweep| self.shard.is_none() || !sweep.is_timed()) {
+            let (table, pace) = compute(self, sweep.as_ref(), &folder, &edition, output)?;
+            tables.push(table);
+            computed.extend(pace);
+        }
+        if let Some(shard) = self.shard {
+            if output.is_json() {
+                let paces: Value = computed.iter().map(Pace::json).collect();
+                let document =
+                    json!({ "study": study.name(), "shard": shard.text(), "folder": folder, "computed": paces });
+                return Ok(Some(document));
+            }
+            let next = match timed.as_slice() {
+                [] => "draw them with --merge".to_owned(),
+                timed => format!("run without --shard, which measures {} in one go and draws", timed.join(" and ")),
+            };
+            output.news(&format!("kept in {}; when all parts are there, {next}", folder.display()))?;
+            return Ok(None);
+        }
+        let report = study.report(&tables);
+        let origin = document::Origin { origin, build: &build, computed: &computed };
+        let document = document::document(study, &tables, &report, &origin);
+        let files = document::write(&folder, study, &tables, &report, &document)?;
+        if output.is_json() {
+            return Ok(Some(document));
+        }
+        for line in &report.notes {
+            output.news(line)?;
+        }
+        for file in files {
+            output.news(&format!("  written to {}", file.display()))?;
+        }
+        Ok(None)
+    }
+}
+
+/// Computes one point.
+fn point<'a>(study: &'a dyn Study, table: &str, index: u64) -> Result<(&'a dyn Sweep, Table), Failure> {
+    let Some(sweep) = study.sweeps().iter().find(|sweep| sweep.name() == table) else {
+        let names: Vec<_> = study.sweeps().iter().map(|sweep| sweep.name()).collect();
+        let message = format!("{} has no table {table}", study.name());
+        return Err(Failure::new(Exit::Usage, message, format!("its tables are {}", names.join(", "))));
+    };
+    if index >= sweep.points() {
+        let message = format!("{table} has no point {index}");
+        let help = format!("its points are 0 to {}", sweep.points().saturating_sub(1));
+        return Err(Failure::new(Exit::Usage, message, help));
+    }
+    let mut one = Table::new(sweep.as_ref());
+    one.insert(index, sweep.point(index, &core_time));
+    Ok((sweep.as_ref(), one))
+}
+
+fn print(sweep: &dyn Sweep, one: &Table, output: &mut Output) -> Result<(), Failure> {
+    for row in one.rows() {
+        if output.is_json() {
+            output.json(&row.json())?;
+        } else {
+            for column in sweep.columns() {
+                output.result(&format!("{column:32} {}\n", row.cell(column)))?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The points of a table: those that the folder holds, and what of its part is missing, with the pace at which that was
+/// computed.
+fn compute(
+    arguments: &Points,
+    sweep: &dyn Sweep,
+    folder: &Path,
+    edition: &str,
+    output: &mut Output,
+) -> Result<(Table, Option<Pace>), Failure> {
+    if arguments.merge {
+        let table = Store::read(folder, sweep, edition, arguments.any_build).map_err(store_failure)?;
+        let missing = table.missing();
+        return match missing.first() {
+            None => Ok((table, None)),
+            Some(first) => {
+                let count = missing.len();
+                let message =
+                    format!("{}: {count} of {} points are missing, the first is {first}", table.name, table.points);
+                let part = match sweep.is_timed() {
+                    true => String::new(),
+                    false => format!("of N parts, part 1 + {first} modulo N computes it; "),
+                };
+                let help = format!(
+                    "{part}without --merge and --shard all that is missing in {} is computed",
+                    folder.display()
+                );
+                Err(Failure::new(Exit::Usage, message, help))
+            }
+        };
+    }
+    let shard = arguments.shard.map_or_else(|| WHOLE.to_owned(), Shard::name);
+    let (mut store, mut table) =
+        Store::open(folder, sweep, edition, arguments.any_build, &shard).map_err(store_failure)?;
+    let missing = table.missing();
+    let is_of_part = |index: &u64| arguments.shard.is_none_or(|part| index % part.of == part.number - 1);
+    let wanted: Vec<u64> = missing.into_iter().filter(is_of_part).collect();
+    if wanted.is_empty() {
+        return Ok((table, None));
+    }
+    let cores = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
+    let jobs = if sweep.is_timed() { 1 } else { arguments.jobs.map_or(cores, NonZeroUsize::get) };
+    let bar = bar(output, sweep.name(), wanted.len() as u64);
+    let started = Instant::now();
+    let mut spent = Duration::ZERO;
+    let work = |index| {
+        let before = core_time();
+        let cells = sweep.point(index, &core_time);
+        (cells, core_time().saturating_sub(before))
+    };
+    batch::run(&wanted, jobs, work, |index, (cells, time)| {
+        store.add(index, &cells)?;
+        table.insert(index, cells);
+        spent += time;
+        bar.inc(1);
+        Ok::<_, StoreError>(())
+    })
+    .map_err(store_failure)?;
+    bar.finish_and_clear();
+    let wall_s = started.elapsed().as_secs_f64();
+    let pace = Pace { table: table.name.clone(), runs: wanted.len(), wall_s, jobs, busy_s: spent.as_secs_f64() };
+    output.news(&pace.line())?;
+    Ok((table, Some(pace)))
+}
+
+/// The program's own bytes, which tell one build from another.
+fn build() -> String {
+    let sum = std::env::current_exe().and_then(std::fs::read).map_or(0, |bytes| crc32fast::hash(&bytes));
+    format!("{sum:08x}")
+}
+
+fn bar(output: &Output, name: &str, points: u64) -> ProgressBar {
+    let bar = ProgressBar::new(points);
+    if output.is_json() || output.is_quiet() || !io::stderr().is_terminal() {
+        bar.set_draw_target(ProgressDrawTarget::hidden());
+    }
+    if let Ok(style) = ProgressStyle::with_template("{msg:16} {bar:40} {pos}/{len}  {elapsed}, {eta} left") {
+        bar.set_style(style);
+    }
+    bar.with_message(name.to_owned())
+}
+
+/// Time that this thread has had on a core, where the system tells; elsewhere the wall clock's.
+fn core_time() -> Duration {
+    #[cfg(target_os = "linux")]
+    {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+        Duration::new(u64::try_from(time.tv_sec).unwrap_or(0), u32::try_from(time.tv_nsec).unwrap_or(0))
+    }
+    #[cfg(not(target_os = "linux"))]
+    {
+        static ORIGIN: std::sync::OnceLock<Instant> = std::sync::OnceLock::new();
+        ORIGIN.get_or_init(Instant::now).elapsed()
+    }
+}
+
+fn store_failure(error: StoreError) -> Failure {
+    let help = match &error {
+        StoreError::Lines(error) => return error.into(),
+        StoreError::Other { .. } => {
+            "throw them away with --fresh, take them with --any-build, or choose another folder"
+        }
+        StoreError::Folder { .. } => "choose a folder you can write to",
+    };
+    Failure::new(Exit::Usage, error.to_string(), help)
+}
+
+#[cfg(test)]
+#[path = "tests.rs"]
+mod tests;
