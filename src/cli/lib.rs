@@ -74,6 +74,7 @@ mod sensor;
 mod sim;
 mod soak;
 mod study;
+mod sweep;
 #[cfg(target_os = "linux")]
 mod tui;
 mod tune;
@@ -199,6 +200,8 @@ enum Command {
     Soak(soak::Arguments),
     /// Tables and charts of speed, accuracy and stability
     Study(study::Arguments),
+    /// A table and a chart of one's own: a rig in every combination of values that are set over its own
+    Sweep(sweep::Arguments),
     /// What the bus of a rig can carry
     #[command(subcommand)]
     Bus(bus::Command),
@@ -323,6 +326,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Record(command) => record::run(&command, &mut output),
         Command::Soak(arguments) => soak::run(&arguments, &mut output),
         Command::Study(arguments) => study::run(&arguments, &mut output),
+        Command::Sweep(arguments) => sweep::run(&arguments, &mut output),
         Command::Bus(command) => bus::run(&command, &mut output),
         Command::Tune(command) => tune::run(&command, &mut output),
         Command::Report(arguments) => full::report(&arguments, &mut output),

@@ -67,7 +67,7 @@ pub(super) fn of_rig(rig: &Loaded<Rig>) -> Option<Rehearsal> {
 
 /// Runs the scene of an impedance device.
 pub(super) fn of_device(device: &Loaded<ImpedanceDevice>) -> Option<Rehearsal> {
-    let scene = config::load_scene(device.source.relative(&device.value.scene)).ok()?.value;
+    let scene = device.scene().ok()?.value;
     let failure = match run_device(&device.value, &scene, &shortened(&scene), |_| (), |_| ControlFlow::Continue(())) {
         Ok(report) if report.measures.is_within_bound() => return Some(Rehearsal::of(&report)),
         Ok(report) => above_bound(&report.measures, &device.value.device.name, SOFTER_COUPLING),

@@ -63,6 +63,28 @@ fn values_are_set_for_one_run() {
 }
 
 #[test]
+fn combinations_of_values_are_swept() {
+    let folder = std::env::temp_dir().join(format!("yieldwall-swept-{}", std::process::id()));
+    let exit = |arguments: &str| {
+        let line = format!("yieldwall -q sweep {arguments} --duration 0.1 --out {}", folder.display());
+        run(line.split(' ').map(OsString::from))
+    };
+    let yields = "builtin:play.yaml --set fixture.yield_n=20,25";
+    assert_eq!(exit(&format!("{yields} --set scene.hand.mass_kg=0.5,1.0")), Exit::Ok);
+    let rows = std::fs::read_to_string(folder.join("sweep/runs.csv")).unwrap();
+    assert_eq!(rows.lines().count(), 5, "{rows}");
+    // The folder holds another sweep.
+    assert_eq!(exit(yields), Exit::Usage);
+    assert_eq!(exit(&format!("{yields} --fresh")), Exit::Ok);
+    assert_eq!(exit(&format!("{yields},-1")), Exit::ConfigInvalid);
+    assert_eq!(exit(&format!("{yields} --set fixture.yield_n=26")), Exit::Usage);
+    assert_eq!(exit(&format!("{yields} --output none")), Exit::Usage);
+    assert_eq!(exit("builtin:scenes/circle-tour.yaml --set duration_s=1.0"), Exit::Usage);
+    assert_eq!(exit("builtin:play.yaml"), Exit::Usage);
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
 fn exit_codes_tell_what_happened() {
     let exit = |line: &str| run(line.split(' ').map(OsString::from));
     assert_eq!(exit("yieldwall --help"), Exit::Ok);

@@ -50,7 +50,7 @@ pub(super) fn open(source: &Source) -> Result<(Locator, Option<Source>), Report>
     let mut parts = Parts { files: vec![file] };
     let mut whole = parts.expand(&outline)?;
     if let Some((base, like)) = &like {
-        whole = parts.merge_with_base(whole, base, (0, like), MOST_BASES)?;
+        whole = parts.merge_with_base(whole, base, (0, like), MOST_BASES)?.0;
     }
     parts.include_simulation(&mut whole, source)?;
     Ok((parts.locate(&whole)?, like.map(|(base, _)| base)))
@@ -159,14 +159,15 @@ impl Parts {
         self.files[file].finding(place, key, format!("`{key}`: {message}"), help.to_owned())
     }
 
-    /// A variant in its base, which may be a variant itself; `like` is the number of the variant's file and the value that names the base.
+    /// A variant in its base, which may be a variant itself, and the kind of both; `like` is the number of the variant's file and the value that
+    /// names the base.
     fn merge_with_base(
         &mut self,
         mut own: Piece,
         source: &Source,
         (number, like): (usize, &Node),
         levels: usize,
-    ) -> Result<Piece, Report> {
+    ) -> Result<(Piece, Kind), Report> {
         let at = (number, like.place());
         if levels == 0 || self.files.iter().any(|file| file.name == source.to_string()) {
             let message = if levels == 0 {
@@ -174,34 +175,35 @@ impl Parts {
             } else {
                 format!("{source} is itself a variant of this file")
             };
-            return Err(self.refuse(LIKE, at, &message, "name a rig that is written whole").into());
+            return Err(self.refuse(LIKE, at, &message, "name a document that is written whole").into());
         }
+        let mut mark = None;
         if let Shape::Map(entries) = &mut own.content {
             entries.retain(|(key, _)| key != LIKE);
+            mark = Kind::detect(entries.iter().map(|(key, _)| key.as_str()));
         }
         let outline = self.open(source, LIKE, at)?;
         let base_number = self.files.len() - 1;
         let next = base(&self.files[base_number], &outline, source)?;
-        let kind = match Kind::detect(outline.top_keys()) {
-            Some(kind) if kind.has_variants() => kind,
-            Some(kind) => {
-                let message = format!("{source} is {}, and only a rig has variants", kind.with_article());
-                return Err(self.refuse(LIKE, at, &message, "name a rig, or write the document whole").into());
-            }
-            None if next.is_some() => Kind::Rig,
-            None => {
-                return Err(self.refuse(LIKE, at, &format!("{source} is not a configuration"), "name a rig").into());
+        let expanded = self.expand(&outline)?;
+        let (mut piece, kind) = match (&next, Kind::detect(outline.top_keys())) {
+            (Some((base, like)), _) => self.merge_with_base(expanded, base, (base_number, like), levels - 1)?,
+            (None, Some(kind)) if kind.has_variants() => (expanded, kind),
+            (None, kind) => {
+                let is = kind.map_or("not a configuration".to_owned(), Kind::with_article);
+                let message = format!("{source} is {is}; rigs, impedance devices and scenes have variants");
+                return Err(self.refuse(LIKE, at, &message, "name one of these, or write the document whole").into());
             }
         };
-        let mut piece = self.expand(&outline)?;
-        if let Some((base, like)) = &next {
-            piece = self.merge_with_base(piece, base, (base_number, like), levels - 1)?;
+        if let Some(own_kind) = mark.filter(|own_kind| *own_kind != kind) {
+            let message = format!("{source} is {}, and this file is {}", kind.with_article(), own_kind.with_article());
+            return Err(self.refuse(LIKE, at, &message, &format!("name {}", own_kind.with_article())).into());
         }
         self.include_simulation(&mut piece, source)?;
         move_paths(&mut piece, "", kind, names_file(like).unwrap_or_default());
         let guide = Guide::new(kind);
         let merger = Merger { number, own: &self.files[number], base: &self.files[base_number], guide: &guide };
-        merger.merge("", piece, own)
+        Ok((merger.merge("", piece, own)?, kind))
     }
 
     /// Puts the simulation that a rig names in the place of its name.

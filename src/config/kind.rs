@@ -51,13 +51,13 @@ impl Kind {
 
     /// Whether documents of this kind may be variants of another one.
     pub(super) fn has_variants(self) -> bool {
-        self == Self::Rig
+        matches!(self, Self::Rig | Self::Device | Self::Scene)
     }
 
     /// Whether what stands at a key is the path of a file, which starts from the folder of the file in which it stands.
     pub(super) fn names_file(self, key: &str, value: &str) -> bool {
         match (self, key) {
-            (Self::Rig, "simulation.scene") | (Self::Simulation, "scene") => true,
+            (Self::Rig, "simulation.scene") | (Self::Device | Self::Simulation, "scene") => true,
             (Self::Rig | Self::Simulation, _) => {
                 key.ends_with(".profile") && ProfileName::from(value.to_owned()).is_file()
             }

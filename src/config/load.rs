@@ -72,7 +72,7 @@ impl Loaded<Rig> {
     /// As [`load_scene`]; or the rig has no simulation.
     pub fn scene(&self) -> Result<Loaded<Scene>, Report> {
         match self.value.simulated() {
-            Ok(simulation) => load_scene(self.source.relative(&simulation.scene)),
+            Ok(simulation) => load_scene(self.source.scene(&simulation.scene)),
             Err(error) => Err(self.not_simulated(error).into()),
         }
     }
@@ -95,6 +95,16 @@ impl Loaded<Rig> {
     fn not_simulated(&self, error: NotSimulated) -> Diagnostic {
         let help = "name one, such as `simulation: simulations/paper-arm.yaml`, or run the rig on a bus: `run --bus`";
         Diagnostic::about_file(self.source.to_string(), format!("{}: {error}", self.source), help)
+    }
+}
+
+impl Loaded<ImpedanceDevice> {
+    /// Reads and checks the scene of the device.
+    ///
+    /// # Errors
+    /// As [`load_scene`].
+    pub fn scene(&self) -> Result<Loaded<Scene>, Report> {
+        load_scene(self.source.scene(&self.value.scene))
     }
 }
 
@@ -214,8 +224,8 @@ pub fn load_scene(source: impl Into<Source>) -> Result<Loaded<Scene>, Report> {
 }
 
 fn load_scene_from(source: Source) -> Result<Loaded<Scene>, Report> {
-    let (scene, findings) = checked_scene(&source)?;
-    finish(scene, source, None, findings.locator(), findings.into_sorted())
+    let (scene, findings, like) = checked_scene(&source)?;
+    finish(scene, source, like, findings.locator(), findings.into_sorted())
 }
 
 /// Reads and checks a device profile.
@@ -340,11 +350,11 @@ pub fn to_yaml<T: Serialize>(value: &T) -> Result<String, String> {
     yaml::write(value)
 }
 
-fn checked_scene(source: &Source) -> Result<(Scene, Findings), Report> {
-    let Read { value: scene, mut findings, .. } = read::<Scene>(source, Kind::Scene)?;
+fn checked_scene(source: &Source) -> Result<(Scene, Findings, Option<Source>), Report> {
+    let Read { value: scene, mut findings, like } = read::<Scene>(source, Kind::Scene)?;
     findings.check_ranges(&scene);
     check_scene(&mut findings, &scene);
-    Ok((scene, findings))
+    Ok((scene, findings, like))
 }
 
 /// Leaves each finding once.
@@ -431,8 +441,8 @@ fn linked_scene(
     path: &str,
     machine: Option<Machine<'_>>,
 ) -> Vec<Diagnostic> {
-    match checked_scene(&source.relative(path)) {
-        Ok((scene, mut of_scene)) => {
+    match checked_scene(&source.scene(path)) {
+        Ok((scene, mut of_scene, _)) => {
             if let Some(machine) = machine {
                 check_scene_for(&mut of_scene, &scene, machine);
             }
@@ -498,7 +508,6 @@ fn read<T: DeserializeOwned + Validate<Context = ()>>(source: &Source, kind: Kin
 
 fn unknown_kind(source: &Source, message: &str) -> Diagnostic {
     let marks = Kind::ALL.map(|kind| format!("{} has `{}`", kind.with_article(), kind.mark()));
-    let help =
-        format!("the keys at the top tell what a document is: {}; a variant of a rig has `{LIKE}`", marks.join(", "));
+    let help = format!("the keys at the top tell what a document is: {}; a variant has `{LIKE}`", marks.join(", "));
     Diagnostic::about_file(source.to_string(), format!("{source} {message}"), help)
 }

@@ -31,11 +31,12 @@ pub fn schema() -> Value {
         .filter(|(kind, _)| kind.has_variants())
         .map(|(kind, whole)| variant(*kind, whole, &mut definitions))
         .collect();
-    kinds.extend(variants);
+    // The same keys may be those of variants of several kinds.
+    kinds.push(json!({ "anyOf": variants }));
     json!({
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "yieldwall configuration",
-        "description": "A rig or a variant of one, an impedance device, a scene, a figure, a device profile, a simulation or a table of error codes.",
+        "description": "A rig, an impedance device or a scene, each of them whole or as a variant of another, a figure, a device profile, a simulation or a table of error codes.",
         "oneOf": kinds,
         "$defs": definitions,
     })
@@ -48,7 +49,7 @@ fn variant(kind: Kind, whole: &Value, definitions: &mut Map<String, Value>) -> V
         format!("A variant of a {kind}: the keys that differ from those of the {kind} that it is like.").into();
     schema["required"] = json!([LIKE]);
     schema["properties"][LIKE] = json!({
-        "description": format!("File of the {kind} that this one is a variant of, relative to this file; not a variant itself. \
+        "description": format!("File of the {kind} that this one is a variant of, relative to this file; it may be a variant itself. \
             Groups are merged with those of that file key by key, drives by their names; anything else replaces what stands there."),
         "type": "string",
         "minLength": 1,
@@ -322,7 +323,7 @@ mod tests {
     #[test]
     fn a_variant_has_to_say_what_it_is_like_and_nothing_else() {
         let schema = schema();
-        let variant = schema["oneOf"].as_array().unwrap().last().unwrap();
+        let variant = &schema["oneOf"].as_array().unwrap().last().unwrap()["anyOf"][0];
         assert_eq!(variant["required"], json!([LIKE]));
         let part = |name: &str| &schema["$defs"][name];
         assert_eq!(variant["properties"]["cycle"]["$ref"], "#/$defs/CyclePart");

@@ -4,13 +4,15 @@ use std::str::FromStr;
 
 use thiserror::Error;
 
-use super::kind::LIKE;
-use super::source::Source;
+use super::source::{Source, Values, like};
 
 /// The key of a list whose entries have names.
 const DRIVES: &str = "drives";
+/// Before the keys of the scene.
+const SCENE: &str = "scene";
 
-/// A value and its key, as `fixture.yield_n=25`. Drives go by their names: `drives.left.direction=-1`.
+/// A value and its key, as `fixture.yield_n=25`. Drives go by their names: `drives.left.direction=-1`. Keys of the scene begin with `scene.`:
+/// `scene.hand.mass_kg=1.0`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SetValue {
     keys: Vec<String>,
@@ -31,9 +33,53 @@ pub enum SetValueError {
     /// The value does not stand on one line.
     #[error("the value of {0} has more than one line: write it on one, such as [1.0, 0.0]")]
     Lines(String),
+    /// One of several values is missing.
+    #[error("{0} has an empty value: write each one, such as {0}=1,2,3")]
+    Empty(String),
     /// Two of them set the same key, or one sets a group of which the other sets a part.
     #[error("{0} is set twice: once as a whole or in part is enough")]
     Twice(String),
+}
+
+impl SetValue {
+    /// Reads `KEY=a,b,c`: one for each of the values. Commas within brackets, braces and quotes are parts of a value.
+    ///
+    /// # Errors
+    /// As its [`FromStr`]; or a value is empty.
+    pub fn each(text: &str) -> Result<Vec<Self>, SetValueError> {
+        let (key, values) = text.split_once('=').ok_or_else(|| SetValueError::NoValue(text.to_owned()))?;
+        let (mut depth, mut quote, mut from) = (0_usize, None, 0);
+        let mut parts = Vec::new();
+        for (place, one) in values.char_indices() {
+            match (one, quote) {
+                (_, Some(open)) if one == open => quote = None,
+                (_, Some(_)) => {}
+                ('"' | '\'', None) => quote = Some(one),
+                ('[' | '{', None) => depth += 1,
+                (']' | '}', None) => depth = depth.saturating_sub(1),
+                (',', None) if depth == 0 => {
+                    parts.push(&values[from..place]);
+                    from = place + 1;
+                }
+                _ => {}
+            }
+        }
+        parts.push(&values[from..]);
+        if parts.iter().any(|part| part.trim().is_empty()) {
+            return Err(SetValueError::Empty(key.to_owned()));
+        }
+        parts.iter().map(|part| format!("{key}={}", part.trim()).parse()).collect()
+    }
+
+    /// The key, with the keys above it, as it was written.
+    pub fn key(&self) -> String {
+        self.keys.join(".")
+    }
+
+    /// The value in YAML.
+    pub fn value(&self) -> &str {
+        &self.value
+    }
 }
 
 impl FromStr for SetValue {
@@ -83,6 +129,12 @@ impl Group {
         true
     }
 
+    fn text(&self) -> String {
+        let mut text = String::new();
+        self.write(0, &mut text);
+        text
+    }
+
     /// Writes it in YAML, `indent` blanks from the left.
     fn write(&self, indent: usize, text: &mut String) {
         let blanks = " ".repeat(indent);
@@ -111,22 +163,26 @@ impl Group {
 }
 
 impl Source {
-    /// Returns a variant of this document in which `values` stand over its own; without any the document itself.
+    /// Returns a variant of this rig or impedance device in which `values` stand over its own and those of its scene; without any the
+    /// document itself.
     ///
     /// # Errors
     /// If a key is set twice.
     pub fn with_values(self, values: &[SetValue]) -> Result<Self, SetValueError> {
         let Some(name) = self.file_name().filter(|_| !values.is_empty()) else { return Ok(self) };
-        let mut group = Group::default();
+        let [mut machine, mut scene] = [Group::default(), Group::default()];
         for SetValue { keys, value } in values {
-            if !group.put(keys, value) {
+            let is_put = match keys.as_slice() {
+                [first, of_scene @ ..] if first == SCENE && !of_scene.is_empty() => scene.put(of_scene, value),
+                keys => machine.put(keys, value),
+            };
+            if !is_put {
                 return Err(SetValueError::Twice(keys.join(".")));
             }
         }
-        // A name in double quotes is the same in JSON and in YAML.
-        let mut text = format!("{LIKE}: {}\n", serde_json::Value::from(name));
-        group.write(0, &mut text);
-        Ok(self.beneath(text))
+        let [of_machine, of_scene] = [machine, scene].map(|group| group.text());
+        let values = Values { machine: like(name, &of_machine), scene: of_scene };
+        Ok(self.beneath(values))
     }
 }
 
@@ -186,5 +242,37 @@ mod tests {
         ] {
             assert_eq!(set(values).unwrap_err(), error, "{values:?}");
         }
+    }
+
+    #[test]
+    fn values_of_the_scene_stand_over_those_of_its_file() {
+        let values = ["scene.hand.mass_kg=1.5", "scene.duration_s=2.0", "fixture.yield_n=25"];
+        let rig = load_rig(set(&values).unwrap()).unwrap();
+        let (scene, file) = (rig.scene().unwrap(), crate::load_scene(builtin("scenes/push-and-let-go.yaml")).unwrap());
+        assert_eq!((*scene.value.hand.mass_kg, *scene.value.duration_s), (1.5, 2.0));
+        assert_eq!(scene.value.hand.path, file.value.hand.path);
+        assert_eq!(*rig.value.fixture.yield_n, 25.0);
+        let report = load_rig(set(&["scene.hand.mass_kg=-1"]).unwrap()).unwrap_err();
+        assert_eq!(report.diagnostics[0].file, "--set");
+        let report = load_rig(set(&["scene.hand.mas_kg=1"]).unwrap()).unwrap_err();
+        assert!(report.diagnostics[0].help.as_ref().is_some_and(|help| help.contains("mass_kg")), "{report:?}");
+        // An impedance device names its scene at the top.
+        let values: Vec<SetValue> =
+            ["scene.hand.mass_kg=1.5", "fixture.friction_n=1.0"].iter().map(|text| text.parse().unwrap()).collect();
+        let device = crate::load_device(builtin("sphere.yaml").with_values(&values).unwrap()).unwrap();
+        assert_eq!((*device.scene().unwrap().value.hand.mass_kg, *device.value.fixture.friction_n), (1.5, 1.0));
+    }
+
+    #[test]
+    fn several_values_of_a_key_are_told_apart_by_commas_outside_of_brackets() {
+        let values =
+            |text: &str| SetValue::each(text).map(|all| all.iter().map(|one| one.value().to_owned()).collect());
+        assert_eq!(values("a.b=1, 2,3"), Ok(vec!["1".to_owned(), "2".into(), "3".into()]));
+        assert_eq!(values("a=[1, 2],[3, 4]"), Ok(vec!["[1, 2]".to_owned(), "[3, 4]".into()]));
+        assert_eq!(values("a={b: {c: 1, d: 2}},null"), Ok(vec!["{b: {c: 1, d: 2}}".to_owned(), "null".into()]));
+        assert_eq!(values("a='x, y',\"z, 1\""), Ok(vec!["'x, y'".to_owned(), "\"z, 1\"".into()]));
+        assert_eq!(values("a=1,,2"), Err(SetValueError::Empty("a".into())));
+        assert_eq!(values("a="), Err(SetValueError::Empty("a".into())));
+        assert_eq!(SetValue::each("a.b=1").unwrap()[0].key(), "a.b");
     }
 }

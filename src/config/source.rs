@@ -8,6 +8,7 @@ use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
 use super::diagnostic::{Diagnostic, Report};
+use super::kind::LIKE;
 use super::suggest::nearest_file;
 use yieldwall_drives::{codes, profiles};
 
@@ -114,8 +115,17 @@ enum Origin {
     Builtin,
     /// Texts by name.
     Memory(Arc<BTreeMap<PathBuf, Arc<str>>>),
-    /// A text that stands beside documents of another origin.
-    Beside(Arc<str>, Box<Origin>),
+    /// Values that stand over those of a document of another origin.
+    Over(Arc<Values>, Box<Origin>),
+}
+
+/// Texts of values that stand over those of a machine and of its scene.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Values {
+    /// The variant of the machine.
+    pub(super) machine: String,
+    /// Keys of the scene; empty if it stays as it is.
+    pub(super) scene: String,
 }
 
 /// The copy of a shipped file inside the program, by its path in `config/`, such as `figures/fig11.yaml`. Whether it
@@ -137,6 +147,12 @@ fn shipped(path: &Path) -> Option<&'static str> {
 /// The paths of all shipped files in `config/`, in alphabetical order.
 pub fn builtin_names() -> impl Iterator<Item = &'static str> {
     SHIPPED.iter().map(|(name, _)| *name)
+}
+
+/// The text of a variant of the document `name`.
+pub(super) fn like(name: &str, keys: &str) -> String {
+    // A name in double quotes is the same in JSON and in YAML.
+    format!("{LIKE}: {}\n{keys}", serde_json::Value::from(name))
 }
 
 impl Source {
@@ -170,10 +186,22 @@ impl Source {
         self.path.file_name()?.to_str()
     }
 
-    /// A text beside this document, in which paths mean what they mean in this one.
-    pub(super) fn beneath(self, text: String) -> Self {
+    /// Values over those of this document. Paths in them mean what they mean in it.
+    pub(super) fn beneath(self, values: Values) -> Self {
         let path = self.path.with_file_name(SET);
-        Self { path, origin: Origin::Beside(text.into(), Box::new(self.origin)) }
+        Self { path, origin: Origin::Over(Arc::new(values), Box::new(self.origin)) }
+    }
+
+    /// The scene that `path`, written in this document, means, with the values that stand over it.
+    pub(super) fn scene(&self, path: &str) -> Self {
+        let scene = self.relative(path);
+        match (&self.origin, scene.file_name()) {
+            (Origin::Over(values, _), Some(name)) if !values.scene.is_empty() => {
+                let machine = like(name, &values.scene);
+                scene.beneath(Values { machine, scene: String::new() })
+            }
+            _ => scene,
+        }
     }
 
     /// Whether it is a file that comes with the program.
@@ -189,7 +217,7 @@ impl Source {
         }
         let joined = self.path.parent().unwrap_or(Path::new("")).join(path);
         match &self.origin {
-            Origin::Beside(_, origin) => Self { path: self.path.clone(), origin: *origin.clone() }.relative(path),
+            Origin::Over(_, origin) => Self { path: self.path.clone(), origin: *origin.clone() }.relative(path),
             Origin::Disk => Self::disk(joined),
             Origin::Memory(texts) if texts.contains_key(&normalise(&joined)) => {
                 Self { path: normalise(&joined), origin: self.origin.clone() }
@@ -204,7 +232,7 @@ impl Source {
     /// No such file; not a regular file; above [`MAX_FILE_BYTES`]; binary; not UTF-8.
     pub fn read(&self) -> Result<Arc<str>, Report> {
         match &self.origin {
-            Origin::Beside(text, _) => Ok(text.clone()),
+            Origin::Over(values, _) => Ok(values.machine.as_str().into()),
             Origin::Disk => self.read_disk(),
             Origin::Builtin => match shipped(&self.path) {
                 Some(text) => Ok(Arc::from(text)),
@@ -341,7 +369,7 @@ impl From<&Source> for Source {
 /// The path; a shipped file has `builtin:` before it.
 impl fmt::Display for Source {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if matches!(self.origin, Origin::Beside(..)) {
+        if matches!(self.origin, Origin::Over(..)) {
             return out.write_str(SET);
         }
         let prefix = if self.origin == Origin::Builtin { BUILTIN_PREFIX } else { "" };

@@ -16,6 +16,7 @@ pub mod reproduce;
 #[cfg(test)]
 #[path = "../sample.rs"]
 mod sample;
+pub mod settings;
 mod speed;
 mod stability;
 pub mod sweep;

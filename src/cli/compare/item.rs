@@ -62,7 +62,7 @@ impl Item {
         let (what, about, report) = match config::load(source.clone())? {
             Document::Device(device) => {
                 output.configuration(&device.warnings)?;
-                let scene = config::load_scene(device.source.relative(&device.value.scene))?.value;
+                let scene = device.scene()?.value;
                 let about = replay::about_device(&device.value, &scene, overrides);
                 ("device", about, run_device(&device.value, &scene, overrides, |_| (), &mut onward))
             }

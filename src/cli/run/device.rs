@@ -14,7 +14,7 @@ use super::super::output::Output;
 use super::super::progress::Progress;
 use super::super::report_text::measures_text;
 use super::{Arguments, draw, with_files};
-use yieldwall_config::{self as config, Coupling, ImpedanceDevice, Loaded};
+use yieldwall_config::{Coupling, ImpedanceDevice, Loaded};
 use yieldwall_rig::ImpedanceRig;
 use yieldwall_rig::report::{Overrides, RunReport, replay, run_device};
 
@@ -22,7 +22,7 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
     check(arguments)?;
     // Those of the scene are among them.
     output.configuration(&device.warnings)?;
-    let scene = config::load_scene(device.source.relative(&device.value.scene))?.value;
+    let scene = device.scene()?.value;
     let overrides = Overrides { duration_s: arguments.duration, seed: arguments.seed, ..Overrides::default() };
     let seed = overrides.seed.unwrap_or(scene.seed);
     // Before anything is written: a device that is refused leaves no recording.

@@ -10,10 +10,9 @@ use serde_json::Value;
 use yieldwall_motion::elementary;
 
 use self::term::TERMS;
-use super::machine::Machine;
+use super::machine::{Machine, outcome};
 use super::sweep::{Clock, Report, Study, Sweep, Table};
 use yieldwall_config::{self as config, SceneTolerance};
-use yieldwall_rig::RigError;
 use yieldwall_rig::report::measures::Measures;
 use yieldwall_rig::report::{Overrides, RunReport};
 
@@ -93,17 +92,6 @@ impl Case {
             }
         };
         Ok((machine, scene, Overrides { fixture, ..Overrides::default() }))
-    }
-}
-
-/// What came out of a run, in a word.
-fn outcome(run: &Result<RunReport, RigError>) -> String {
-    match run {
-        Err(error) => error.to_string(),
-        Ok(RunReport { state: Some(state), cause, .. }) if state.is_latched() => {
-            format!("stopped by {}", cause.map_or("a fault", |cause| cause.fault.row().name))
-        }
-        Ok(_) => "ran".to_owned(),
     }
 }
 

@@ -97,7 +97,7 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     let share = |of: f64| digits(of / error, 2);
     Ok(bullets(&[
         format!(
-            "**Beyond R a stiff spring is more exact than plastic, and throws the tool.** With the soft hand, an aim off by 5 mm and springs of 1e4 N/m and more, at most R = 5 N, the error is {} to {} of that of plastic. \
+            "**Beyond R a stiff spring is more exact than plastic, and throws the tool.** At 0.08 m/s, with the soft hand, an aim off by 5 mm and springs of 1e4 N/m and more, at most R = 5 N, the error is {} to {} of that of plastic. \
              The springs give {:.0} to {:.0} times the energy, and the tool jumps by {:.0} mm when the press ends.",
             share(springs.least("error_rms_m")?),
             share(springs.greatest("error_rms_m")?),
@@ -106,7 +106,7 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
             1e3 * springs.least("jump_m")?
         ),
         format!(
-            "**Viscous fields win {} of the {} cells of the map, plastic {}, springs {}; no law wins the other {}.** \
+            "**Viscous fields win {} of the {} cells of the map, plastic {}, springs {}; no law wins the other {}.** The map is of 0.08 m/s: viscous fields drift off a curve that the hand takes faster. \
              At R = 5 and 10 N, with the soft hand, plastic alone gives way to a press above R without a jump of 1 mm.",
             won(Some(Law::Viscous)),
             cells().count(),

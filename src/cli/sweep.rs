@@ -1,0 +1,97 @@
+//! `yieldwall sweep`: a study of one's own, over any numbers of a rig, its simulation and its scene.
+
+use std::num::NonZeroU32;
+
+use super::failure::{Exit, Failure};
+use super::output::Output;
+use super::run::check_duration;
+use super::study::{Origin, Points};
+use yieldwall_config::{Document, SetValue, SetValueError, Source, load};
+use yieldwall_study::settings::{OUTPUTS, Settings, SettingsError};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The rig or the impedance device; `builtin:paper-admittance.yaml` names the copy inside the program
+    #[arg(value_name = "RIG.yaml")]
+    rig: String,
+    /// A key and its values; may be repeated: each combination is run. Keys of the scene begin with `scene.`
+    ///
+    /// --set fixture.yield_n=10,20,30 --set scene.hand.mass_kg=0.5,1.5 makes six. A drive goes by its name. A value is YAML; commas
+    /// within brackets are a part of it.
+    #[arg(long, value_name = "KEY=A,B,..", required = true, value_parser = SetValues::read)]
+    set: Vec<SetValues>,
+    /// Runs of each combination, with seeds from that of the scene on; medians get intervals of 95 % from six on
+    #[arg(long, value_name = "N", default_value = "1")]
+    seeds: NonZeroU32,
+    /// Seconds to run, in place of the scene's duration
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    duration: Option<f64>,
+    /// A measure to draw and to print; may be repeated. The table has all of them
+    #[arg(long, value_name = "MEASURE")]
+    output: Vec<String>,
+    #[command(flatten)]
+    points: Points,
+}
+
+/// The values of a key.
+#[derive(Clone, Debug)]
+struct SetValues(Vec<SetValue>);
+
+impl SetValues {
+    fn read(text: &str) -> Result<Self, SetValueError> {
+        SetValue::each(text).map(Self)
+    }
+}
+
+pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    check_duration(arguments.duration)?;
+    let source = Source::named(&arguments.rig);
+    let axes = arguments.set.iter().map(|values| values.0.clone()).collect();
+    let (seeds, duration) = (arguments.seeds, arguments.duration);
+    let study = Settings::new(source.clone(), axes, seeds, duration, &arguments.output).map_err(failure)?;
+    let set: Vec<String> = arguments.set.iter().map(|values| format!(" --set '{}'", text(&values.0))).collect();
+    let lasts = duration.map_or(String::new(), |duration| format!(" --duration {duration}"));
+    let command = format!("yieldwall sweep {}{} --seeds {seeds}{lasts}", arguments.rig, set.concat());
+    let hangs_on = format!(" of {:08x}, {command}", crc32fast::hash(&files(source)?));
+    let origin = Origin { command, hangs_on, mujoco: None };
+    let document = arguments.points.compute_or_draw(&study, &origin, output)?;
+    document.map_or(Ok(()), |document| output.report(document))
+}
+
+/// A key with its values, as they are given.
+fn text(values: &[SetValue]) -> String {
+    let key = values.first().map_or(String::new(), SetValue::key);
+    format!("{key}={}", values.iter().map(SetValue::value).collect::<Vec<_>>().join(","))
+}
+
+/// All files that the machine and its scene are put together from.
+fn files(source: Source) -> Result<Vec<u8>, Failure> {
+    let mut bytes = Vec::new();
+    let mut take =
+        |files: &mut dyn Iterator<Item = (&str, &str)>| files.for_each(|(_, text)| bytes.extend(text.bytes()));
+    match load(source)? {
+        Document::Rig(rig) => {
+            take(&mut rig.files());
+            take(&mut rig.scene()?.files());
+        }
+        Document::Device(device) => {
+            take(&mut device.files());
+            take(&mut device.scene()?.files());
+        }
+        _ => {}
+    }
+    Ok(bytes)
+}
+
+fn failure(error: SettingsError) -> Failure {
+    let help = match &error {
+        SettingsError::Refused { report, .. } => return report.clone().into(),
+        SettingsError::Key(_) => "give each key once, with all its values: --set KEY=A,B".to_owned(),
+        SettingsError::NoMachine(_) => {
+            "name a rig or an impedance device, such as builtin:paper-admittance.yaml".to_owned()
+        }
+        SettingsError::TooMany(_) => "give fewer values or seeds".to_owned(),
+        SettingsError::NoOutput(_) => format!("the measures are {}", OUTPUTS.join(", ")),
+    };
+    Failure::new(Exit::Usage, error.to_string(), help)
+}

@@ -1,0 +1,453 @@
+//! A study of one's own: a rig or an impedance device in every combination of values that a user sets over its own and those of its scene.
+
+use std::num::NonZeroU32;
+
+use serde_json::Value;
+use thiserror::Error;
+
+use super::chart::{Axis, Chart, Color, Estimate, Mark, Panel, Series};
+use super::machine::{Machine, outcome};
+use super::page::digits;
+use super::sweep::{Clock, Report, Row, Study, Sweep, Table, median, median_interval};
+use yieldwall_config::{self as config, Document, SetValue, SetValueError, Source};
+use yieldwall_rig::report::Overrides;
+
+/// Measures of a run that the table has.
+pub const OUTPUTS: [&str; 14] = [
+    "unintended_releases",
+    "penetration_mm",
+    "tool_rms_tracing_mm",
+    "tool_rms_on_surface_mm",
+    "tool_max_on_surface_mm",
+    "peak_force_on_surface_n",
+    "force_age_mean_ms",
+    "energy_given_j",
+    "energy_taken_j",
+    "energy_rise_j",
+    "energy_excess_j",
+    "peak_torque_n_m",
+    "torque_limit_s",
+    "power_positive_fraction",
+];
+
+/// Those that are drawn unless others are chosen.
+const DRAWN: [&str; 4] = ["penetration_mm", "tool_rms_on_surface_mm", "peak_force_on_surface_n", "energy_given_j"];
+/// Most runs of a sweep.
+const MOST_RUNS: u64 = 1_000_000;
+/// Settings that are printed; the table has all of them.
+const MOST_PRINTED: usize = 50;
+/// Greatest over least value of a key from which on its axis is logarithmic.
+const LOGARITHMIC_FROM: f64 = 30.0;
+/// Share by which an output has to change to be drawn.
+const CHANGE: f64 = 1e-3;
+/// Outputs up to here are zero but for rounding, whatever their unit.
+const ROUNDING: f64 = 1e-9;
+/// Name of the study and of its chart.
+const NAME: &str = "sweep";
+
+/// Reason why there is nothing to sweep.
+#[derive(Debug, Error)]
+pub enum SettingsError {
+    /// Two keys set the same, or none is set.
+    #[error(transparent)]
+    Key(#[from] SetValueError),
+    /// A value is refused by the checks of the machine or of its scene.
+    #[error("{setting}: {report}")]
+    Refused {
+        /// The value with its key.
+        setting: String,
+        /// The findings.
+        report: config::Report,
+    },
+    /// The file is neither a rig with a simulation nor an impedance device.
+    #[error("{0} is no rig and no impedance device")]
+    NoMachine(String),
+    /// There are too many combinations.
+    #[error("{0} runs are more than {MOST_RUNS}")]
+    TooMany(u64),
+    /// No measure has this name.
+    #[error("{0} is no measure of a run")]
+    NoOutput(String),
+}
+
+/// The study of a machine in all combinations of some values.
+pub struct Settings {
+    sweeps: [Box<dyn Sweep>; 1],
+    keys: Vec<String>,
+    drawn: Vec<&'static str>,
+}
+
+struct Runs {
+    source: Source,
+    /// The values of each key.
+    axes: Vec<Vec<SetValue>>,
+    columns: Vec<String>,
+    seeds: u64,
+    duration_s: Option<f64>,
+}
+
+/// A machine with its scene.
+fn load(source: Source) -> Result<Option<(Machine, config::Scene)>, config::Report> {
+    Ok(match config::load(source)? {
+        Document::Rig(rig) => {
+            let scene = rig.scene()?.value;
+            Some((Machine::Rig(Box::new(rig.value)), scene))
+        }
+        Document::Device(device) => {
+            let scene = device.scene()?.value;
+            Some((Machine::Device(Box::new(device.value)), scene))
+        }
+        Document::Scene(_)
+        | Document::Figure(_)
+        | Document::Profile(_)
+        | Document::Simulation(_)
+        | Document::ErrorCodes(_) => None,
+    })
+}
+
+impl Settings {
+    /// Returns the study of `source` in all combinations of the values of `axes`, each a key with its values, with as many `seeds` as
+    /// are asked for, from that of the scene on. `outputs` are drawn; without any, four of [`OUTPUTS`] are. Each value is checked, the other keys
+    /// at their first; a combination that is refused all the same is a row that says so.
+    ///
+    /// # Errors
+    /// As [`SettingsError`] has them.
+    pub fn new(
+        source: Source,
+        axes: Vec<Vec<SetValue>>,
+        seeds: NonZeroU32,
+        duration_s: Option<f64>,
+        outputs: &[String],
+    ) -> Result<Self, SettingsError> {
+        let name = source.to_string();
+        let runs = axes.iter().map(|values| values.len() as u64).fold(u64::from(seeds.get()), u64::saturating_mul);
+        if runs > MOST_RUNS {
+            return Err(SettingsError::TooMany(runs));
+        }
+        let drawn = outputs.iter().map(|output| {
+            let known = OUTPUTS.into_iter().find(|name| name == output);
+            known.ok_or_else(|| SettingsError::NoOutput(output.clone()))
+        });
+        let drawn = drawn.collect::<Result<Vec<_>, _>>()?;
+        for (place, values) in axes.iter().enumerate() {
+            for value in values {
+                let mut set: Vec<SetValue> = axes.iter().filter_map(|values| values.first().cloned()).collect();
+                set[place] = value.clone();
+                let refused =
+                    |report| SettingsError::Refused { setting: format!("{}={}", value.key(), value.value()), report };
+                if load(source.clone().with_values(&set)?).map_err(refused)?.is_none() {
+                    return Err(SettingsError::NoMachine(name));
+                }
+            }
+        }
+        let keys: Vec<String> = axes.iter().filter_map(|values| Some(values.first()?.key())).collect();
+        let found = ["seed", "outcome"].into_iter().chain(OUTPUTS).map(str::to_owned);
+        let columns = keys.iter().cloned().chain(found).collect();
+        let runs = Runs { source, axes, columns, seeds: seeds.get().into(), duration_s };
+        let drawn = if drawn.is_empty() { DRAWN.to_vec() } else { drawn };
+        Ok(Self { sweeps: [Box::new(runs)], keys, drawn })
+    }
+}
+
+impl Runs {
+    /// The values of a point, the last key's changing first, and its number among the seeds.
+    fn setting(&self, index: u64) -> (Vec<SetValue>, u64) {
+        let (mut rest, seed) = (index / self.seeds, index % self.seeds);
+        let mut set: Vec<SetValue> = Vec::new();
+        for values in self.axes.iter().rev() {
+            let count = values.len() as u64;
+            set.extend(values.get((rest % count) as usize).cloned());
+            rest /= count;
+        }
+        set.reverse();
+        (set, seed)
+    }
+}
+
+impl Sweep for Runs {
+    fn name(&self) -> &str {
+        "runs"
+    }
+
+    fn columns(&self) -> Vec<&str> {
+        self.columns.iter().map(String::as_str).collect()
+    }
+
+    fn points(&self) -> u64 {
+        self.axes.iter().map(|values| values.len() as u64).product::<u64>() * self.seeds
+    }
+
+    fn point(&self, index: u64, _: Clock<'_>) -> Vec<Value> {
+        let (set, number) = self.setting(index);
+        let mut cells: Vec<Value> = set.iter().map(|set| cell(set.value())).collect();
+        let source = self.source.clone().with_values(&set).ok();
+        match source.map(load) {
+            Some(Ok(Some((machine, scene)))) => {
+                let seed = scene.seed.wrapping_add(number);
+                let overrides = Overrides { duration_s: self.duration_s, seed: Some(seed), ..Overrides::default() };
+                let run = machine.run(&scene, &overrides, |_| {});
+                cells.extend([seed.into(), outcome(&run).into()]);
+                let measures = run.ok().and_then(|run| serde_json::to_value(&run.measures).ok()).unwrap_or_default();
+                cells.extend(OUTPUTS.iter().map(|output| measures.get(output).cloned().unwrap_or_default()));
+            }
+            Some(Err(report)) => {
+                let first = report.diagnostics.first().map_or("", |finding| &finding.message);
+                cells.extend([Value::Null, format!("refused: {first}").into()]);
+            }
+            _ => cells.extend([Value::Null, "refused".into()]),
+        }
+        cells.resize(self.columns.len(), Value::Null);
+        cells
+    }
+}
+
+/// A number, or else the text.
+fn cell(value: &str) -> Value {
+    let number = value.parse::<f64>().ok().filter(|number| number.is_finite());
+    number
+        .and_then(|_| serde_json::from_str(value).ok())
+        .or_else(|| number.map(Value::from))
+        .unwrap_or_else(|| value.into())
+}
+
+/// Rows of one setting: all its seeds.
+struct Setting<'a>(Vec<Row<'a>>);
+
+impl Setting<'_> {
+    fn estimate(&self, output: &str) -> Estimate {
+        let values = || self.0.iter().map(|row| row.number(output));
+        let value = median(values()).unwrap_or(f64::NAN);
+        match median_interval(values()) {
+            Some([low, high]) => Estimate { value, low, high },
+            None => value.into(),
+        }
+    }
+
+    fn text(&self, key: &str) -> String {
+        self.0.first().map_or(String::new(), |row| match row.cell(key) {
+            Value::String(word) => word.clone(),
+            other => other.to_string(),
+        })
+    }
+
+    fn name(&self, keys: &[String]) -> String {
+        keys.iter().map(|key| format!("{key} {}", self.text(key))).collect::<Vec<_>>().join(", ")
+    }
+
+    /// Cells of the printed table: the values, the outcomes, the medians of some outputs.
+    fn cells(&self, keys: &[String], outputs: &[&str]) -> Vec<String> {
+        let others: Vec<&str> =
+            self.0.iter().map(|row| row.word("outcome")).filter(|outcome| *outcome != "ran").collect();
+        let outcome = match (self.0.len(), others.as_slice()) {
+            (_, []) => "all ran".to_owned(),
+            (1, [other]) => (*other).to_owned(),
+            (all, [first, ..]) => format!("{} of {all} not: {first}", others.len()),
+        };
+        let estimates = outputs.iter().map(|output| {
+            let Estimate { value, low, high } = self.estimate(output);
+            let text = |value: f64| if value.abs() < ROUNDING { "0".to_owned() } else { digits(value, 3) };
+            match (value.is_finite(), low.is_finite() && high.is_finite()) {
+                (false, _) => "-".to_owned(),
+                (true, false) => text(value),
+                (true, true) => format!("{} ({} to {})", text(value), text(low), text(high)),
+            }
+        });
+        keys.iter().map(|key| self.text(key)).chain([outcome]).chain(estimates).collect()
+    }
+}
+
+/// Lines of a table whose columns are aligned.
+fn aligned(rows: &[Vec<String>]) -> Vec<String> {
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let wide = |column: usize| rows.iter().filter_map(|row| Some(row.get(column)?.chars().count())).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..columns).map(wide).collect();
+    let line = |row: &Vec<String>| {
+        let cells = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:width$}"));
+        cells.collect::<Vec<_>>().join("  ").trim_end().to_owned()
+    };
+    rows.iter().map(line).collect()
+}
+
+impl Study for Settings {
+    fn name(&self) -> &str {
+        NAME
+    }
+
+    fn about(&self) -> &'static str {
+        "a rig in every combination of some values"
+    }
+
+    fn sweeps(&self) -> &[Box<dyn Sweep>] {
+        &self.sweeps
+    }
+
+    fn report(&self, tables: &[Table]) -> Report {
+        let mut settings: Vec<Setting<'_>> = Vec::new();
+        for row in tables.iter().flat_map(Table::rows) {
+            let is_same = |setting: &Setting<'_>| {
+                setting.0.first().is_some_and(|first| self.keys.iter().all(|key| first.cell(key) == row.cell(key)))
+            };
+            match settings.last_mut().filter(|setting| is_same(setting)) {
+                Some(setting) => setting.0.push(row),
+                None => settings.push(Setting(vec![row])),
+            }
+        }
+        let heads = self.keys.iter().map(String::as_str).chain(["outcome"]).chain(self.drawn.iter().copied());
+        let mut printed = vec![heads.map(str::to_owned).collect()];
+        printed.extend(settings.iter().take(MOST_PRINTED).map(|setting| setting.cells(&self.keys, &self.drawn)));
+        let mut notes = aligned(&printed);
+        if settings.len() > MOST_PRINTED {
+            notes.push(format!("{} more settings are in runs.csv", settings.len() - MOST_PRINTED));
+        }
+        match self.chart(&settings) {
+            Ok(chart) => Report { notes, charts: vec![(NAME, chart)] },
+            Err(why) => {
+                notes.push(why);
+                Report { notes, charts: Vec::new() }
+            }
+        }
+    }
+}
+
+/// Whether an output is another one in some settings, by more than a thousandth and more than rounding leaves.
+fn changes(settings: &[Setting<'_>], output: &str) -> bool {
+    let values: Vec<f64> =
+        settings.iter().map(|setting| setting.estimate(output).value).filter(|value| value.is_finite()).collect();
+    let greatest = values.iter().fold(0.0, |greatest: f64, value| greatest.max(value.abs()));
+    let span =
+        values.iter().copied().fold(f64::NEG_INFINITY, f64::max) - values.iter().copied().fold(f64::INFINITY, f64::min);
+    span > CHANGE * greatest && greatest > ROUNDING
+}
+
+impl Settings {
+    /// The outputs over the first key, a series for each combination of the others.
+    fn chart(&self, settings: &[Setting<'_>]) -> Result<Chart, String> {
+        let Some((across, others)) = self.keys.split_first() else { return Err("no key is set".to_owned()) };
+        let mut words: Vec<String> = Vec::new();
+        let mut numbers: Vec<f64> = Vec::new();
+        let mut names: Vec<String> = Vec::new();
+        for setting in settings {
+            let (word, name) = (setting.text(across), setting.name(others));
+            if !words.contains(&word) {
+                numbers.extend(word.parse::<f64>());
+                words.push(word);
+            }
+            if !names.contains(&name) {
+                names.push(name);
+            }
+        }
+        let marks = [Mark::MarkedLine, Mark::MarkedDashes];
+        if names.len() > marks.len() * Color::LINES.len() {
+            return Err(format!(
+                "{} series are too many for a chart: set the key with the most values first",
+                names.len()
+            ));
+        }
+        let is_numeric = numbers.len() == words.len();
+        let [least, most] = [
+            numbers.iter().copied().fold(f64::INFINITY, f64::min),
+            numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+        ];
+        // One range for all panels, with a margin beyond the outermost values.
+        let margin = if most > least { 0.05 * (most - least) } else { 0.5 };
+        let x = || match is_numeric {
+            false => Axis::of_words(across, words.clone()),
+            true if least > 0.0 && most / least >= LOGARITHMIC_FROM => {
+                Axis::logarithmic(across).over(least / 1.2, most * 1.2)
+            }
+            true => Axis::linear(across).over(least - margin, most + margin),
+        };
+        let place = |setting: &Setting<'_>| {
+            let word = setting.text(across);
+            let at = if is_numeric {
+                word.parse().ok()
+            } else {
+                words.iter().position(|known| *known == word).map(|place| place as f64 + 1.0)
+            };
+            at.unwrap_or(f64::NAN)
+        };
+        let panel = |output: &&str| {
+            let series = names.iter().enumerate().flat_map(|(number, name)| {
+                let of_name = settings.iter().filter(|setting| setting.name(others) == *name);
+                let points: Vec<_> = of_name.map(|setting| (place(setting).into(), setting.estimate(output))).collect();
+                let colors = Color::LINES;
+                Series::new(name.clone(), marks[number / colors.len()], colors[number % colors.len()]).through(&points)
+            });
+            Panel { title: String::new(), x: x(), y: Axis::linear(output), series: series.collect() }
+        };
+        let panels: Vec<Panel> = self.drawn.iter().filter(|output| changes(settings, output)).map(panel).collect();
+        if panels.is_empty() {
+            return Err(
+                "these measures are the same in all settings, or no run has them: there is nothing to draw".to_owned()
+            );
+        }
+        let columns = panels.len().min(2);
+        Ok(Chart { title: format!("Medians over {across}, intervals of 95 %"), panels, columns })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    fn settings(axes: &[&str], seeds: u32) -> Result<Settings, SettingsError> {
+        let axes = axes.iter().map(|text| SetValue::each(text)).collect::<Result<Vec<_>, _>>()?;
+        Settings::new(config::builtin("play.yaml"), axes, NonZeroU32::new(seeds).unwrap(), Some(0.4), &[])
+    }
+
+    #[test]
+    fn each_combination_is_run_with_each_seed() {
+        let study = settings(&["fixture.yield_n=20,25", "scene.hand.mass_kg=0.5,1.0,1.5"], 2).unwrap();
+        let sweep = &study.sweeps()[0];
+        assert_eq!(sweep.points(), 12);
+        assert_eq!(sweep.columns()[..4], ["fixture.yield_n", "scene.hand.mass_kg", "seed", "outcome"]);
+        let mut table = Table::new(sweep.as_ref());
+        (0..12).for_each(|index| table.insert(index, sweep.point(index, &|| Duration::ZERO)));
+        let rows: Vec<_> = table
+            .rows()
+            .map(|row| ["fixture.yield_n", "scene.hand.mass_kg", "seed"].map(|key| row.number(key)))
+            .collect();
+        assert_eq!(rows[..3], [[20.0, 0.5, 1.0], [20.0, 0.5, 2.0], [20.0, 1.0, 1.0]]);
+        assert_eq!(rows[11], [25.0, 1.5, 2.0]);
+        assert!(table.rows().all(|row| row.word("outcome") == "ran"), "{}", table.csv());
+        // Values reach the run: two seeds differ, and two masses do.
+        let given = |index: usize| table.rows().nth(index).unwrap().number("energy_taken_j");
+        assert!(given(0) != given(1) && given(0) != given(2), "{}", table.csv());
+        let report = study.report(&[table]);
+        assert_eq!(report.notes.len(), 6);
+        assert!(
+            report.notes[0].starts_with("fixture.yield_n 20, scene.hand.mass_kg 0.5: 2 ran; "),
+            "{}",
+            report.notes[0]
+        );
+        let chart = &report.charts[0].1;
+        assert_eq!(chart.panels[0].x.name, "fixture.yield_n");
+        assert_eq!(chart.panels[0].series.iter().filter(|series| !series.points.is_empty()).count(), 3);
+    }
+
+    #[test]
+    fn a_value_that_is_refused_is_named_and_a_combination_is_a_row() {
+        let error = settings(&["fixture.yield_n=20,-1"], 1).err().unwrap();
+        assert!(matches!(&error, SettingsError::Refused { setting, .. } if setting == "fixture.yield_n=-1"), "{error}");
+        assert!(matches!(settings(&["fixture.yield_n=20", "fixture.yield_n=21"], 1), Err(SettingsError::Key(_))));
+        // R has to be above F.
+        let study = settings(&["fixture.friction_n=3,15", "fixture.yield_n=20,10"], 1).unwrap();
+        let cells = study.sweeps()[0].point(3, &|| Duration::ZERO);
+        assert!(cells[3].as_str().is_some_and(|outcome| outcome.starts_with("refused: ")), "{cells:?}");
+    }
+
+    #[test]
+    fn every_output_is_a_measure_of_a_run() {
+        let study = settings(&["fixture.law=null"], 1).unwrap();
+        let (machine, scene) = load(config::builtin("play.yaml")).unwrap().unwrap();
+        let run = machine.run(&scene, &Overrides { duration_s: Some(0.2), ..Overrides::default() }, |_| {}).unwrap();
+        let measures = serde_json::to_value(&run.measures).unwrap();
+        for output in OUTPUTS {
+            assert!(measures.get(output).is_some(), "{output}");
+            assert!(study.sweeps()[0].columns().contains(&output));
+        }
+        assert!(DRAWN.iter().all(|output| OUTPUTS.contains(output)));
+    }
+}
