@@ -25,16 +25,16 @@ pub(super) struct Arguments {
     name: String,
     #[command(flatten)]
     points: Points,
-    /// Compute nothing: write the tables and findings of the study into a page, docs/studies.md unless another FILE is given
+    /// Compute nothing: write the findings and tables of the study into DIR/studies.md and DIR/study-tables.md; DIR is docs unless given
     ///
-    /// The page holds them between the lines `<!-- begin: STUDY-NAME -->` and `<!-- end -->`. Text outside these lines stays as it
+    /// The pages hold them between the lines `<!-- begin: STUDY-NAME -->` and `<!-- end -->`. Text outside these lines stays as it
     /// is. If the tables do not show a finding, the command names the rows and writes nothing.
     #[arg(
         long,
-        value_name = "FILE",
+        value_name = "DIR",
         num_args = 0..=1,
         require_equals = true,
-        default_missing_value = "docs/studies.md",
+        default_missing_value = "docs",
         conflicts_with_all = ["out", "jobs", "shard", "merge", "point", "any_build", "fresh", "mujoco"]
     )]
     page: Option<PathBuf>,

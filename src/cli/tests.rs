@@ -120,7 +120,7 @@ fn exit_codes_tell_what_happened() {
     ] {
         assert_eq!(exit(&format!("yieldwall -q study {study}")), Exit::Usage, "{study}");
     }
-    for study in ["hold --page=no-such-page.md", "hold --page=Cargo.toml --tables no-such-folder"] {
+    for study in ["hold --page=no-such-folder", "hold --page=../../docs --tables no-such-folder"] {
         assert_eq!(exit(&format!("yieldwall -q study {study}")), Exit::ConfigInvalid, "{study}");
     }
 }

@@ -1,4 +1,4 @@
-//! `--page`: tables and findings in a page of the documentation.
+//! `--page`: findings and tables in the pages of the documentation.
 
 use std::path::Path;
 
@@ -7,39 +7,42 @@ use serde_json::json;
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
 use crate::replace::{exchange, unwritten};
-use yieldwall_study::page::{PageError, refresh};
+use yieldwall_study::page::{PAGES, PageError, refresh};
 use yieldwall_study::sweep::Study;
 
-/// Writes the blocks of some studies into the page.
+/// Writes the blocks of some studies into the pages in the folder `docs`.
 pub(super) fn write(
-    path: &Path,
+    docs: &Path,
     tables: &Path,
     studies: &[Box<dyn Study>],
     output: &mut Output,
 ) -> Result<(), Failure> {
-    let page = std::fs::read_to_string(path).map_err(|error| {
-        let help = "name the page with --page=FILE, or run in the folder of the repository";
-        Failure::about_file(Exit::ConfigInvalid, path, format!("{}: {error}", path.display()), help)
-    })?;
-    let (mut new, mut changed) = (page, Vec::new());
-    for study in studies {
-        let blocks = refresh(&new, study.as_ref(), tables).map_err(|error| failure(path, &error))?;
-        new = blocks.0;
-        changed.extend(blocks.1);
+    let paths = PAGES.map(|page| docs.join(page));
+    let mut pages = Vec::new();
+    for path in &paths {
+        pages.push(std::fs::read_to_string(path).map_err(|error| {
+            let help = "name the folder of the pages with --page=DIR, or run in the folder of the repository";
+            Failure::about_file(Exit::ConfigInvalid, path, format!("{}: {error}", path.display()), help)
+        })?);
     }
-    if !changed.is_empty() {
-        exchange(path, &new, |error| unwritten(path, &error), |_| Ok(()))?;
+    let (before, mut changed) = (pages.clone(), Vec::new());
+    for study in studies {
+        changed.extend(refresh(&mut pages, study.as_ref(), tables).map_err(|error| failure(docs, &error))?);
+    }
+    for ((path, page), _) in paths.iter().zip(&pages).zip(&before).filter(|((_, page), before)| page != before) {
+        exchange(path, page, |error| unwritten(path, &error), |_| Ok(()))?;
     }
     if output.is_json() {
-        return output.report(json!({ "page": path, "tables": tables, "changed": changed }));
+        return output.report(json!({ "pages": paths, "tables": tables, "changed": changed }));
     }
+    let [findings, behind] = paths.map(|path| path.display().to_string());
     output.news(&match changed.as_slice() {
-        [] => format!("{} shows the tables in {} already", path.display(), tables.display()),
-        changed => format!("{}: {} written from {}", path.display(), changed.join(", "), tables.display()),
+        [] => format!("{findings} and {behind} show the tables in {} already", tables.display()),
+        changed => format!("{findings} and {behind}: {} written from {}", changed.join(", "), tables.display()),
     })
 }
 
-fn failure(page: &Path, error: &PageError) -> Failure {
+fn failure(docs: &Path, error: &PageError) -> Failure {
     let inner = match error {
         PageError::Block { error, .. } => error,
         error => error,
@@ -54,10 +57,10 @@ fn failure(page: &Path, error: &PageError) -> Failure {
             (path.as_path(), help)
         }
         PageError::Marker(_) => {
-            (page, "a block stands between its line `begin` and `<!-- end -->`: correct the page".to_owned())
+            (docs, "a block stands between its line `begin` and `<!-- end -->`: correct the page".to_owned())
         }
-        _ => (page, "look at these rows; compute the table again, or correct the block in src/study".to_owned()),
+        _ => (docs, "look at these rows; compute the table again, or correct the block in src/study".to_owned()),
     };
-    let message = if file == page { format!("{}: {error}", page.display()) } else { error.to_string() };
+    let message = if file == docs { format!("{}: {error}", docs.display()) } else { error.to_string() };
     Failure::about_file(Exit::ConfigInvalid, file, message, help)
 }

@@ -1,4 +1,4 @@
-//! `docs/studies.md`: studies write its tables and findings, from the tables in `docs/data`.
+//! `docs/studies.md` and `docs/study-tables.md`: studies write their findings and tables, from the tables in `docs/data`.
 //!
 //! ```text
 //! <!-- begin: hold-windows -->
@@ -42,6 +42,9 @@ const BLOCKS: [(&str, Write); 17] = [
     ("task-errors", task::page::errors),
     ("task-findings", task::page::findings),
 ];
+
+/// The pages, in the folder of the documentation: findings, and the tables behind them.
+pub const PAGES: [&str; 2] = ["studies.md", "study-tables.md"];
 
 const BEGIN: &str = "<!-- begin: ";
 const END: &str = "<!-- end -->";
@@ -103,47 +106,56 @@ impl Tables<'_> {
     }
 }
 
-/// A page with new blocks of a study, and the names of the blocks that changed. Everything else stays as it is.
+/// Puts new blocks of a study into the pages, each into the page that has its marker, and returns the names of the blocks that changed.
+/// Everything else stays as it is.
 ///
 /// # Errors
-/// The first block that cannot be written, or marker that is missing.
-pub fn refresh(page: &str, study: &dyn Study, folder: &Path) -> Result<(String, Vec<&'static str>), PageError> {
-    refresh_blocks(page, study, folder, &BLOCKS)
+/// The first block that cannot be written, or marker that is missing or there twice. The pages may then be changed in part.
+pub fn refresh(pages: &mut [String], study: &dyn Study, folder: &Path) -> Result<Vec<&'static str>, PageError> {
+    refresh_blocks(pages, study, folder, &BLOCKS)
 }
 
 fn refresh_blocks(
-    page: &str,
+    pages: &mut [String],
     study: &dyn Study,
     folder: &Path,
     blocks: &[(&'static str, Write)],
-) -> Result<(String, Vec<&'static str>), PageError> {
+) -> Result<Vec<&'static str>, PageError> {
     let prefix = format!("{}-", study.name());
     let known: Vec<_> = blocks.iter().filter(|(name, _)| name.starts_with(&prefix)).collect();
-    let found = page.lines().filter_map(|line| line.strip_prefix(BEGIN)?.strip_suffix(" -->"));
-    let mut other = found.filter(|name| name.starts_with(&prefix) && known.iter().all(|(known, _)| known != name));
-    if let Some(name) = other.next() {
+    let lines = pages.iter().flat_map(|page| page.lines());
+    let found: Vec<_> = lines.filter_map(|line| line.strip_prefix(BEGIN)?.strip_suffix(" -->")).collect();
+    let is_other = |name: &&&str| name.starts_with(&prefix) && known.iter().all(|(known, _)| *known != **name);
+    if let Some(name) = found.iter().find(is_other) {
         return Err(PageError::Marker(format!("no study writes the block {name}")));
     }
-    let (mut page, mut changed) = (page.to_owned(), Vec::new());
+    let mut changed = Vec::new();
     for &&(block, write) in &known {
         let text = write(&Tables { study, folder });
-        let new = text.and_then(|text| with_block(&page, block, text.trim_end()));
-        let new = new.map_err(|error| PageError::Block { block, error: Box::new(error) })?;
-        if new != page {
+        let is_new = text.and_then(|text| put(pages, block, text.trim_end()));
+        if is_new.map_err(|error| PageError::Block { block, error: Box::new(error) })? {
             changed.push(block);
         }
-        page = new;
     }
-    Ok((page, changed))
+    Ok(changed)
 }
 
-fn with_block(page: &str, name: &str, text: &str) -> Result<String, PageError> {
+/// Writes a block where its marker is; whether that changes the page.
+fn put(pages: &mut [String], name: &str, text: &str) -> Result<bool, PageError> {
     let marker = format!("{BEGIN}{name} -->");
-    let missing = |what: &str| PageError::Marker(format!("the page has no line {what}"));
-    let (before, rest) = page.split_once(&marker).ok_or_else(|| missing(&marker))?;
+    let mut with_marker = pages.iter_mut().filter(|page| page.contains(&marker));
+    let (page, other) = (with_marker.next(), with_marker.next());
+    let page = page.ok_or_else(|| PageError::Marker(format!("no page has the line {marker}")))?;
+    if other.is_some() || page.matches(&marker).count() > 1 {
+        return Err(PageError::Marker(format!("the line {marker} is there twice")));
+    }
+    let (before, rest) = page.split_once(&marker).unwrap_or((page, ""));
     let end = rest.find(END).filter(|end| !rest[..*end].contains(BEGIN));
-    let after = &rest[end.ok_or_else(|| missing(&format!("{END} behind {marker}")))?..];
-    Ok(format!("{before}{marker}\n{text}\n{after}"))
+    let end = end.ok_or_else(|| PageError::Marker(format!("the page has no line {END} behind {marker}")))?;
+    let new = format!("{before}{marker}\n{text}\n{}", &rest[end..]);
+    let is_new = new != *page;
+    *page = new;
+    Ok(is_new)
 }
 
 #[cfg(test)]

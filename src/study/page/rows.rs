@@ -5,6 +5,9 @@ use serde_json::Value;
 use super::PageError;
 use crate::sweep::{Row, Table};
 
+/// Ranges of rows that are named one by one.
+const MOST_RANGES: usize = 3;
+
 /// Rows of a table, and the words for which ones they are.
 #[derive(Clone, Debug)]
 pub(crate) struct Rows<'a> {
@@ -50,6 +53,26 @@ impl<'a> Rows<'a> {
     /// Number of rows.
     pub(crate) fn count(&self) -> usize {
         self.rows.len()
+    }
+
+    /// The rows, as a reader finds them in the table: its name and the numbers, as ranges; of many the number of rows and the ends.
+    pub(crate) fn places(&self) -> String {
+        let mut ranges: Vec<[u64; 2]> = Vec::new();
+        for row in &self.rows {
+            match ranges.last_mut().filter(|range| range[1] + 1 == row.index) {
+                Some(range) => range[1] = row.index,
+                None => ranges.push([row.index; 2]),
+            }
+        }
+        let table = self.rows.first().map_or("", |row| row.table());
+        let range =
+            |[first, last]: &[u64; 2]| if first == last { first.to_string() } else { format!("{first} to {last}") };
+        match ranges.as_slice() {
+            [[first, _], .., [_, last]] if ranges.len() > MOST_RANGES => {
+                format!("`{table}`, {} rows from {first} to {last}", self.rows.len())
+            }
+            ranges => format!("`{table}` {}", ranges.iter().map(range).collect::<Vec<_>>().join(", ")),
+        }
     }
 
     /// The one row that is left.

@@ -9,15 +9,28 @@ use crate::{NAMES, Options, study};
 #[test]
 fn the_page_is_what_its_tables_show() {
     let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs");
-    let page = std::fs::read_to_string(docs.join("studies.md")).unwrap();
+    let mut pages = PAGES.map(|page| std::fs::read_to_string(docs.join(page)).unwrap());
     for name in NAMES {
         let study = study(name, &Options::default()).unwrap();
-        let (_, changed) = refresh(&page, study.as_ref(), &docs.join("data")).unwrap_or_else(|error| panic!("{error}"));
+        let changed = refresh(&mut pages, study.as_ref(), &docs.join("data")).unwrap_or_else(|error| panic!("{error}"));
         assert!(
             changed.is_empty(),
             "{changed:?} are not those of docs/data; `yieldwall study {name} --page` writes them"
         );
     }
+}
+
+/// A page that is read in one sitting.
+#[test]
+fn the_page_of_findings_is_short() {
+    let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs");
+    let page = std::fs::read_to_string(docs.join(PAGES[0])).unwrap();
+    let words = page.split_whitespace().count();
+    assert!(words <= 2500, "{words} words");
+    let charts = page.matches("![").count();
+    assert!(charts <= 8, "{charts} charts");
+    let findings = page.lines().filter(|line| line.starts_with("- ") && line.contains("**")).count();
+    assert!(findings <= 15, "{findings} findings");
 }
 
 /// Sides and their squares.
@@ -75,9 +88,12 @@ fn written(page: &str, csv: &str, name: &str) -> Result<(String, Vec<&'static st
     std::fs::create_dir_all(&folder).unwrap();
     std::fs::write(folder.join("study-small-squares.csv"), csv).unwrap();
     let study = Small([Box::new(Squares)]);
-    let new = refresh_blocks(page, &study, &folder, &[("small-most", most)]).map_err(|error| error.to_string());
+    let mut pages = ["No block.\n".to_owned(), page.to_owned()];
+    let changed = refresh_blocks(&mut pages, &study, &folder, &[("small-most", most)]);
     std::fs::remove_dir_all(&folder).unwrap();
-    new
+    let [other, page] = pages;
+    assert_eq!(other, "No block.\n");
+    changed.map(|changed| (page, changed)).map_err(|error| error.to_string())
 }
 
 const PAGE: &str = "Before.\n<!-- begin: small-most -->\nOld.\n<!-- end -->\nAfter.\n";
@@ -114,8 +130,9 @@ fn a_finding_that_the_table_does_not_show_is_an_error_with_its_rows() {
 fn a_page_without_a_place_for_a_block_is_refused() {
     let begin = "<!-- begin: small-most -->";
     let pages = [
-        (String::new(), format!("block small-most: the page has no line {begin}")),
+        (String::new(), format!("block small-most: no page has the line {begin}")),
         (format!("{begin}\n"), format!("block small-most: the page has no line <!-- end --> behind {begin}")),
+        (PAGE.repeat(2), format!("block small-most: the line {begin} is there twice")),
         (format!("{PAGE}<!-- begin: small-former -->\n"), "no study writes the block small-former".to_owned()),
     ];
     for (page, error) in pages {
@@ -129,6 +146,7 @@ fn rows_are_selected_by_their_cells() {
     let all = table.all();
     assert_eq!(all.with("side_m", 2).number("square_m2").unwrap(), 4.0);
     assert_eq!((all.with("remark", "").count(), all.with("remark", Value::Null).count()), (1, 1));
+    assert_eq!([all.places(), all.with("side_m", 2).places()], ["`squares` 0 to 3", "`squares` 2"]);
     assert_eq!((all.with("remark", "some").least("side_m").unwrap(), all.greatest("side_m").unwrap()), (1.0, 3.0));
     let errors = [
         (all.number("side_m").unwrap_err(), "4 rows of table squares, one is wanted"),

@@ -145,6 +145,11 @@ impl Table {
 }
 
 impl<'a> Row<'a> {
+    /// Name of the table.
+    pub fn table(&self) -> &'a str {
+        self.table
+    }
+
     /// What stands in a column; `null` if the study has no such column.
     pub fn cell(&self, column: &str) -> &'a Value {
         let place = self.columns.iter().position(|name| *name == column);

@@ -1,9 +1,9 @@
 //! The study's parts of `docs/studies.md`.
 
 use super::super::page::{PageError, Rows, Tables, bullets, digits, markdown};
-use super::aid::{Aid, Law, YIELDS_N};
-use super::draw::{Field, GIVES_WAY, THROWN_M, winner};
-use super::runs::{AIM_M, AIMS_M, PRESS_N, USERS};
+use super::aid::{Aid, Law};
+use super::draw::THROWN_M;
+use super::runs::{AIM_M, PRESS_N, USERS};
 use super::trial::GRIPS;
 
 fn of_aid<'a>(rows: &Rows<'a>, aid: &Aid) -> Rows<'a> {
@@ -70,21 +70,6 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
         row.number("error_high_m") < error_low && row.number("energy_low_j") > energy_high && is_thrown
     })?;
 
-    let cells = || {
-        GRIPS
-            .into_iter()
-            .flat_map(|grip| YIELDS_N.into_iter().flat_map(move |yield_n| AIMS_M.map(|aim_m| (grip, yield_n, aim_m))))
-    };
-    let won = |law| {
-        cells().filter(|(grip, yield_n, aim_m)| winner(&table, grip.name, *yield_n, *aim_m, Field::All) == law).count()
-    };
-    let free_m = soft.with("law", Law::None.name()).least("press_m")?;
-    let pressed = soft.filter("R below the press", |row| row.number("yield_n") < PRESS_N);
-    pressed.check("plastic alone gives way and does not throw the tool", |row| {
-        let yields = row.number("press_m") > GIVES_WAY * free_m && row.number("jump_m") < THROWN_M;
-        yields == (row.word("law") == Law::Plastic.name())
-    })?;
-
     let device = device.all();
     let spring = device.with("law", Law::Spring.name());
     let is_soft = |row: &super::Row<'_>| row.number("hardness") <= 3000.0;
@@ -97,27 +82,18 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     let share = |of: f64| digits(of / error, 2);
     Ok(bullets(&[
         format!(
-            "**Beyond R a stiff spring is more exact than plastic, and throws the tool.** At 0.08 m/s, with the soft hand, an aim off by 5 mm and springs of 1e4 N/m and more, at most R = 5 N, the error is {} to {} of that of plastic. \
-             The springs give {:.0} to {:.0} times the energy, and the tool jumps by {:.0} mm when the press ends.",
+            "Where a hand presses beyond R = 5 N at 0.08 m/s, springs of 1e4 N/m and more err {} to {} of what plastic errs, **give {:.0} to {:.0} times the energy, and throw the tool** by {:.0} mm ({}).",
             share(springs.least("error_rms_m")?),
             share(springs.greatest("error_rms_m")?),
             springs.least("energy_across_j")? / energy,
             springs.greatest("energy_across_j")? / energy,
-            1e3 * springs.least("jump_m")?
+            1e3 * springs.least("jump_m")?,
+            springs.places()
         ),
         format!(
-            "**Viscous fields win {} of the {} cells of the map, plastic {}, springs {}; no law wins the other {}.** The map is of 0.08 m/s: viscous fields drift off a curve that the hand takes faster. \
-             At R = 5 and 10 N, with the soft hand, plastic alone gives way to a press above R without a jump of 1 mm.",
-            won(Some(Law::Viscous)),
-            cells().count(),
-            won(Some(Law::Plastic)),
-            won(Some(Law::Saturated)),
-            won(None)
-        ),
-        format!(
-            "**On an impedance device the sampled loop caps the spring.** Springs without limit run with all {USERS} users up to 3000 N/m, and with none from {least:.0e} N/m on. \
-             Plastic fixtures run with each coupling, up to {:.0e} N/m.",
-            coupled.greatest("hardness")?
+            "On an impedance device at 1 kHz springs run up to 3000 N/m and not from {least:.0e} N/m on, and **plastic fixtures with every coupling** up to {:.0e} N/m ({}).",
+            coupled.greatest("hardness")?,
+            device.places()
         ),
     ]))
 }
