@@ -7,6 +7,7 @@ mod cycle;
 pub mod drawing;
 mod drawn;
 mod hold;
+mod literature;
 mod machine;
 mod nudge;
 pub mod page;
@@ -79,7 +80,8 @@ impl Options {
 pub const PLANT: &str = "plant";
 
 /// Names of all studies.
-pub const NAMES: [&str; 9] = ["ablation", "control", "cycle", "hold", "pair", PLANT, "speed", "stability", "task"];
+pub const NAMES: [&str; 10] =
+    ["ablation", "control", "cycle", "hold", "literature", "pair", PLANT, "speed", "stability", "task"];
 
 /// A study by its name.
 pub fn study(name: &str, options: &Options) -> Option<Box<dyn sweep::Study>> {
@@ -88,6 +90,7 @@ pub fn study(name: &str, options: &Options) -> Option<Box<dyn sweep::Study>> {
         "control" => Box::new(control::Control::new()),
         "cycle" => Box::new(cycle::CycleStudy::new()),
         "hold" => Box::new(hold::Hold::new()),
+        "literature" => Box::new(literature::Literature::new()),
         "pair" => Box::new(pair::PairStudy::new()),
         PLANT => Box::new(plant::Integration::new(options.mujoco.clone())),
         "speed" => Box::new(speed::Speed::new()),

@@ -12,7 +12,7 @@
 //!    moments of its own clock. A sensor that SYNC clocks feels it at SYNC, before the new effort acts.
 //! 2. *SYNC.* Encoders are read. What the cycle before computed is applied: an effort, or the target of a line.
 //! 3. *Computed.* If the newest sample that has come is new, it gets the force that the reference's acceleration asks of the handle,
-//!    `m_H (r1 - 2 r2 + r3)/T^2`, and passes the low pass. The fixture steps,
+//!    `m_H (r1 - 2 r2 + r3)/T^2`, and that of a [`Compensation`] by the encoders, and passes the low pass. The fixture steps,
 //!    `M (r - 2 r1 + r2)/T^2 + b (r - r1)/T = h`, and a servo of the host turns `r` and the encoders of this SYNC into efforts.
 //! 4. *In the drive*, if the loop closes there: at SYNC and every period of its own from there on, the servo samples angle and
 //!    rate, compares them with the line from the last target to the present one, and holds a torque.
@@ -24,13 +24,18 @@
 //! if no eigenvalue of that matrix lies on or outside the unit circle. A sensor with its own clock drifts through all phases,
 //! so it is looked at right behind SYNC, where a sample has just missed its cycle, and at phases between.
 //!
+//! A servo that follows the rate alone does not mind where the reference is: its references are counted from the last one, which takes
+//! their common place, an eigenvalue of one, out of the state.
+//!
 //! # Which masses
 //! Light masses swing, since servo and delay turn the hand's spring against the motion. Very heavy ones drift if the loop lags
 //! by more than `B_h/K_h` ([`lag_s`]). What is stable lies between, from a least mass to a greatest one.
 
+mod admittance;
 mod exponential;
 mod held;
 
+pub use admittance::admittance;
 pub use held::HeldLoop;
 
 use crate::elementary;
@@ -86,7 +91,7 @@ pub struct Grip {
 pub enum Follower {
     /// In the cycle of the fixture, with the rate of the error by differences.
     Host {
-        /// Gains of PID, or of PSMC below saturation.
+        /// Gains of PID, or of PSMC below saturation. A stiffness of zero, with an integral of zero, leaves a servo of the rate alone.
         gains: Gains,
         /// Cycles from SYNC to the change of effort that its encoders lead to, 0 to [`Follower::MOST_DELAY`], not only whole numbers.
         delay_cycles: f64,
@@ -118,6 +123,21 @@ impl Follower {
         match self {
             Self::Host { gains, .. } | Self::Drive { gains, .. } | Self::Rate { gains, .. } => *gains,
         }
+    }
+
+    /// Whether the servo is of the host and follows the rate alone.
+    fn has_no_position(&self) -> bool {
+        let Self::Host { gains: Gains { stiffness, integral, .. }, .. } = *self else { return false };
+        stiffness == 0.0 && integral == 0.0
+    }
+
+    /// The gains, with a stiffness of zero for a servo of the host that follows the rate alone.
+    fn checked(&self) -> Result<Gains, ControlError> {
+        let gains = self.gains();
+        if self.has_no_position() {
+            return positive("damping of a servo without stiffness", gains.damping).map(|_| gains);
+        }
+        gains.checked()
     }
 }
 
@@ -155,6 +175,21 @@ pub struct Outer {
     /// Mass `m_H` of the handle in kg, not negative: a part of the tool that lies beyond the sensor. The reference's acceleration stands
     /// for that of the tool where its inertia is taken out of the reading.
     pub handle_kg: f64,
+    /// Inertia that the encoders take out of the reading, if they do.
+    pub compensation: Option<Compensation>,
+}
+
+/// Inertia beyond the sensor that is taken out of the force by the encoders: `m s/(tau s + 1)` times their rate is added to each sample before
+/// the low pass. The rate is the backward difference of the encoders at SYNC.
+///
+/// # Source
+/// Keemink, van der Kooij, Stienen, *Admittance control for physical human-robot interaction* (2018), post-sensor inertia compensation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Compensation {
+    /// `m` in kg, not negative.
+    pub mass_kg: f64,
+    /// `tau` in s, positive.
+    pub time_constant_s: f64,
 }
 
 impl Outer {
@@ -162,6 +197,10 @@ impl Outer {
         positive("period", self.period_s)?;
         not_negative("damping of the proxy", self.damping_n_s_per_m)?;
         not_negative("mass of the handle", self.handle_kg)?;
+        if let Some(Compensation { mass_kg, time_constant_s }) = self.compensation {
+            not_negative("compensated mass", mass_kg)?;
+            positive("time constant of the compensation", time_constant_s)?;
+        }
         if let Some((cut_off_hz, interval_s)) = self.low_pass {
             positive("low-pass cut-off", cut_off_hz)?;
             positive("interval of the low pass", interval_s)?;

@@ -30,8 +30,8 @@ mod tuning;
 
 pub use axis::{Axis, AxisController, AxisStep, EffortRange, Gains, Law};
 pub use coupled::{
-    Follower, Gears, Grip, HeldLoop, MASSES_KG, Outer, Pose, Sampling, StableMasses, lag_s, passive_mass_kg,
-    stable_masses,
+    Compensation, Follower, Gears, Grip, HeldLoop, MASSES_KG, Outer, Pose, Sampling, StableMasses, admittance, lag_s,
+    passive_mass_kg, stable_masses,
 };
 pub use coupling::{damping_needed_n_s_per_m, greatest_damping_n_s_per_m, greatest_stiffness_n_per_m};
 pub use error::ControlError;

@@ -63,6 +63,7 @@ pub(super) fn outers(rig: &config::Rig) -> Result<Vec<Outer>, RigError> {
         low_pass: rig.sensor.low_pass_hz.map(|cut_off_hz| (cut_off_hz.get(), interval_s.max(period_s))),
         damping_n_s_per_m: 0.0,
         handle_kg: rig.sensor.handle_mass_kg.get(),
+        compensation: None,
     };
     Ok(samplings.into_iter().map(outer).collect())
 }

@@ -17,13 +17,13 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 use super::sweep::{Study, Table};
-use super::{ablation, control, cycle, hold, pair, plant, speed, stability, task};
+use super::{ablation, control, cycle, hold, literature, pair, plant, speed, stability, task};
 
 /// Writes a block.
 type Write = fn(&Tables<'_>) -> Result<String, PageError>;
 
 /// Blocks, each with the study's name before the hyphen.
-const BLOCKS: [(&str, Write); 17] = [
+const BLOCKS: [(&str, Write); 20] = [
     ("ablation-terms", ablation::page::terms),
     ("control-rates", control::page::rates),
     ("control-findings", control::page::findings),
@@ -31,6 +31,9 @@ const BLOCKS: [(&str, Write); 17] = [
     ("cycle-findings", cycle::page::findings),
     ("hold-windows", hold::page::windows),
     ("hold-findings", hold::page::findings),
+    ("literature-keemink", literature::page::keemink),
+    ("literature-statements", literature::page::statements),
+    ("literature-findings", literature::page::findings),
     ("pair-delays", pair::page::delays),
     ("pair-findings", pair::page::findings),
     ("plant-methods", plant::page::methods),

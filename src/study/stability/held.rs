@@ -160,6 +160,7 @@ impl Setting {
             low_pass: self.low_pass_hz.map(|cut_off_hz| (cut_off_hz, interval_s)),
             damping_n_s_per_m: self.damping_n_s_per_m,
             handle_kg: 0.0,
+            compensation: None,
         };
         let grip =
             Grip { stiffness_n_per_m: hand_n_per_m, damping_n_s_per_m: self.hand_n_s_per_m, mass_kg: self.hand_kg };

@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, Matrix2, Matrix6, SMatrix, SVector, Schur, Vector2};
 use super::super::error::{ControlError, not_negative, positive};
 use super::super::{Gains, principal_inertias};
 use super::exponential::exponential;
-use super::{Follower, Gears, Grip, Outer, Pose, Sampling, inverse_jacobian};
+use super::{Compensation, Follower, Gears, Grip, Outer, Pose, Sampling, inverse_jacobian};
 
 /// Most cycles after which sensor and cycle have to be together again.
 const MOST_CYCLES: usize = 32;
@@ -72,6 +72,7 @@ pub struct HeldLoop {
     period_s: f64,
     damping_n_s_per_m: f64,
     handle_kg: f64,
+    compensation: Option<Compensation>,
     /// `alpha` of the low pass.
     taken: f64,
     forward_mass: Matrix2<f64>,
@@ -221,7 +222,7 @@ impl HeldLoop {
     /// # Errors
     /// As [`HeldLoop::new`].
     pub fn at(follower: &Follower, pose: &Pose, grip: &Grip, outer: &Outer, share: f64) -> Result<Self, ControlError> {
-        let gains = follower.gains().checked()?;
+        let gains = follower.checked()?;
         positive("stiffness of the hand", grip.stiffness_n_per_m)?;
         not_negative("damping of the hand", grip.damping_n_s_per_m)?;
         not_negative("mass of the hand", grip.mass_kg)?;
@@ -234,6 +235,7 @@ impl HeldLoop {
             period_s: outer.period_s,
             damping_n_s_per_m: outer.damping_n_s_per_m,
             handle_kg: outer.handle_kg,
+            compensation: outer.compensation,
             taken: 1.0 - outer.remembered(),
             forward_mass: pose.forward_mass,
             forward_viscous: pose.forward_viscous,
@@ -372,7 +374,8 @@ impl HeldLoop {
             }
             self.events.extend(event);
         }
-        self.size = SAMPLES + 2 * (self.samples + self.waiting) + self.body.further();
+        let compensating = if self.compensation.is_some() { 6 } else { 0 };
+        self.size = SAMPLES + 2 * (self.samples + self.waiting) + self.body.further() + compensating;
         Ok(())
     }
 
@@ -393,7 +396,8 @@ impl HeldLoop {
                     if is_new {
                         let [last, earlier, earliest] = [LAST, EARLIER, EARLIEST].map(|place| pair(state, place));
                         let acceleration = (last - earlier * 2.0 + earliest) / (self.period_s * self.period_s);
-                        let hand = pair(state, SAMPLES + 2 * behind) + acceleration * self.handle_kg;
+                        let handle = acceleration * self.handle_kg + self.compensated(state);
+                        let hand = pair(state, SAMPLES + 2 * behind) + handle;
                         let force = pair(state, FORCE);
                         put(state, FORCE, force + (hand - force) * self.taken);
                     }
@@ -402,9 +406,35 @@ impl HeldLoop {
                 Event::Tick { share, elapsed_s } => self.tick(share, elapsed_s, state),
             }
         }
+        if self.follower.has_no_position() {
+            let last = pair(state, LAST);
+            for place in [LAST, EARLIER, EARLIEST, ERROR] {
+                put(state, place, pair(state, place) - last);
+            }
+        }
+    }
+
+    /// Place of the encoders of the last SYNC, of their filtered rate and of the force of the compensation.
+    fn compensation_place(&self) -> usize {
+        SAMPLES + 2 * self.samples + self.body.further()
+    }
+
+    fn compensated(&self, state: &[f64]) -> Vector2<f64> {
+        self.compensation.map_or_else(Vector2::zeros, |_| pair(state, self.compensation_place() + 4))
+    }
+
+    fn compensate(&self, state: &mut [f64]) {
+        let Some(Compensation { mass_kg, time_constant_s }) = self.compensation else { return };
+        let (t, place) = (self.period_s, self.compensation_place());
+        let (now, last, filtered) = (pair(state, POSITION), pair(state, place), pair(state, place + 2));
+        let change = ((now - last) / t - filtered) * -elementary::exp_m1(-t / time_constant_s);
+        put(state, place, now);
+        put(state, place + 2, filtered + change);
+        put(state, place + 4, change * (mass_kg / t));
     }
 
     fn apply(&self, state: &mut [f64]) {
+        self.compensate(state);
         match self.follower {
             Follower::Host { .. } => {
                 put(state, ENCODER, pair(state, POSITION));

@@ -31,7 +31,7 @@ fn pose(inertia: f64, lever_m: f64) -> Pose {
 /// Forces that are so many cycles old.
 fn outer(age_cycles: f64) -> Outer {
     let sampling = Sampling { oldest_s: age_cycles * PERIOD_S, ..Sampling::at_sync(PERIOD_S) };
-    Outer { period_s: PERIOD_S, sampling, low_pass: None, damping_n_s_per_m: 0.0, handle_kg: 0.0 }
+    Outer { period_s: PERIOD_S, sampling, low_pass: None, damping_n_s_per_m: 0.0, handle_kg: 0.0, compensation: None }
 }
 
 fn grip(stiffness_n_per_m: f64, damping_n_s_per_m: f64) -> Grip {

@@ -1,0 +1,157 @@
+//! The study's parts of `docs/studies.md`.
+
+use super::super::page::{PageError, Rows, Tables, bullets, digits, markdown, relation};
+
+/// Differences beyond this from a closed form, in percent, are none of rounding.
+const MET_PERCENT: f64 = 0.1;
+
+fn places(rows: &Rows<'_>, column: &str, places: usize) -> Result<String, PageError> {
+    Ok(format!("{:.places$}", rows.number(column)?))
+}
+
+/// The rows of the paper of Keemink et al.
+pub(crate) fn keemink(tables: &Tables<'_>) -> Result<String, PageError> {
+    let table = tables.read("keemink")?;
+    let limit = table.all().with("cycle_ms", 0.0).with("hand_damping_n_s_per_m", 15.0);
+    let mut lines = Vec::new();
+    for row in limit.iter() {
+        let case = table.all().with("case", row.word("case"));
+        let both = |cycle_ms: f64, column: &str, digits: usize| {
+            let of = |damping: f64| {
+                places(&case.with("cycle_ms", cycle_ms).with("hand_damping_n_s_per_m", damping), column, digits)
+            };
+            Ok::<_, PageError>(format!("{} / {}", of(15.0)?, of(5.0)?))
+        };
+        lines.push(vec![
+            format!("{} (Fig. {})", row.word("case"), row.word("figure")).replace(" (Fig. none)", ""),
+            both(0.0, "closed_form_n_per_m", 1)?,
+            both(0.0, "found_n_per_m", 1)?,
+            both(1.0, "found_n_per_m", 1)?,
+            format!("{:.0} at {:.1} Hz", row.number("least_phase_deg"), row.number("least_phase_hz")),
+            format!("{:.1} / {:.1}", row.number("mass_at_0_kg"), row.number("mass_at_infinity_kg")),
+        ]);
+    }
+    Ok(markdown(
+        &[
+            "row of the paper",
+            "closed form, N/m; hand of 15 / 5 N s/m",
+            "here, T to 0",
+            "here, T = 1 ms",
+            "least phase, deg",
+            "apparent mass at 0 / infinity, kg",
+        ],
+        &lines,
+    ))
+}
+
+/// The statements of the other papers.
+pub(crate) fn statements(tables: &Tables<'_>) -> Result<String, PageError> {
+    let [laws, walls, swings] = ["kikuuwe", "zwidth", "budai"].map(|name| tables.read(name));
+    let (laws, walls, swings) = (laws?, walls?, swings?);
+    let law = |name: &str| laws.all().with("law", name);
+    let (pid, drawn) = (law("PID, integral clamped"), law("PSMC, reference drawn back"));
+    let within = walls.all().with("is_within_bound", true);
+    let beyond = walls.all().with("is_within_bound", false);
+    let between = walls.all().filter("viscous friction suffices", |row| row.number("viscous_share") >= 1.0);
+    let swinging = between.with("outcome", "swings");
+    let stopped = swings.all().with("outcome", "stops");
+    let number = |rows: &Rows<'_>, column: &str, count: usize| Ok::<_, PageError>(digits(rows.number(column)?, count));
+    let line = |source: &str, published: &str, here: String| vec![source.to_owned(), published.to_owned(), here];
+    Ok(markdown(
+        &["source", "published", "here"],
+        &[
+            line(
+                "Kikuuwe 2019",
+                "a bounded law is the unbounded one until it saturates",
+                format!(
+                    "PSMC and PID differ by {} N m of {} N m, in the last {:.0} bits",
+                    digits(law("PSMC").number("difference_n_m")?, 2),
+                    number(&law("PSMC"), "torque_n_m", 2)?,
+                    law("PSMC").number("differing_bits")?.ceil()
+                ),
+            ),
+            line(
+                "Kikuuwe 2019",
+                "after saturation it neither snaps back nor overshoots",
+                format!(
+                    "let go, PID snaps back by {} rad/s and overshoots by {} rad; PSMC with its reference drawn back moves by {} rad/s and overshoots by {} mrad",
+                    number(&pid, "fastest_rad_per_s", 2)?,
+                    number(&pid, "overshoot_rad", 2)?,
+                    number(&drawn, "fastest_rad_per_s", 2)?,
+                    digits(1e3 * drawn.number("overshoot_rad")?, 2)
+                ),
+            ),
+            line(
+                "Colgate, Brown 1994; Abbott, Okamura 2005",
+                "a wall is passive for K up to min(2 b/T, 2 f_c/Delta)",
+                format!("{} of {} couplings within come to rest", within.with("outcome", "rests").count(), within.count()),
+            ),
+            line(
+                "Abbott, Okamura 2005",
+                "beyond, one mode is unstable and another is felt",
+                format!(
+                    "{} of {} with enough viscous friction only swing for ever, by {} to {} counts; {} with too little grow",
+                    swinging.count(),
+                    between.with("is_within_bound", false).count(),
+                    digits(swinging.least("swing_counts")?, 2),
+                    digits(swinging.greatest("swing_counts")?, 2),
+                    beyond.with("outcome", "grows").count()
+                ),
+            ),
+            line(
+                "Diolaiti et al. 2006",
+                "many devices are stable beyond passivity",
+                format!("{} of {} couplings beyond come to rest", beyond.with("outcome", "rests").count(), beyond.count()),
+            ),
+            line(
+                "Budai et al. 2019",
+                "dry friction stops an unstable loop, from small starts, with a concave envelope",
+                format!(
+                    "{} of {} starts stop, all below the even swing; the envelope is over its chord by {} to {} of the start",
+                    stopped.count(),
+                    swings.all().count(),
+                    digits(stopped.least("above_chord")?, 1),
+                    digits(stopped.greatest("above_chord")?, 2)
+                ),
+            ),
+        ],
+    ))
+}
+
+pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
+    let [stiffness, laws, walls] = ["keemink", "kikuuwe", "zwidth"].map(|name| tables.read(name));
+    let (stiffness, laws, walls) = (stiffness?, laws?, walls?);
+    let limit = stiffness.all().with("cycle_ms", 0.0);
+    limit.check("the closed forms are met", |row| row.number("difference_percent").abs() < MET_PERCENT)?;
+    let slow = stiffness.all().with("cycle_ms", 1.0);
+    slow.check("a cycle of 1 ms leaves more stiffness", |row| row.number("difference_percent") > 0.0)?;
+    let drawn = laws.all().filter("drawn back", |row| row.word("law").ends_with("drawn back"));
+    let clamped = laws.all().with("law", "PID, integral clamped");
+    let most = drawn.greatest("fastest_rad_per_s")?;
+    relation(clamped.number("fastest_rad_per_s")? > 10.0 * most, "PID alone snaps back ten times as fast", clamped.iter())?;
+    let within = walls.all().with("is_within_bound", true);
+    within.check("couplings within the bound come to rest", |row| row.word("outcome") == "rests")?;
+    let beyond = walls.all().with("is_within_bound", false);
+    let resting = beyond.with("outcome", "rests");
+    relation(resting.count() > 0 && resting.count() < beyond.count(), "some couplings beyond it rest", beyond.iter())?;
+    Ok(bullets(&[
+        format!(
+            "**All {} published stiffness limits are met.** With short cycles they differ by at most {} %. A cycle of 1 ms changes them by {} to {} %.",
+            limit.count(),
+            digits(limit.numbers("difference_percent")?.into_iter().map(f64::abs).fold(0.0, f64::max), 1),
+            digits(slow.least("difference_percent")?, 2),
+            digits(slow.greatest("difference_percent")?, 2)
+        ),
+        format!(
+            "**A reference that is drawn back is what keeps a blocked joint from snapping back.** Let go after 1 s, the joint moves by at most {} rad/s with it, and by {} rad/s with PID and a clamped integral alone.",
+            digits(most, 2),
+            digits(clamped.number("fastest_rad_per_s")?, 2)
+        ),
+        format!(
+            "**The passive stiffness is safe and not tight.** All {} couplings within the bound come to rest, and so do {} of {} beyond it.",
+            within.count(),
+            resting.count(),
+            beyond.count()
+        ),
+    ]))
+}
