@@ -20,7 +20,9 @@ const LOST_COUNTS: f64 = 1e4;
 const SHARES: [f64; 2] = [0.1, 10.0];
 const CELLS: u64 = 28;
 /// Width of a cell, thousandths of the panel.
-const CELL: u32 = 36;
+const CELL: u32 = 39;
+/// Columns of the map whose swings are drawn.
+const DRAWN: [u64; 4] = [12, 13, 16, 24];
 
 /// What becomes of the motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -103,9 +105,8 @@ impl Sweep for Map {
 
 pub(super) fn report(table: &Table, report: &mut Report) {
     let count = |meets: &dyn Fn(&Row<'_>) -> bool| table.rows().filter(meets).count();
-    let [within, resting] = [true, false].map(|all| {
-        count(&|row| row.is("is_within_bound") && (all || row.word("outcome") == "rests"))
-    });
+    let [within, resting] =
+        [true, false].map(|all| count(&|row| row.is("is_within_bound") && (all || row.word("outcome") == "rests")));
     let beyond = count(&|row| !row.is("is_within_bound") && row.word("outcome") == "rests");
     report.notes.push(format!(
         "Z-width: {resting} of {within} couplings within K <= min(2 b/T, 2 f_c/Delta) come to rest, and {beyond} of {} beyond it",
@@ -123,27 +124,53 @@ pub(super) fn report(table: &Table, report: &mut Report) {
     };
     let line = |name: &str, mark, color, points: Vec<(f64, f64)>| Series { name: name.to_owned(), points, mark, color };
     let [low, high] = SHARES;
+    let swings =
+        DRAWN.into_iter().zip([Color::Vermilion, Color::Purple, Color::Green, Color::Sky]).map(|(column, color)| {
+            Series {
+                name: format!("2 b/(K T) = {:.2}", share(column)),
+                points: table
+                    .rows()
+                    .filter(|row| row.index / CELLS == column && row.word("outcome") == "swings")
+                    .map(|row| (row.number("dry_share"), row.number("swing_counts")))
+                    .collect(),
+                mark: Mark::MarkedLine,
+                color,
+            }
+        });
     let balance = (0..200).map(|place| low * elementary::powf(high / low, f64::from(place) / 200.0));
     let chart = Chart {
         title: "Passive couplings rest; so do many that are not passive".to_owned(),
-        panels: vec![Panel {
-            title: "10 kN/m on 0.1 kg, T = 1 ms, counts of 10 um, started 10 counts off".to_owned(),
-            x: Axis::logarithmic("viscous friction over the passive, 2 b/(K T)").over(low, high),
-            y: Axis::logarithmic("dry friction over the passive, 2 f_c/(K Delta)").over(low, high),
-            series: vec![
-                cells("rests", "rests", Color::Pale),
-                cells("swings", "swings for ever", Color::Orange),
-                cells("grows", "grows", Color::Vermilion),
-                line("K = min(2 b/T, 2 f_c/Delta)", Mark::Line, Color::Black, vec![(1.0, high), (1.0, 1.0), (high, 1.0)]),
-                line(
-                    "energy balance of 10 counts",
-                    Mark::Dashed,
-                    Color::Blue,
-                    balance.map(|share| (share, energy_balance(share))).filter(|(_, dry)| *dry > 0.0).collect(),
-                ),
-            ],
-        }],
-        columns: 1,
+        panels: vec![
+            Panel {
+                title: "10 kN/m, 0.1 kg, 1 ms, counts of 10 um".to_owned(),
+                x: Axis::logarithmic("viscous friction over the passive, 2 b/(K T)").over(low, high),
+                y: Axis::logarithmic("dry friction over the passive, 2 f_c/(K Delta)").over(low, high),
+                series: vec![
+                    cells("rests", "rests", Color::Pale),
+                    cells("swings", "swings for ever", Color::Orange),
+                    cells("grows", "grows", Color::Vermilion),
+                    line(
+                        "K = min(2 b/T, 2 f_c/Delta)",
+                        Mark::Line,
+                        Color::Black,
+                        vec![(1.0, high), (1.0, 1.0), (high, 1.0)],
+                    ),
+                    line(
+                        "energy balance of 10 counts",
+                        Mark::Line,
+                        Color::Blue,
+                        balance.map(|share| (share, energy_balance(share))).filter(|(_, dry)| *dry > 0.0).collect(),
+                    ),
+                ],
+            },
+            Panel {
+                title: "size of what swings for ever".to_owned(),
+                x: Axis::logarithmic("dry friction over the passive, 2 f_c/(K Delta)").over(low, high),
+                y: Axis::logarithmic("swing, end to end (counts)").over(1e-3, 100.0),
+                series: swings.collect(),
+            },
+        ],
+        columns: 2,
     };
     report.charts.push(("study-literature-zwidth", chart));
 }
