@@ -57,6 +57,7 @@ mod output;
 #[cfg(target_os = "linux")]
 mod pace;
 mod page;
+mod parts;
 mod picture;
 mod plot;
 mod printable;

@@ -64,6 +64,11 @@ pub(super) struct Replace {
 }
 
 impl Replace {
+    /// Whether everything but a recording may be written over.
+    pub(super) fn is_forced(self) -> bool {
+        self.force
+    }
+
     /// Refuses to write over a file of another kind than what is written there, unless forced; and whatever is no file, which could
     /// block for ever. A file that cannot be looked into is left to whoever writes it.
     pub(super) fn check(self, path: &Path, what: Written) -> Result<(), Failure> {

@@ -1,18 +1,22 @@
 //! `yieldwall soak`: many rigs, hands and faults drawn from seeds, each cycle judged from outside.
 
+use std::collections::BTreeMap;
 use std::io::{self, IsTerminal};
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::json;
 
 use super::failure::{Exit, Failure};
+use super::interrupt::on_interrupt;
 use super::output::Output;
+use super::parts::{Array, Parts, interrupted, threads};
 use super::replace::{Replace, Written, unwritten};
 use yieldwall_config::Report;
+use yieldwall_rig::batch::Shard;
 use yieldwall_soak::{self as soak, Campaign, Script, SeedResult, Shipped, Store, StoreError, Tally};
 
 /// Violations that are told in full.
@@ -26,7 +30,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "A..B", value_parser = parse_seeds, default_value = "0..200", conflicts_with = "seed")]
     seeds: Range<u64>,
     /// One seed alone
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", conflicts_with_all = ["shard", "merge", "slurm", "missing"])]
     seed: Option<u64>,
     /// Cycles of each seed
     #[arg(long, value_name = "N", default_value = "10000")]
@@ -37,12 +41,14 @@ pub(super) struct Arguments {
     /// The faults of --script act together: only invariants are judged
     #[arg(long, requires = "script")]
     tangle: bool,
-    /// Threads; as many as there are cores unless given
+    /// Threads; as many as Slurm allots (SLURM_CPUS_PER_TASK) or, elsewhere, as there are cores unless given
     #[arg(long, value_name = "N")]
     jobs: Option<NonZeroUsize>,
     /// Keep each outcome in this folder, and leave out what it holds already
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    parts: Parts,
     /// Write the summary as Markdown tables
     #[arg(long, value_name = "FILE")]
     markdown: Option<PathBuf>,
@@ -65,8 +71,20 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     if let Some(path) = &arguments.markdown {
         arguments.replace.check(path, Written::Tables)?;
     }
-    let shipped = Shipped::load()?;
     let cycles = arguments.cycles.get();
+    let campaign =
+        Campaign { seeds: seeds(arguments), shard: arguments.parts.shard, cycles, jobs: threads(arguments.jobs) };
+    let folder = arguments.out.as_deref();
+    if folder.is_none() && arguments.parts.is_in_parts() {
+        return Err(Failure::new(Exit::Usage, "parts are kept in a folder", "name it with --out"));
+    }
+    let folder = folder.unwrap_or(Path::new("."));
+    let missing = || Ok(campaign.missing(&Store::read(folder, cycles).map_err(store_failure)?));
+    let parts = &arguments.parts;
+    if parts.print_script(&array(arguments, folder), output)? || parts.print_missing(missing, output)? {
+        return Ok(());
+    }
+    let shipped = Shipped::load()?;
     let started = Instant::now();
     let outcomes: Vec<SeedResult> = match (arguments.seed, &arguments.script) {
         (Some(seed), Some(script)) => {
@@ -79,19 +97,18 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             let script = Script { is_tangle: arguments.tangle, ..script.clone() };
             vec![soak::run_seed(&shipped, seed, cycles, Some(&script))]
         }
-        (seed, _) => {
-            let seeds = seed.map_or(arguments.seeds.clone(), |seed| seed..seed.saturating_add(1));
-            let cores = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
-            let jobs = arguments.jobs.map_or(cores, NonZeroUsize::get);
-            let campaign = Campaign { seeds, cycles, jobs };
-            let store = arguments.out.as_deref().map(|folder| Store::open(folder, cycles)).transpose();
+        _ if parts.merge => merge(folder, &campaign)?,
+        _ => {
+            let store = arguments.out.as_deref().map(|folder| Store::open(folder, cycles, campaign.shard)).transpose();
             let store = store.map_err(store_failure)?;
-            let known = store
-                .as_ref()
-                .map_or(0, |(_, known)| known.keys().filter(|seed| campaign.seeds.contains(seed)).count() as u64);
-            let bar = bar(output, campaign.seeds.end - campaign.seeds.start, known);
+            let known =
+                store.as_ref().map_or(0, |(_, known)| known.keys().filter(|seed| campaign.holds(**seed)).count());
+            let missing =
+                store.as_ref().map_or_else(|| campaign.missing(&BTreeMap::new()), |(_, known)| campaign.missing(known));
+            let bar = bar(output, (known + missing.len()) as u64, known as u64);
+            let is_interrupted = on_interrupt()?;
             let mut failed = 0u64;
-            let outcomes = soak::run(&shipped, &campaign, store, |outcome| {
+            let outcomes = soak::run(&shipped, &campaign, store, &is_interrupted, |outcome| {
                 failed += u64::from(!outcome.violations.is_empty());
                 if failed > 0 {
                     bar.set_message(format!("{failed} seeds with violations"));
@@ -99,7 +116,19 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
                 bar.inc(1);
             });
             bar.finish_and_clear();
-            outcomes.map_err(store_failure)?.into_values().collect()
+            let outcomes = outcomes.map_err(store_failure)?;
+            let missing = campaign.missing(&outcomes).len();
+            if missing > 0 {
+                let kept = match &arguments.out {
+                    None => "without --out none is kept".to_owned(),
+                    Some(_) => format!("the others are kept in {}", folder.display()),
+                };
+                return Err(interrupted(missing, missing + outcomes.len(), "seeds", &kept));
+            }
+            if let Some(shard) = campaign.shard {
+                return kept(folder, shard, &outcomes, output);
+            }
+            outcomes.into_values().collect()
         }
     };
     let wall_s = started.elapsed().as_secs_f64();
@@ -133,6 +162,61 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         }
     }
     end
+}
+
+fn seeds(arguments: &Arguments) -> Range<u64> {
+    arguments.seed.map_or(arguments.seeds.clone(), |seed| seed..seed.saturating_add(1))
+}
+
+/// The campaign as a job array.
+fn array<'a>(arguments: &Arguments, out: &'a Path) -> Array<'a> {
+    let Range { start, end } = seeds(arguments);
+    let words = ["soak", "--seeds", &format!("{start}..{end}"), "--cycles", &arguments.cycles.to_string()];
+    let mut last = vec!["--merge".to_owned()];
+    if let Some(path) = &arguments.markdown {
+        last.extend(["--markdown".to_owned(), path.display().to_string()]);
+    }
+    last.extend(arguments.require_hits.then(|| "--require-hits".to_owned()));
+    last.extend(arguments.replace.is_forced().then(|| "--force".to_owned()));
+    Array {
+        name: "yieldwall-soak".to_owned(),
+        words: words.map(str::to_owned).to_vec(),
+        last,
+        out,
+        jobs: arguments.jobs,
+    }
+}
+
+/// All outcomes of the campaign, from the parts that are kept.
+fn merge(folder: &Path, campaign: &Campaign) -> Result<Vec<SeedResult>, Failure> {
+    let mut known = Store::read(folder, campaign.cycles).map_err(store_failure)?;
+    let missing = campaign.missing(&known);
+    if let Some(first) = missing.first() {
+        let message = format!("{} seeds are missing, the first is {first}", missing.len());
+        let help = format!(
+            "--missing names their parts; without --merge and --shard all that is missing in {} is run",
+            folder.display()
+        );
+        return Err(Failure::new(Exit::Usage, message, help));
+    }
+    known.retain(|seed, _| campaign.holds(*seed));
+    Ok(known.into_values().collect())
+}
+
+/// A part judges nothing: it says where it is.
+fn kept(folder: &Path, shard: Shard, outcomes: &BTreeMap<u64, SeedResult>, output: &mut Output) -> Result<(), Failure> {
+    let failed = outcomes.values().filter(|outcome| !outcome.violations.is_empty()).count();
+    if output.is_json() {
+        let document = json!({
+            "shard": shard.to_string(), "folder": folder, "seeds": outcomes.len(), "seeds_with_violations": failed,
+        });
+        return output.report(document);
+    }
+    output.news(&format!(
+        "{} seeds, {failed} of them with violations, kept in {}; when all parts are there, judge them with --merge",
+        outcomes.len(),
+        folder.display()
+    ))
 }
 
 /// What did not hold, and how to see it again.

@@ -7,12 +7,12 @@ mod points;
 use std::path::PathBuf;
 
 use clap::builder::{PossibleValue, PossibleValuesParser};
-use serde_json::{Value, json};
+use serde_json::json;
 
 pub(super) use self::points::{Origin, Points};
 use super::failure::{Exit, Failure};
+use super::interrupt::on_interrupt;
 use super::output::Output;
-use yieldwall_study::sweep::Study;
 use yieldwall_study::{NAMES, Options, OptionsError, PLANT, study};
 
 /// All studies, one after the other.
@@ -35,7 +35,7 @@ pub(super) struct Arguments {
         num_args = 0..=1,
         require_equals = true,
         default_missing_value = "docs",
-        conflicts_with_all = ["out", "jobs", "shard", "merge", "point", "any_build", "fresh", "mujoco"]
+        conflicts_with_all = ["out", "jobs", "shard", "merge", "slurm", "missing", "point", "any_build", "fresh", "mujoco"]
     )]
     page: Option<PathBuf>,
     /// With --page: folder of the tables, DIR/study-STUDY-TABLE.csv
@@ -61,46 +61,54 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let named = |name: &str, options: &Options| {
         study(name, options).ok_or_else(|| Failure::new(Exit::Internal, format!("no study {name}"), ""))
     };
+    let names = NAMES.into_iter().filter(|name| [*name, ALL].contains(&arguments.name.as_str()));
     if let Some(path) = &arguments.page {
-        let names = NAMES.into_iter().filter(|name| [*name, ALL].contains(&arguments.name.as_str()));
         let studies = names.map(|name| named(name, &options)).collect::<Result<Vec<_>, _>>()?;
         return page::write(path, &arguments.tables, &studies, output);
     }
-    if arguments.name != ALL {
-        options.check(&arguments.name, !arguments.points.merge).map_err(|error| options_failure(&error))?;
-        let study = named(&arguments.name, &options)?;
-        let document = compute_or_draw(study.as_ref(), &options, arguments, output)?;
-        return document.map_or(Ok(()), |document| output.report(document));
-    }
-    if arguments.points.point.is_some() {
+    let points = &arguments.points;
+    let is_all = arguments.name == ALL;
+    if is_all && points.point.is_some() {
         return Err(Failure::new(Exit::Usage, "--point: `all` has no tables", "name the study"));
     }
-    options.check(PLANT, !arguments.points.merge).map_err(|error| options_failure(&error))?;
-    let mut documents = serde_json::Map::new();
-    for name in NAMES {
-        let options = if name == PLANT { &options } else { &Options::default() };
-        let study = named(name, options)?;
-        output.news(&format!("{name}: {}", study.about()))?;
-        let document = compute_or_draw(study.as_ref(), options, arguments, output)?;
-        documents.extend(document.map(|document| (name.to_owned(), document)));
+    let takes_options = if is_all { PLANT } else { &arguments.name };
+    options.check(takes_options, points.parts.computes()).map_err(|error| options_failure(&error))?;
+    let mut studies = Vec::new();
+    for name in names {
+        let options = if name == takes_options { &options } else { &Options::default() };
+        studies.push((named(name, options)?, origin(name, options, points.parts.computes())));
     }
-    if output.is_json() { output.report(json!({ "studies": documents })) } else { Ok(()) }
+    if points.answer(&words(&arguments.name, &options), &studies, output)? {
+        return Ok(());
+    }
+    let is_interrupted = on_interrupt()?;
+    let mut documents = serde_json::Map::new();
+    for (study, origin) in &studies {
+        if is_all {
+            output.news(&format!("{}: {}", study.name(), study.about()))?;
+        }
+        let document = points.compute_or_draw(study.as_ref(), origin, &is_interrupted, output)?;
+        match document {
+            Some(document) if is_all => documents.extend([(study.name().to_owned(), document)]),
+            Some(document) => output.report(document)?,
+            None => {}
+        }
+    }
+    if is_all && output.is_json() { output.report(json!({ "studies": documents })) } else { Ok(()) }
 }
 
-/// Computes and draws a study; the JSON document of that, if it is asked for and not printed yet.
-fn compute_or_draw(
-    study: &dyn Study,
-    options: &Options,
-    arguments: &Arguments,
-    output: &mut Output,
-) -> Result<Option<Value>, Failure> {
-    let mujoco = options.mujoco.as_ref().map_or_else(String::new, |program| format!(" --mujoco {}", program.display()));
-    let origin = Origin {
-        command: format!("yieldwall study {}{mujoco}", study.name()),
+/// Words of the command that computes a study, or all.
+fn words(name: &str, options: &Options) -> Vec<String> {
+    let mujoco = options.mujoco.iter().flat_map(|program| ["--mujoco".to_owned(), program.display().to_string()]);
+    ["study".to_owned(), name.to_owned()].into_iter().chain(mujoco).collect()
+}
+
+fn origin(name: &str, options: &Options, computes: bool) -> Origin {
+    Origin {
+        words: words(name, options),
         hangs_on: if options.mujoco.is_some() { " with MuJoCo" } else { "" }.to_owned(),
-        mujoco: if arguments.points.merge { None } else { options.mujoco_version() },
-    };
-    arguments.points.compute_or_draw(study, &origin, output)
+        mujoco: if computes { options.mujoco_version() } else { None },
+    }
 }
 
 fn options_failure(error: &OptionsError) -> Failure {

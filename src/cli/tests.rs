@@ -117,8 +117,28 @@ fn exit_codes_tell_what_happened() {
         "all --merge --out no-such-folder",
         "hold --page --merge",
         "hold --tables docs/data",
+        "hold --slurm 0",
+        "hold --slurm 4 --shard 1/4",
+        "hold --slurm 4 --fresh",
+        "hold --missing",
+        "hold --of 4",
+        "hold --missing --of 0",
+        "hold --missing --of 4 --merge",
+        "hold --shard 5/4",
+        "hold --page --missing --of 4",
     ] {
         assert_eq!(exit(&format!("yieldwall -q study {study}")), Exit::Usage, "{study}");
+    }
+    for soak in [
+        "--shard 1/4",
+        "--slurm 4",
+        "--missing --of 4",
+        "--merge",
+        "--seed 3 --out no-such-folder --shard 1/4",
+        "--seed 3 --out no-such-folder --slurm 4",
+        "--out no-such-folder --merge",
+    ] {
+        assert_eq!(exit(&format!("yieldwall -q soak {soak}")), Exit::Usage, "{soak}");
     }
     for study in ["hold --page=no-such-folder", "hold --page=../../docs --tables no-such-folder"] {
         assert_eq!(exit(&format!("yieldwall -q study {study}")), Exit::ConfigInvalid, "{study}");

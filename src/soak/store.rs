@@ -1,4 +1,4 @@
-//! Outcomes on disk: a line of JSON for each seed.
+//! Outcomes on disk: a line of JSON for each seed, in a file for each part of a campaign.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 use super::tally::SeedResult;
-use yieldwall_rig::batch::{Lines, LinesError};
+use yieldwall_rig::batch::{Lines, LinesError, Shard};
 
-/// Name of the file in the folder of a campaign.
-const FILE: &str = "outcomes.jsonl";
+/// Name of the files in the folder of a campaign, without ending.
+const FILE: &str = "outcomes";
 
 /// Why results could not be kept.
 #[derive(Debug, Error)]
@@ -34,17 +34,34 @@ pub enum StoreError {
 pub struct Store(Lines);
 
 impl Store {
-    /// Opens the results in `folder`, which is made if it is missing, and reads what is finished.
+    /// Opens the results of a part in `folder`, which is made if it is missing, and reads what is finished, in whichever part.
     ///
     /// # Errors
-    /// As [`Lines::open`], and if the file holds runs of another length than `cycles`.
-    pub fn open(folder: &Path, cycles: u32) -> Result<(Self, BTreeMap<u64, SeedResult>), StoreError> {
-        let path = folder.join(FILE);
-        let (lines, outcomes) = Lines::open::<SeedResult>(&path)?;
-        match outcomes.iter().find(|outcome| outcome.asked != cycles) {
-            Some(other) => Err(StoreError::OtherLength { path, found: other.asked, asked: cycles }),
-            None => Ok((Self(lines), outcomes.into_iter().map(|outcome| (outcome.seed, outcome)).collect())),
+    /// As [`Lines::open`], and if a file holds runs of another length than `cycles`.
+    pub fn open(
+        folder: &Path,
+        cycles: u32,
+        shard: Option<Shard>,
+    ) -> Result<(Self, BTreeMap<u64, SeedResult>), StoreError> {
+        let part = shard.map_or_else(String::new, |shard| format!(".{}", shard.name()));
+        let (lines, _) = Lines::open::<SeedResult>(&folder.join(format!("{FILE}{part}.jsonl")))?;
+        Ok((Self(lines), Self::read(folder, cycles)?))
+    }
+
+    /// Reads the results of all parts in `folder`, and leaves them as they are; none if there is no such folder.
+    ///
+    /// # Errors
+    /// As [`Lines::read`], and if a file holds runs of another length than `cycles`.
+    pub fn read(folder: &Path, cycles: u32) -> Result<BTreeMap<u64, SeedResult>, StoreError> {
+        let mut all = BTreeMap::new();
+        for path in Lines::files(folder, FILE)? {
+            let outcomes = Lines::read::<SeedResult>(&path)?;
+            if let Some(other) = outcomes.iter().find(|outcome| outcome.asked != cycles) {
+                return Err(StoreError::OtherLength { path, found: other.asked, asked: cycles });
+            }
+            all.extend(outcomes.into_iter().map(|outcome| (outcome.seed, outcome)));
         }
+        Ok(all)
     }
 
     /// Adds one outcome.
@@ -66,15 +83,15 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("yieldwall-store-{}", std::process::id()));
         let outcome = run_seed(&Shipped::load().unwrap(), 3, 50, None);
         {
-            let (mut store, finished) = Store::open(&folder, 50).unwrap();
+            let (mut store, finished) = Store::open(&folder, 50, None).unwrap();
             assert!(finished.is_empty());
             store.add(&outcome).unwrap();
             store.add(&SeedResult { seed: 4, ..outcome.clone() }).unwrap();
         }
-        let (_, finished) = Store::open(&folder, 50).unwrap();
+        let (_, finished) = Store::open(&folder, 50, None).unwrap();
         assert_eq!(finished.keys().copied().collect::<Vec<_>>(), [3, 4]);
         assert_eq!(finished.get(&3), Some(&outcome));
-        assert!(matches!(Store::open(&folder, 51), Err(StoreError::OtherLength { found: 50, asked: 51, .. })));
+        assert!(matches!(Store::open(&folder, 51, None), Err(StoreError::OtherLength { found: 50, asked: 51, .. })));
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

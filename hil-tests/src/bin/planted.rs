@@ -9,6 +9,7 @@ use std::fs;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
+use std::sync::atomic::AtomicBool;
 
 use yieldwall::batch;
 
@@ -303,6 +304,7 @@ fn search(program: &Path) -> Result<(), String> {
     batch::run(
         &numbers,
         jobs,
+        &AtomicBool::new(false),
         |number| soak(program, number, SEEDS),
         |number, outcome| {
             outcomes.insert(number, outcome?);

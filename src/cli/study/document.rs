@@ -96,7 +96,7 @@ pub(super) fn document(study: &dyn Study, tables: &[Table], report: &Report, ori
     let others: Map<_, _> = tables.iter().skip(1).map(|table| (table.name.clone(), table.json())).collect();
     json!({
         "study": study.name(),
-        "command": origin.origin.command,
+        "command": origin.origin.command(),
         "machine": machine(origin),
         "computed": origin.computed.iter().map(Pace::json).collect::<Value>(),
         "rows": tables.first().map(Table::json),

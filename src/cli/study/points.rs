@@ -3,6 +3,7 @@
 use std::io::{self, IsTerminal};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -11,6 +12,7 @@ use serde_json::{Value, json};
 use super::document::{self, Pace};
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
+use crate::parts::{Array, Parts, interrupted, line, threads};
 use yieldwall_rig::batch;
 use yieldwall_study::sweep::{Store, StoreError, Study, Sweep, Table};
 
@@ -26,66 +28,30 @@ pub(crate) struct Points {
     /// computed (*.jsonl), so that an interrupted study goes on where it stood.
     #[arg(long, value_name = "DIR", default_value = "out/study")]
     pub(super) out: PathBuf,
-    /// Threads; as many as there are cores unless given. Times are measured on one
+    /// Threads; as many as Slurm allots (SLURM_CPUS_PER_TASK) or, elsewhere, as there are cores unless given. Times are measured on one
     #[arg(long, value_name = "J")]
     jobs: Option<NonZeroUsize>,
-    /// Compute part I of N alone, from 1, and draw nothing: for job arrays
-    ///
-    /// The points are kept in the folder; parts may be computed at once and on several computers, by the same build. When all
-    /// are in one folder, --merge draws them. Tables that measure time are left out: their points belong in one run, which
-    /// is one without --shard.
-    #[arg(long, value_name = "I/N", value_parser = parse_shard, conflicts_with_all = ["merge", "point"])]
-    shard: Option<Shard>,
-    /// Compute nothing: draw the points that the folder holds
-    ///
-    /// It needs every point of every table, whichever parts (DIR/NAME/*.jsonl) they are in, and says which is missing if one
-    /// is. It leaves tables, document and charts as a whole run does, and the points as they are.
-    #[arg(long, conflicts_with = "point")]
-    pub(super) merge: bool,
+    #[command(flatten)]
+    pub(super) parts: Parts,
     /// Compute one point alone, print it and keep nothing
-    #[arg(long, value_name = "TABLE:INDEX", value_parser = parse_point)]
+    #[arg(long, value_name = "TABLE:INDEX", value_parser = parse_point, conflicts_with_all = ["shard", "merge", "slurm", "missing"])]
     pub(super) point: Option<(String, u64)>,
     /// Take points that another build of this program has left
     #[arg(long)]
     any_build: bool,
     /// Throw away the points that the folder holds, and compute all
-    #[arg(long, conflicts_with_all = ["merge", "any_build", "point", "shard"])]
+    #[arg(long, conflicts_with_all = ["merge", "any_build", "point", "shard", "slurm", "missing"])]
     fresh: bool,
 }
 
 /// What the points of a study come from.
 pub(crate) struct Origin {
-    /// The command that computes all of them.
-    pub(crate) command: String,
+    /// Words behind the name of the program that compute all of them, without options of [`Points`].
+    pub(crate) words: Vec<String>,
     /// What they hang on beside the build of the program and the name of the study.
     pub(crate) hangs_on: String,
     /// Version of the MuJoCo that takes part, if one does.
     pub(crate) mujoco: Option<String>,
-}
-
-/// Part `number`, from 1, of `of`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Shard {
-    number: u64,
-    of: u64,
-}
-
-impl Shard {
-    fn name(self) -> String {
-        format!("{}-of-{}", self.number, self.of)
-    }
-
-    fn text(self) -> String {
-        format!("{}/{}", self.number, self.of)
-    }
-}
-
-fn parse_shard(text: &str) -> Result<Shard, String> {
-    let wanted = || "a part and their number, such as 3/16, the first from 1".to_owned();
-    let (number, of) = text.split_once('/').ok_or_else(wanted)?;
-    let number_of = |text: &str| text.parse::<u64>().map_err(|_| wanted());
-    let shard = Shard { number: number_of(number)?, of: number_of(of)? };
-    if (1..=shard.of).contains(&shard.number) { Ok(shard) } else { Err(wanted()) }
 }
 
 fn parse_point(text: &str) -> Result<(String, u64), String> {
@@ -93,12 +59,62 @@ fn parse_point(text: &str) -> Result<(String, u64), String> {
     point.ok_or_else(|| "a table and a number, such as mass:17".to_owned())
 }
 
+impl Origin {
+    /// The command that computes all points.
+    pub(super) fn command(&self) -> String {
+        format!("yieldwall {}", line(&self.words))
+    }
+
+    /// What the points are to be of: a build of the program, and what they hang on beside it.
+    fn edition(&self, build: &str) -> String {
+        format!("build {build}{}", self.hangs_on)
+    }
+}
+
 impl Points {
-    /// Computes and draws a study; the JSON document of that, if it is asked for and not printed yet.
+    /// Answers what is asked about parts of some studies, for which nothing is computed, and says whether something is. `words` are those
+    /// behind the name of the program that compute all of them.
+    pub(crate) fn answer(
+        &self,
+        words: &[String],
+        studies: &[(Box<dyn Study>, Origin)],
+        output: &mut Output,
+    ) -> Result<bool, Failure> {
+        let is_timed = studies.iter().any(|(study, _)| study.sweeps().iter().any(|sweep| sweep.is_timed()));
+        let any_build = self.any_build.then(|| "--any-build".to_owned());
+        let array = Array {
+            name: format!("yieldwall-{}", words.iter().take(2).map(String::as_str).collect::<Vec<_>>().join("-")),
+            words: words.iter().cloned().chain(any_build).collect(),
+            // Where times are measured, the last job computes them.
+            last: if is_timed { Vec::new() } else { vec!["--merge".to_owned()] },
+            out: &self.out,
+            jobs: self.jobs,
+        };
+        if self.parts.print_script(&array, output)? {
+            return Ok(true);
+        }
+        let missing = || {
+            let mut missing = Vec::new();
+            let build = build();
+            for (study, origin) in studies {
+                let folder = self.out.join(study.name());
+                for sweep in study.sweeps().iter().filter(|sweep| !sweep.is_timed()) {
+                    let table = Store::read(&folder, sweep.as_ref(), &origin.edition(&build), self.any_build);
+                    missing.extend(table.map_err(store_failure)?.missing());
+                }
+            }
+            Ok(missing)
+        };
+        self.parts.print_missing(missing, output)
+    }
+
+    /// Computes and draws a study; the JSON document of that, if it is asked for and not printed yet. Once `is_interrupted` is set, the
+    /// points that are being computed are finished and kept, and no other is begun.
     pub(crate) fn compute_or_draw(
         &self,
         study: &dyn Study,
         origin: &Origin,
+        is_interrupted: &AtomicBool,
         output: &mut Output,
     ) -> Result<Option<Value>, Failure> {
         if let Some((table, index)) = &self.point {
@@ -108,7 +124,7 @@ impl Points {
         let timed: Vec<_> = study.sweeps().iter().filter(|sweep| sweep.is_timed()).map(|sweep| sweep.name()).collect();
         let folder = self.out.join(study.name());
         let build = build();
-        let edition = format!("build {build}{}", origin.hangs_on);
+        let edition = origin.edition(&build);
         let (mut tables, mut computed) = (Vec::new(), Vec::new());
         if self.fresh {
             for sweep in study.sweeps() {
@@ -116,16 +132,16 @@ impl Points {
             }
         }
         // Times of several runs are not to be compared.
-        for sweep in study.sweeps().iter().filter(|sweep| self.shard.is_none() || !sweep.is_timed()) {
-            let (table, pace) = compute(self, sweep.as_ref(), &folder, &edition, output)?;
+        for sweep in study.sweeps().iter().filter(|sweep| self.parts.shard.is_none() || !sweep.is_timed()) {
+            let (table, pace) = compute(self, sweep.as_ref(), &folder, &edition, is_interrupted, output)?;
             tables.push(table);
             computed.extend(pace);
         }
-        if let Some(shard) = self.shard {
+        if let Some(shard) = self.parts.shard {
             if output.is_json() {
                 let paces: Value = computed.iter().map(Pace::json).collect();
                 let document =
-                    json!({ "study": study.name(), "shard": shard.text(), "folder": folder, "computed": paces });
+                    json!({ "study": study.name(), "shard": shard.to_string(), "folder": folder, "computed": paces });
                 return Ok(Some(document));
             }
             let next = match timed.as_slice() {
@@ -189,9 +205,10 @@ fn compute(
     sweep: &dyn Sweep,
     folder: &Path,
     edition: &str,
+    is_interrupted: &AtomicBool,
     output: &mut Output,
 ) -> Result<(Table, Option<Pace>), Failure> {
-    if arguments.merge {
+    if arguments.parts.merge {
         let table = Store::read(folder, sweep, edition, arguments.any_build).map_err(store_failure)?;
         let missing = table.missing();
         return match missing.first() {
@@ -212,17 +229,16 @@ fn compute(
             }
         };
     }
-    let shard = arguments.shard.map_or_else(|| WHOLE.to_owned(), Shard::name);
+    let shard = arguments.parts.shard.map_or_else(|| WHOLE.to_owned(), |shard| shard.name());
     let (mut store, mut table) =
         Store::open(folder, sweep, edition, arguments.any_build, &shard).map_err(store_failure)?;
     let missing = table.missing();
-    let is_of_part = |index: &u64| arguments.shard.is_none_or(|part| index % part.of == part.number - 1);
+    let is_of_part = |index: &u64| arguments.parts.shard.is_none_or(|shard| shard.holds(*index));
     let wanted: Vec<u64> = missing.into_iter().filter(is_of_part).collect();
     if wanted.is_empty() {
         return Ok((table, None));
     }
-    let cores = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
-    let jobs = if sweep.is_timed() { 1 } else { arguments.jobs.map_or(cores, NonZeroUsize::get) };
+    let jobs = if sweep.is_timed() { 1 } else { threads(arguments.jobs) };
     let bar = bar(output, sweep.name(), wanted.len() as u64);
     let started = Instant::now();
     let mut spent = Duration::ZERO;
@@ -231,15 +247,25 @@ fn compute(
         let cells = sweep.point(index, &core_time);
         (cells, core_time().saturating_sub(before))
     };
-    batch::run(&wanted, jobs, work, |index, (cells, time)| {
+    let mut left = wanted.len();
+    batch::run(&wanted, jobs, is_interrupted, work, |index, (cells, time)| {
         store.add(index, &cells)?;
         table.insert(index, cells);
         spent += time;
+        left -= 1;
         bar.inc(1);
         Ok::<_, StoreError>(())
     })
     .map_err(store_failure)?;
     bar.finish_and_clear();
+    if left > 0 {
+        let kept = if sweep.is_timed() {
+            "times of two runs are not to be compared: all are measured again".to_owned()
+        } else {
+            format!("the others are kept in {}", folder.display())
+        };
+        return Err(interrupted(left, wanted.len(), &format!("points of {}", table.name), &kept));
+    }
     let wall_s = started.elapsed().as_secs_f64();
     let pace = Pace { table: table.name.clone(), runs: wanted.len(), wall_s, jobs, busy_s: spent.as_secs_f64() };
     output.news(&pace.line())?;
@@ -283,7 +309,6 @@ fn store_failure(error: StoreError) -> Failure {
         StoreError::Other { .. } => {
             "throw them away with --fresh, take them with --any-build, or choose another folder"
         }
-        StoreError::Folder { .. } => "choose a folder you can write to",
     };
     Failure::new(Exit::Usage, error.to_string(), help)
 }

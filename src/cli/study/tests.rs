@@ -1,4 +1,6 @@
 use std::fs;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
 
 use clap::Parser;
 
@@ -12,6 +14,8 @@ struct Small([Box<dyn Sweep>; 2]);
 struct Powers {
     name: &'static str,
     of: fn(f64) -> f64,
+    /// The point in which somebody interrupts the study.
+    stop: Option<(u64, Arc<AtomicBool>)>,
 }
 
 impl Sweep for Powers {
@@ -25,6 +29,9 @@ impl Sweep for Powers {
         25
     }
     fn point(&self, index: u64, _: Clock<'_>) -> Vec<Value> {
+        if let Some((_, flag)) = self.stop.iter().find(|(at, _)| *at == index) {
+            flag.store(true, Ordering::Relaxed);
+        }
         let side = 0.1 * index as f64;
         vec![side.into(), (self.of)(side).into()]
     }
@@ -70,16 +77,24 @@ impl Drop for Folder {
 
 /// Runs the small study with the arguments of a command line.
 fn study_of(folder: &Folder, line: &str) -> Result<(), Failure> {
+    study_until(folder, line, None)
+}
+
+/// The same, interrupted while the point `last` of the halves is computed.
+fn study_until(folder: &Folder, line: &str, last: Option<u64>) -> Result<(), Failure> {
+    let flag = Arc::new(AtomicBool::new(false));
+    let stop = last.map(|last| (last, Arc::clone(&flag)));
     let study = Small([
-        Box::new(Powers { name: "halves", of: |side| 0.5 * side }),
-        Box::new(Powers { name: "squares", of: |side| side * side }),
+        Box::new(Powers { name: "halves", of: |side| 0.5 * side, stop }),
+        Box::new(Powers { name: "squares", of: |side| side * side, stop: None }),
     ]);
     let words = ["study", "--out"].into_iter().map(str::to_owned);
     let out = folder.0.display().to_string();
     let Line { points } = Line::parse_from(words.chain([out]).chain(line.split_whitespace().map(str::to_owned)));
     let mut output = Output::new(true, false, false);
-    let origin = Origin { command: "yieldwall study small".to_owned(), hangs_on: String::new(), mujoco: None };
-    points.compute_or_draw(&study, &origin, &mut output).map(|_| ())
+    let words = ["study", "small"].map(str::to_owned).to_vec();
+    let origin = Origin { words, hangs_on: String::new(), mujoco: None };
+    points.compute_or_draw(&study, &origin, &flag, &mut output).map(|_| ())
 }
 
 fn read(folder: &Folder, name: &str) -> String {
@@ -172,11 +187,28 @@ fn a_point_alone_is_its_row() {
 }
 
 #[test]
-fn parts_and_points_are_read() {
-    assert_eq!(parse_shard("3/16"), Ok(Shard { number: 3, of: 16 }));
-    for wrong in ["0/4", "5/4", "1", "a/2", "1/0"] {
-        assert!(parse_shard(wrong).is_err(), "{wrong}");
-    }
+fn points_are_read() {
     assert_eq!(parse_point("mass:17"), Ok(("mass".to_owned(), 17)));
     assert!(parse_point("mass").is_err());
+}
+
+#[test]
+fn an_interrupted_study_goes_on_where_it_stood() {
+    let (whole, parts) = (Folder::new("uninterrupted"), Folder::new("interrupted"));
+    study_of(&whole, "").unwrap();
+    // Of the points 1, 4, 7, ..., 22 the fourth is the last that begins.
+    let interrupted = study_until(&parts, "--shard 2/3 --jobs 1", Some(10)).unwrap_err();
+    assert_eq!(interrupted.exit, Exit::Interrupted);
+    let message = &interrupted.report.diagnostics[0].message;
+    assert!(message.starts_with("interrupted: 4 of 8 points of halves are missing; "), "{message}");
+    assert_eq!(read(&parts, "halves.2-of-3.jsonl").lines().count(), 1 + 4);
+    assert!(!parts.0.join("small/squares.2-of-3.jsonl").exists(), "no other table was begun");
+    for part in 1..=3 {
+        study_of(&parts, &format!("--shard {part}/3")).unwrap();
+    }
+    assert_eq!(read(&parts, "halves.2-of-3.jsonl").lines().count(), 1 + 8, "no point was computed twice");
+    study_of(&parts, "--merge").unwrap();
+    for name in ["halves.csv", "squares.csv"] {
+        assert_eq!(read(&parts, name), read(&whole, name));
+    }
 }

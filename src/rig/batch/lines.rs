@@ -89,6 +89,24 @@ impl Lines {
         }
     }
 
+    /// The files `NAME.jsonl` and `NAME.*.jsonl` of a folder, in any order; none if there is no such folder.
+    ///
+    /// # Errors
+    /// If the folder cannot be read.
+    pub fn files(folder: &Path, name: &str) -> Result<Vec<PathBuf>, LinesError> {
+        let fail = |source| LinesError::Io { path: folder.to_path_buf(), source };
+        let entries = match std::fs::read_dir(folder) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+            entries => entries.map_err(fail)?,
+        };
+        let is_of_name = |path: &PathBuf| {
+            let file = path.file_name().and_then(|file| file.to_str()).unwrap_or("");
+            file.strip_prefix(name).is_some_and(|rest| rest.starts_with('.') && rest.ends_with(".jsonl"))
+        };
+        let paths = entries.map(|entry| entry.map(|entry| entry.path()).map_err(fail));
+        paths.filter(|path| path.as_ref().map_or(true, is_of_name)).collect()
+    }
+
     /// Adds one line.
     ///
     /// # Errors

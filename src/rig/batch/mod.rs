@@ -2,21 +2,25 @@
 //! finish, so that what was interrupted goes on where it stood.
 
 mod lines;
+mod shard;
 
 pub use lines::{Lines, LinesError};
+pub use shard::Shard;
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc;
 use std::thread;
 
 /// Works on all `numbers`, each on the next of `jobs` threads that is free, and calls `finished` on this thread with every
-/// result, in the order in which they come.
+/// result, in the order in which they come. Once `is_stopped` is set nothing else begins; what is running comes to its end, and
+/// `finished` is called with it too.
 ///
 /// # Errors
 /// The first error of `finished`; what is running then comes to its end, nothing else begins.
 pub fn run<T: Send, E>(
     numbers: &[u64],
     jobs: usize,
+    is_stopped: &AtomicBool,
     work: impl Fn(u64) -> T + Sync,
     mut finished: impl FnMut(u64, T) -> Result<(), E>,
 ) -> Result<(), E> {
@@ -29,6 +33,7 @@ pub fn run<T: Send, E>(
             let (next, is_over, work) = (&next, &is_over, &work);
             scope.spawn(move || {
                 while !is_over.load(Ordering::Relaxed)
+                    && !is_stopped.load(Ordering::Relaxed)
                     && let Some(&number) = numbers.get(next.fetch_add(1, Ordering::Relaxed))
                 {
                     if results.send((number, work(number))).is_err() {
@@ -56,6 +61,7 @@ mod tests {
         let all = run(
             &numbers,
             4,
+            &AtomicBool::new(false),
             |number| number + 1,
             |number, result| {
                 assert_eq!(result, number + 1);
@@ -77,7 +83,28 @@ mod tests {
             std::thread::sleep(std::time::Duration::from_millis(1));
             number
         };
-        assert_eq!(run(&numbers, 2, work, |number, _| if number == 0 { Err("full") } else { Ok(()) }), Err("full"));
+        let finished = |number, _| if number == 0 { Err("full") } else { Ok(()) };
+        assert_eq!(run(&numbers, 2, &AtomicBool::new(false), work, finished), Err("full"));
         assert!(begun.load(Ordering::Relaxed) < 500);
+    }
+
+    #[test]
+    fn all_that_had_begun_when_the_work_was_stopped_is_handed_over() {
+        let numbers: Vec<u64> = (0..1000).collect();
+        let (begun, is_stopped) = (AtomicUsize::new(0), AtomicBool::new(false));
+        let work = |number| {
+            begun.fetch_add(1, Ordering::Relaxed);
+            is_stopped.fetch_or(number == 20, Ordering::Relaxed);
+            number
+        };
+        let mut seen = vec![];
+        let all = run(&numbers, 3, &is_stopped, work, |number, _| {
+            seen.push(number);
+            Ok::<(), ()>(())
+        });
+        assert_eq!(all, Ok(()));
+        assert_eq!(seen.len(), begun.load(Ordering::Relaxed));
+        assert!(seen.contains(&20) && seen.len() < 1000);
+        assert_eq!(run(&numbers, 3, &is_stopped, |_| (), |_, ()| Err("begun")), Ok(()));
     }
 }

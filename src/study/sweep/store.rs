@@ -25,14 +25,6 @@ pub enum StoreError {
         /// What was asked for.
         wanted: String,
     },
-    /// The folder cannot be read.
-    #[error("{}: {source}", path.display())]
-    Folder {
-        /// The folder.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
 }
 
 /// A line of the file.
@@ -86,7 +78,7 @@ impl Store {
         let (mut lines, held) = Lines::open(&own)?;
         let mut is_empty = held.is_empty();
         take(&own, held, &wanted, &mut table)?;
-        let others: Vec<_> = files(folder, wanted.name)?.into_iter().filter(|path| *path != own).collect();
+        let others: Vec<_> = Lines::files(folder, wanted.name)?.into_iter().filter(|path| *path != own).collect();
         for path in &others {
             take(path, Lines::read(path)?, &wanted, &mut table)?;
         }
@@ -109,7 +101,7 @@ impl Store {
     pub fn read(folder: &Path, sweep: &dyn Sweep, edition: &str, takes_any: bool) -> Result<Table, StoreError> {
         let wanted = Heading { name: sweep.name(), points: sweep.points(), edition, takes_any };
         let mut table = Table::new(sweep);
-        for path in files(folder, wanted.name)? {
+        for path in Lines::files(folder, wanted.name)? {
             take(&path, Lines::read(&path)?, &wanted, &mut table)?;
         }
         Ok(table)
@@ -120,7 +112,7 @@ impl Store {
     /// # Errors
     /// If a file cannot be removed.
     pub fn discard(folder: &Path, sweep: &dyn Sweep) -> Result<(), StoreError> {
-        files(folder, sweep.name())?.into_iter().try_for_each(remove)
+        Lines::files(folder, sweep.name())?.into_iter().try_for_each(remove)
     }
 
     /// Adds one point.
@@ -133,7 +125,7 @@ impl Store {
 }
 
 fn remove(path: PathBuf) -> Result<(), StoreError> {
-    std::fs::remove_file(&path).map_err(|source| StoreError::Folder { path, source })
+    std::fs::remove_file(&path).map_err(|source| LinesError::Io { path, source }.into())
 }
 
 /// Puts the lines of a file into the table.
@@ -156,23 +148,6 @@ fn take(path: &Path, held: Vec<Line>, wanted: &Heading<'_>, table: &mut Table) -
         }
     }
     Ok(())
-}
-
-/// The files of a sweep in a folder.
-fn files(folder: &Path, name: &str) -> Result<Vec<PathBuf>, StoreError> {
-    let fail = |source| StoreError::Folder { path: folder.to_path_buf(), source };
-    let mut files = Vec::new();
-    if !folder.exists() {
-        return Ok(files);
-    }
-    for entry in std::fs::read_dir(folder).map_err(fail)? {
-        let path = entry.map_err(fail)?.path();
-        let file = path.file_name().and_then(|file| file.to_str()).unwrap_or("");
-        if file.strip_prefix(name).is_some_and(|rest| rest.starts_with('.') && rest.ends_with(".jsonl")) {
-            files.push(path);
-        }
-    }
-    Ok(files)
 }
 
 #[cfg(test)]
