@@ -3,11 +3,13 @@
 use std::num::NonZeroU32;
 
 use super::failure::{Exit, Failure};
+use super::interrupt::on_interrupt;
 use super::output::Output;
 use super::run::check_duration;
 use super::study::{Origin, Points};
 use yieldwall_config::{Document, SetValue, SetValueError, Source, load};
 use yieldwall_study::settings::{OUTPUTS, Settings, SettingsError};
+use yieldwall_study::sweep::Study;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -49,12 +51,20 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let axes = arguments.set.iter().map(|values| values.0.clone()).collect();
     let (seeds, duration) = (arguments.seeds, arguments.duration);
     let study = Settings::new(source.clone(), axes, seeds, duration, &arguments.output).map_err(failure)?;
-    let set: Vec<String> = arguments.set.iter().map(|values| format!(" --set '{}'", text(&values.0))).collect();
-    let lasts = duration.map_or(String::new(), |duration| format!(" --duration {duration}"));
-    let command = format!("yieldwall sweep {}{} --seeds {seeds}{lasts}", arguments.rig, set.concat());
-    let hangs_on = format!(" of {:08x}, {command}", crc32fast::hash(&files(source)?));
-    let origin = Origin { command, hangs_on, mujoco: None };
-    let document = arguments.points.compute_or_draw(&study, &origin, output)?;
+    let mut words = vec!["sweep".to_owned(), arguments.rig.clone()];
+    words.extend(arguments.set.iter().flat_map(|values| ["--set".to_owned(), text(&values.0)]));
+    words.extend(["--seeds".to_owned(), seeds.to_string()]);
+    words.extend(duration.iter().flat_map(|duration| ["--duration".to_owned(), duration.to_string()]));
+    let hangs_on = format!(" of files {:08x}: {}", crc32fast::hash(&files(source)?), words.join(" "));
+    words.extend(arguments.output.iter().flat_map(|output| ["--output".to_owned(), output.clone()]));
+    let origin = Origin { words: words.clone(), hangs_on, mujoco: None };
+    let studies: [(Box<dyn Study>, Origin); 1] = [(Box::new(study), origin)];
+    if arguments.points.answer(&words, &studies, output)? {
+        return Ok(());
+    }
+    let [(study, origin)] = &studies;
+    let is_interrupted = on_interrupt()?;
+    let document = arguments.points.compute_or_draw(study.as_ref(), origin, &is_interrupted, output)?;
     document.map_or(Ok(()), |document| output.report(document))
 }
 

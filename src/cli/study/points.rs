@@ -82,8 +82,14 @@ impl Points {
     ) -> Result<bool, Failure> {
         let is_timed = studies.iter().any(|(study, _)| study.sweeps().iter().any(|sweep| sweep.is_timed()));
         let any_build = self.any_build.then(|| "--any-build".to_owned());
+        let command = words.first().map_or("study", String::as_str);
+        let name = match studies {
+            [(study, _)] if study.name() == command => command.to_owned(),
+            [(study, _)] => format!("{command}-{}", study.name()),
+            _ => format!("{command}-all"),
+        };
         let array = Array {
-            name: format!("yieldwall-{}", words.iter().take(2).map(String::as_str).collect::<Vec<_>>().join("-")),
+            name: format!("yieldwall-{name}"),
             words: words.iter().cloned().chain(any_build).collect(),
             // Where times are measured, the last job computes them.
             last: if is_timed { Vec::new() } else { vec!["--merge".to_owned()] },

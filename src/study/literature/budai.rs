@@ -76,8 +76,8 @@ impl Sweep for Swings {
         "budai"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &["start_share", "outcome", "turns", "time_s", "expected_s", "is_concave"]
+    fn columns(&self) -> Vec<&str> {
+        vec!["start_share", "outcome", "turns", "time_s", "expected_s", "is_concave"]
     }
 
     fn points(&self) -> u64 {

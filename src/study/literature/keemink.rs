@@ -222,8 +222,8 @@ impl Sweep for Rows {
         "keemink"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &[
+    fn columns(&self) -> Vec<&str> {
+        vec![
             "case",
             "figure",
             "hand_damping_n_s_per_m",

@@ -159,8 +159,8 @@ impl Sweep for Laws {
         "kikuuwe"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &[
+    fn columns(&self) -> Vec<&str> {
+        vec![
             "law",
             "difference_n_m",
             "torque_n_m",

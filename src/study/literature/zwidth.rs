@@ -83,8 +83,8 @@ impl Sweep for Map {
         "zwidth"
     }
 
-    fn columns(&self) -> &'static [&'static str] {
-        &["viscous_share", "dry_share", "is_within_bound", "outcome", "swing_counts"]
+    fn columns(&self) -> Vec<&str> {
+        vec!["viscous_share", "dry_share", "is_within_bound", "outcome", "swing_counts"]
     }
 
     fn points(&self) -> u64 {
