@@ -10,7 +10,7 @@ use super::failure::{Exit, Failure};
 use super::output::Output;
 use yieldwall_rig::batch::Shard;
 
-/// Which part is computed, or what is asked about parts.
+/// The part that is computed, or a question about parts.
 #[derive(Debug, clap::Args)]
 pub(super) struct Parts {
     /// Compute part I of N alone, from 1, and keep it in the folder of --out: for job arrays
@@ -207,7 +207,7 @@ fn threads_of(given: Option<NonZeroUsize>, allotted: Option<&str>) -> Option<Non
 /// How a computation ends that was interrupted: `kept` says where its results are.
 pub(super) fn interrupted(missing: usize, of: usize, what: &str, kept: &str) -> Failure {
     let message = format!("interrupted: {missing} of {of} {what} are missing; {kept}");
-    Failure::new(Exit::Interrupted, message, "the same command goes on where it stood")
+    Failure::new(Exit::Interrupted, message, "give the command again: it goes on where it stood")
 }
 
 #[cfg(test)]

@@ -145,6 +145,30 @@ fn exit_codes_tell_what_happened() {
     }
 }
 
+/// The summary of a soak in parts is the one of a single run, and parts that are complete are not run again.
+#[test]
+fn a_soak_in_parts_is_judged_as_one_run() {
+    let folder = std::env::temp_dir().join(format!("yieldwall-soak-parts-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let place = folder.display();
+    let exit =
+        |rest: &str| run(format!("yieldwall -q soak --seeds 3..9 --cycles 300 {rest}").split(' ').map(OsString::from));
+    assert_eq!(exit(&format!("--markdown {place}/one.md")), Exit::Ok);
+    for part in ["1/4", "2/4", "4/4"] {
+        assert_eq!(exit(&format!("--out {place} --shard {part}")), Exit::Ok, "{part}");
+    }
+    assert_eq!(exit(&format!("--out {place} --merge --markdown {place}/parts.md")), Exit::Usage, "seed 6 is missing");
+    let outcomes = std::fs::read_to_string(folder.join("outcomes.1-of-4.jsonl")).unwrap();
+    assert_eq!(outcomes.lines().count(), 2, "seeds 4 and 8");
+    assert_eq!(exit(&format!("--out {place} --shard 3/4")), Exit::Ok);
+    assert_eq!(exit(&format!("--out {place} --shard 1/4")), Exit::Ok, "there is nothing left of it");
+    assert_eq!(std::fs::read_to_string(folder.join("outcomes.1-of-4.jsonl")).unwrap(), outcomes);
+    assert_eq!(exit(&format!("--out {place} --merge --markdown {place}/parts.md")), Exit::Ok);
+    let [one, parts] = ["one.md", "parts.md"].map(|name| std::fs::read_to_string(folder.join(name)).unwrap());
+    assert_eq!(parts, one);
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
 /// Who is not there is told apart from who refuses, with the exit code for it.
 #[test]
 fn devices_that_are_not_there_are_no_success() {

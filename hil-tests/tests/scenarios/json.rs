@@ -66,7 +66,7 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
     let rig = "builtin:paper-admittance.yaml";
     let run = format!("run {rig} --duration 0.2");
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 80] = [
+    let cases: [(&str, i32); 85] = [
         (&format!("{run} --record rec"), 0),
         (&format!("run {rig} --duration 3 --fault node-reset@2.5 --black-box rec"), 8),
         (&format!("{run} --figure x.txt"), 2),
@@ -112,6 +112,11 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
         ("compare rec builtin:sphere.yaml --duration 0.1", 0),
         ("reproduce fig9 --out figures", 0),
         ("soak --seeds 0..2 --cycles 500", 0),
+        ("soak --seeds 0..2 --cycles 500 --out soaked --shard 1/2", 0),
+        ("soak --seeds 0..2 --cycles 500 --out soaked --missing --of 2", 0),
+        ("soak --seeds 0..2 --cycles 500 --out soaked --merge", 2),
+        ("study pair --slurm 4", 0),
+        ("study all --missing --of 4", 0),
         ("scan", 0),
         ("scan --listen", 0),
         (&format!("run {rig} --fault wrong-bit-rate"), 5),

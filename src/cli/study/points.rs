@@ -65,7 +65,7 @@ impl Origin {
         format!("yieldwall {}", line(&self.words))
     }
 
-    /// What the points are to be of: a build of the program, and what they hang on beside it.
+    /// The build of the program that the points are to be of, and what they hang on beside it.
     fn edition(&self, build: &str) -> String {
         format!("build {build}{}", self.hangs_on)
     }
