@@ -102,12 +102,15 @@ pub(super) fn report(table: &Table, report: &mut Report) {
     report.notes.push("Budai et al. 2019, a loop that swings up without dry friction:".to_owned());
     for row in table.rows() {
         report.notes.push(format!(
-            "  started at {:.2} of the even swing: {} after {} turns, {:.3} s (first harmonic {:.3} s){}",
+            "  started at {:.2} of the even swing: {} after {} turns{}{}",
             row.number("start_share"),
             row.word("outcome"),
             row.number("turns"),
-            row.number("time_s"),
-            row.number("expected_s"),
+            if row.word("outcome") == "stops" {
+                format!(", {:.3} s (first harmonic {:.3} s)", row.number("time_s"), row.number("expected_s"))
+            } else {
+                String::new()
+            },
             if row.is("is_concave") { ", concave envelope" } else { "" },
         ));
     }

@@ -147,19 +147,27 @@ impl Case {
 
     /// The greatest phase that the admittance lags by, as a phase in degrees and its frequency in Hz.
     fn least_phase(self) -> (f64, f64) {
-        let (mut turned, mut last) = (0.0_f64, None::<f64>);
-        let mut least = (f64::INFINITY, f64::NAN);
-        for frequency_hz in frequencies() {
+        // The phase at a frequency, by whole turns as near to another one as can be.
+        let phase = |frequency_hz: f64, near: f64| {
             let impedance = self.impedance(frequency_hz);
             let phase = -elementary::atan2(impedance.im, impedance.re);
-            if let Some(last) = last {
-                turned -= TAU * ((phase - last) / TAU).round();
-            }
-            last = Some(phase);
-            if phase + turned < least.0 {
-                least = (phase + turned, frequency_hz);
+            phase - TAU * ((phase - near) / TAU).round()
+        };
+        let (mut last, mut least) = (0.0, (f64::INFINITY, f64::NAN));
+        for frequency_hz in frequencies() {
+            last = phase(frequency_hz, last);
+            if last < least.0 {
+                least = (last, frequency_hz);
             }
         }
+        // Between the neighbours it has one least value.
+        let step = elementary::powf(FREQUENCIES_HZ[1] / FREQUENCIES_HZ[0], 1.0 / f64::from(FREQUENCIES));
+        let [mut low, mut high] = [least.1 / step, least.1 * step];
+        for _ in 0..60 {
+            let third = (high - low) / 3.0;
+            if phase(low + third, least.0) < phase(high - third, least.0) { high -= third } else { low += third }
+        }
+        least = (phase(low, least.0), low);
         (least.0.to_degrees(), least.1)
     }
 
