@@ -5,6 +5,7 @@ mod page;
 mod points;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use serde_json::json;
@@ -13,7 +14,9 @@ pub(super) use self::points::{Origin, Points};
 use super::failure::{Exit, Failure};
 use super::interrupt::on_interrupt;
 use super::output::Output;
-use yieldwall_study::{NAMES, Options, OptionsError, PLANT, study};
+use yieldwall_config::Source;
+use yieldwall_study::need::Subject;
+use yieldwall_study::{NAMES, NEED, Options, OptionsError, PLANT, study};
 
 /// All studies, one after the other.
 const ALL: &str = "all";
@@ -23,6 +26,13 @@ pub(super) struct Arguments {
     /// The study
     #[arg(value_name = "NAME", value_parser = names())]
     name: String,
+    /// For `need`: a rig or an impedance device of your own, whose scene states a `tolerance`, in place of the shipped scenes
+    ///
+    /// The command runs each model that the rig and its scene can have, from a tool without an arm to elastic gears, and prints the
+    /// cheapest one that changes no output of the scene by more than its tolerance, with the lines of your files that make it. Its
+    /// results are in DIR/need-own, and each run computes them anew.
+    #[arg(value_name = "RIG.yaml", conflicts_with_all = ["page", "shard", "slurm", "missing"])]
+    rig: Option<String>,
     #[command(flatten)]
     points: Points,
     /// Compute nothing: write the findings and tables of the study into DIR/studies.md and DIR/study-tables.md; DIR is docs unless given
@@ -57,7 +67,8 @@ fn names() -> PossibleValuesParser {
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    let options = Options { mujoco: arguments.mujoco.clone() };
+    let own = arguments.rig.as_deref().map(|file| own(&arguments.name, file, output)).transpose()?;
+    let options = Options { mujoco: arguments.mujoco.clone(), own };
     let named = |name: &str, options: &Options| {
         study(name, options).ok_or_else(|| Failure::new(Exit::Internal, format!("no study {name}"), ""))
     };
@@ -76,9 +87,9 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let mut studies = Vec::new();
     for name in names {
         let options = if name == takes_options { &options } else { &Options::default() };
-        studies.push((named(name, options)?, origin(name, options, points.parts.computes())));
+        studies.push((named(name, options)?, origin(name, arguments, options)));
     }
-    if points.answer(&words(&arguments.name, &options), &studies, output)? {
+    if points.answer(&words(&arguments.name, arguments), &studies, output)? {
         return Ok(());
     }
     let is_interrupted = on_interrupt()?;
@@ -97,17 +108,40 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     if is_all && output.is_json() { output.report(json!({ "studies": documents })) } else { Ok(()) }
 }
 
-/// Words of the command that computes a study, or all.
-fn words(name: &str, options: &Options) -> Vec<String> {
-    let mujoco = options.mujoco.iter().flat_map(|program| ["--mujoco".to_owned(), program.display().to_string()]);
-    ["study".to_owned(), name.to_owned()].into_iter().chain(mujoco).collect()
+/// A machine of the user's own, for the study that takes one.
+fn own(name: &str, file: &str, output: &mut Output) -> Result<Arc<Subject>, Failure> {
+    if name != NEED {
+        let message = format!("the study {name} takes no file, and {file} is given");
+        let help = format!("leave {file} away, or run `yieldwall study {NEED} {file}`");
+        return Err(Failure::new(Exit::Usage, message, help));
+    }
+    let subject = Subject::load(Source::named(file))?;
+    output.configuration(subject.warnings())?;
+    Ok(Arc::new(subject))
 }
 
-fn origin(name: &str, options: &Options, computes: bool) -> Origin {
+/// Words of the command that computes a study, or all.
+fn words(name: &str, arguments: &Arguments) -> Vec<String> {
+    let mut words = vec!["study".to_owned(), name.to_owned()];
+    words.extend(arguments.rig.clone());
+    if [PLANT, ALL].contains(&name) {
+        let program = arguments.mujoco.iter();
+        words.extend(program.flat_map(|program| ["--mujoco".to_owned(), program.display().to_string()]));
+    }
+    words
+}
+
+fn origin(name: &str, arguments: &Arguments, options: &Options) -> Origin {
+    let own = options.own.as_ref();
+    let machine = own.map_or_else(String::new, |own| format!(" of {:08x}", crc32fast::hash(own.text().as_bytes())));
+    let mujoco = if options.mujoco.is_some() { " with MuJoCo" } else { "" };
     Origin {
-        words: words(name, options),
-        hangs_on: if options.mujoco.is_some() { " with MuJoCo" } else { "" }.to_owned(),
-        mujoco: if computes { options.mujoco_version() } else { None },
+        words: words(name, arguments),
+        folder: if own.is_some() { format!("{name}-own") } else { name.to_owned() },
+        // Machines of one's own change often, and are soon computed.
+        is_anew: own.is_some(),
+        hangs_on: format!("{machine}{mujoco}"),
+        mujoco: if arguments.points.parts.computes() { options.mujoco_version() } else { None },
     }
 }
 

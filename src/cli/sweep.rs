@@ -57,7 +57,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     words.extend(duration.iter().flat_map(|duration| ["--duration".to_owned(), duration.to_string()]));
     let hangs_on = format!(" of files {:08x}: {}", crc32fast::hash(&files(source)?), words.join(" "));
     words.extend(arguments.output.iter().flat_map(|output| ["--output".to_owned(), output.clone()]));
-    let origin = Origin { words: words.clone(), hangs_on, mujoco: None };
+    let origin = Origin { words: words.clone(), folder: "sweep".to_owned(), is_anew: false, hangs_on, mujoco: None };
     let studies: [(Box<dyn Study>, Origin); 1] = [(Box::new(study), origin)];
     if arguments.points.answer(&words, &studies, output)? {
         return Ok(());

@@ -126,6 +126,8 @@ fn exit_codes_tell_what_happened() {
         "hold --missing --of 4 --merge",
         "hold --shard 5/4",
         "hold --page --missing --of 4",
+        "hold builtin:paper-admittance.yaml",
+        "need builtin:paper-admittance.yaml --shard 1/2",
     ] {
         assert_eq!(exit(&format!("yieldwall -q study {study}")), Exit::Usage, "{study}");
     }
@@ -140,7 +142,12 @@ fn exit_codes_tell_what_happened() {
     ] {
         assert_eq!(exit(&format!("yieldwall -q soak {soak}")), Exit::Usage, "{soak}");
     }
-    for study in ["hold --page=no-such-folder", "hold --page=../../docs --tables no-such-folder"] {
+    for study in [
+        "hold --page=no-such-folder",
+        "hold --page=../../docs --tables no-such-folder",
+        "need no-such-file.yaml",
+        "need builtin:scenes/circle-tour.yaml",
+    ] {
         assert_eq!(exit(&format!("yieldwall -q study {study}")), Exit::ConfigInvalid, "{study}");
     }
 }

@@ -1,6 +1,5 @@
 //! Studies over whole rigs and over parts of them: the figures of the paper, and the charts of speed, accuracy and stability.
 
-mod ablation;
 pub mod bench;
 mod control;
 mod cycle;
@@ -9,6 +8,7 @@ mod drawn;
 mod hold;
 mod literature;
 mod machine;
+pub mod need;
 mod nudge;
 pub mod page;
 pub mod pair;
@@ -26,14 +26,17 @@ mod task;
 pub use yieldwall_figures::chart;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use thiserror::Error;
 
 /// What a user may choose of a study.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default)]
 pub struct Options {
     /// Program that runs the scene of `plant` in MuJoCo.
     pub mujoco: Option<PathBuf>,
+    /// Machine and scene of `need` in place of the shipped ones.
+    pub own: Option<Arc<need::Subject>>,
 }
 
 /// Why a study cannot do with its options.
@@ -78,19 +81,21 @@ impl Options {
 
 /// The study that MuJoCo takes part in.
 pub const PLANT: &str = "plant";
+/// The study that takes a machine of the user's own.
+pub const NEED: &str = "need";
 
 /// Names of all studies.
 pub const NAMES: [&str; 10] =
-    ["ablation", "control", "cycle", "hold", "literature", "pair", PLANT, "speed", "stability", "task"];
+    ["control", "cycle", "hold", "literature", NEED, "pair", PLANT, "speed", "stability", "task"];
 
 /// A study by its name.
 pub fn study(name: &str, options: &Options) -> Option<Box<dyn sweep::Study>> {
     Some(match name {
-        "ablation" => Box::new(ablation::Ablation::new()),
         "control" => Box::new(control::Control::new()),
         "cycle" => Box::new(cycle::CycleStudy::new()),
         "hold" => Box::new(hold::Hold::new()),
         "literature" => Box::new(literature::Literature::new()),
+        NEED => Box::new(need::Need::new(options.own.clone())),
         "pair" => Box::new(pair::PairStudy::new()),
         PLANT => Box::new(plant::Integration::new(options.mujoco.clone())),
         "speed" => Box::new(speed::Speed::new()),
@@ -107,7 +112,7 @@ mod tests {
     #[test]
     fn a_program_is_refused_where_none_is_used_or_where_it_does_not_run() {
         let none = Options::default();
-        let absent = Options { mujoco: Some("no-such-program".into()) };
+        let absent = Options { mujoco: Some("no-such-program".into()), ..Options::default() };
         assert!(NAMES.iter().all(|name| none.check(name, true).is_ok()));
         for name in NAMES.into_iter().filter(|name| *name != PLANT) {
             assert!(matches!(absent.check(name, false), Err(OptionsError::WithoutMujoco { .. })), "{name}");

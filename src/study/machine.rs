@@ -60,14 +60,3 @@ pub(super) fn to_the_end(mut progress: impl FnMut(Stage)) -> impl FnMut(Stage) -
         ControlFlow::Continue(())
     }
 }
-
-/// What came out of a run, in a word.
-pub(super) fn outcome(run: &Result<RunReport, RigError>) -> String {
-    match run {
-        Err(error) => error.to_string(),
-        Ok(RunReport { state: Some(state), cause, .. }) if state.is_latched() => {
-            format!("stopped by {}", cause.map_or("a fault", |cause| cause.fault.row().name))
-        }
-        Ok(_) => "ran".to_owned(),
-    }
-}

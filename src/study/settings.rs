@@ -6,7 +6,8 @@ use serde_json::Value;
 use thiserror::Error;
 
 use super::chart::{Axis, Chart, Color, Estimate, Mark, Panel, Series};
-use super::machine::{Machine, outcome};
+use super::machine::Machine;
+use super::need::outputs::Outcome;
 use super::page::digits;
 use super::sweep::{Clock, Report, Row, Study, Sweep, Table, median, median_interval};
 use yieldwall_config::{self as config, Document, SetValue, SetValueError, Source};
@@ -186,7 +187,7 @@ impl Sweep for Runs {
                 let seed = scene.seed.wrapping_add(number);
                 let overrides = Overrides { duration_s: self.duration_s, seed: Some(seed), ..Overrides::default() };
                 let run = machine.run(&scene, &overrides, |_| {});
-                cells.extend([seed.into(), outcome(&run).into()]);
+                cells.extend([seed.into(), Outcome::of(&run).end.into()]);
                 let measures = run.ok().and_then(|run| serde_json::to_value(&run.measures).ok()).unwrap_or_default();
                 cells.extend(OUTPUTS.iter().map(|output| measures.get(output).cloned().unwrap_or_default()));
             }

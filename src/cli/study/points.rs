@@ -48,6 +48,10 @@ pub(crate) struct Points {
 pub(crate) struct Origin {
     /// Words behind the name of the program that compute all of them, without options of [`Points`].
     pub(crate) words: Vec<String>,
+    /// Folder of its own within that of the results.
+    pub(crate) folder: String,
+    /// Whether points that are there are thrown away before any is computed.
+    pub(crate) is_anew: bool,
     /// What they hang on beside the build of the program and the name of the study.
     pub(crate) hangs_on: String,
     /// Version of the MuJoCo that takes part, if one does.
@@ -103,7 +107,7 @@ impl Points {
             let mut missing = Vec::new();
             let build = build();
             for (study, origin) in studies {
-                let folder = self.out.join(study.name());
+                let folder = self.out.join(&origin.folder);
                 for sweep in study.sweeps().iter().filter(|sweep| !sweep.is_timed()) {
                     let table = Store::read(&folder, sweep.as_ref(), &origin.edition(&build), self.any_build);
                     missing.extend(table.map_err(store_failure)?.missing());
@@ -128,11 +132,11 @@ impl Points {
             return print(sweep, &one, output).map(|()| None);
         }
         let timed: Vec<_> = study.sweeps().iter().filter(|sweep| sweep.is_timed()).map(|sweep| sweep.name()).collect();
-        let folder = self.out.join(study.name());
+        let folder = self.out.join(&origin.folder);
         let build = build();
         let edition = origin.edition(&build);
         let (mut tables, mut computed) = (Vec::new(), Vec::new());
-        if self.fresh {
+        if self.fresh || (origin.is_anew && self.parts.computes()) {
             for sweep in study.sweeps() {
                 Store::discard(&folder, sweep.as_ref()).map_err(store_failure)?;
             }

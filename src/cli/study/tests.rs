@@ -93,7 +93,7 @@ fn study_until(folder: &Folder, line: &str, last: Option<u64>) -> Result<(), Fai
     let Line { points } = Line::parse_from(words.chain([out]).chain(line.split_whitespace().map(str::to_owned)));
     let mut output = Output::new(true, false, false);
     let words = ["study", "small"].map(str::to_owned).to_vec();
-    let origin = Origin { words, hangs_on: String::new(), mujoco: None };
+    let origin = Origin { words, folder: "small".to_owned(), is_anew: false, hangs_on: String::new(), mujoco: None };
     points.compute_or_draw(&study, &origin, &flag, &mut output).map(|_| ())
 }
 
@@ -184,6 +184,24 @@ fn a_point_alone_is_its_row() {
     for chart in ["study-pair.svg", "study-pair.png"] {
         assert!(folder.0.join("pair").join(chart).exists(), "{chart}");
     }
+}
+
+#[test]
+fn a_machine_of_ones_own_has_one_proposal_in_a_folder_of_its_own_and_is_computed_anew() {
+    let folder = Folder::new("own");
+    let line = format!("yieldwall -q study need builtin:paper-impedance.yaml --out {}", folder.0.display());
+    let (mut sources, of_own) = (Vec::new(), folder.0.join("need-own"));
+    for line in [line.clone(), line.replace("paper-impedance", "sphere"), format!("{line} --merge")] {
+        let wanted = if sources.len() == 2 { Exit::Usage } else { Exit::Ok };
+        assert_eq!(crate::run(line.split(' ').map(Into::into)), wanted, "{line}");
+        let document: Value = serde_json::from_str(&fs::read_to_string(of_own.join("need.json")).unwrap()).unwrap();
+        let rows = document["rows"].as_array().unwrap();
+        assert_eq!(rows.iter().filter(|row| row["is_needed"] == true).count(), 1, "{rows:?}");
+        sources.push(rows[0]["machine"].clone());
+        assert!(of_own.join("study-need.svg").exists() && of_own.join("models.csv").exists());
+    }
+    let [first, second] = ["builtin:paper-impedance.yaml", "builtin:sphere.yaml"];
+    assert_eq!(sources, [first, second, second], "points of another machine are not drawn");
 }
 
 #[test]

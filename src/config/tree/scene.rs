@@ -37,7 +37,7 @@ pub struct Scene {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub defects: Vec<SceneDefect>,
     /// How much the outputs of the scene may change when a modelled term is left out before the term counts as having an
-    /// effect: `yieldwall study ablation`. Left out: not judged.
+    /// effect: `yieldwall study need`. Left out: not judged.
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tolerance: Option<SceneTolerance>,

@@ -28,6 +28,8 @@ const LEAST_LETTERS: u32 = 9;
 const LETTER_WIDTH: f64 = 0.56;
 /// Half the width of a mark, in pixels of the SVG.
 const MARK: f64 = 4.0;
+/// Radius of a ring about a mark.
+const RING: f64 = 9.0;
 /// Widths of lines, in pixels of the SVG: of a series, and of an interval.
 const LINE: f64 = 1.8;
 const WHISKER: f64 = 1.0;
@@ -96,6 +98,7 @@ fn legend(chart: &Chart) -> Vec<LegendEntry> {
             shape: match series.mark {
                 Mark::Line | Mark::Dashed | Mark::Whisker => LegendShape::Line,
                 Mark::MarkedLine | Mark::MarkedDashes | Mark::Marks => LegendShape::Marker(shape(series)),
+                Mark::Rings => LegendShape::Marker(MarkerShape::Circle),
                 Mark::Cells(_) => LegendShape::Rect,
             },
             dasharray: if series.mark == Mark::Dashed { LineStyle::Dashed.dasharray() } else { None },
@@ -265,13 +268,17 @@ fn plots(panel: &Panel) -> Vec<Plot> {
                 let ends: Vec<_> = ends.map(|&(x, y)| (x.clamp(of_x.0, of_x.1), y.clamp(of_y.0, of_y.1))).collect();
                 plots.push(LinePlot::new().with_data(ends).with_color(color).with_stroke_width(WHISKER).into());
             }
-            Mark::Marks | Mark::Cells(_) => {}
+            Mark::Marks | Mark::Rings | Mark::Cells(_) => {}
         }
         match series.mark {
             _ if points.is_empty() => {}
             Mark::Line | Mark::Dashed | Mark::Whisker => {}
             Mark::MarkedLine | Mark::MarkedDashes | Mark::Marks => {
                 plots.push(marks(points, shape(series), mark).into());
+            }
+            Mark::Rings => {
+                let rings = marks(points, MarkerShape::Circle, RING).with_marker_opacity(0.0);
+                plots.push(rings.with_marker_stroke_width(LINE).into());
             }
             Mark::Cells(width) => {
                 let half = 0.5 * f64::from(width) / 1000.0 * WITHIN * PANEL.0;
@@ -300,6 +307,9 @@ fn shape(series: &Series) -> MarkerShape {
         Color::Orange => (MarkerShape::Pentagon, MarkerShape::Diamond),
         Color::Sky => (MarkerShape::Hexagon, MarkerShape::Cross),
         Color::Black => (MarkerShape::Plus, MarkerShape::Square),
+        Color::Wine => (MarkerShape::Diamond, MarkerShape::Hexagon),
+        Color::Olive => (MarkerShape::Circle, MarkerShape::Plus),
+        Color::Gray => (MarkerShape::Square, MarkerShape::Star),
         Color::Pale => (MarkerShape::Circle, MarkerShape::Cross),
     };
     if series.mark == Mark::MarkedDashes { on_dashes } else { on_line }
@@ -314,6 +324,9 @@ fn code(color: Color) -> &'static str {
         Color::Purple => "#cc79a7",
         Color::Orange => "#e69f00",
         Color::Sky => "#56b4e9",
+        Color::Wine => "#882255",
+        Color::Olive => "#999933",
+        Color::Gray => "#7f7f7f",
         Color::Pale => "#d9d9d9",
     }
 }

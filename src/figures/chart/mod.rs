@@ -68,6 +68,8 @@ pub enum Mark {
     MarkedDashes,
     /// The marks of [`Mark::MarkedLine`] alone.
     Marks,
+    /// A wide ring about each point, which marks one among others.
+    Rings,
     /// A thin line: an interval.
     Whisker,
     /// Squares as wide as this many parts of a thousand of the panel: the cells of a map.
@@ -117,7 +119,7 @@ impl Series {
 /// Colours that the colour-blind can tell apart, the most different first.
 ///
 /// # Source
-/// Okabe, Ito, *Color Universal Design* (2008).
+/// Okabe, Ito, *Color Universal Design* (2008); wine and olive are those of Tol, *Colour Schemes* (2021).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Color {
     /// Black.
@@ -134,6 +136,12 @@ pub enum Color {
     Orange,
     /// Sky blue.
     Sky,
+    /// Wine red, beyond the seven of lines.
+    Wine,
+    /// Olive, beyond the seven of lines.
+    Olive,
+    /// Grey, beyond the seven of lines.
+    Gray,
     /// Light grey, for what lies behind.
     Pale,
 }

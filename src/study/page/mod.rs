@@ -17,14 +17,13 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 use super::sweep::{Study, Table};
-use super::{ablation, control, cycle, hold, literature, pair, plant, speed, stability, task};
+use super::{control, cycle, hold, literature, need, pair, plant, speed, stability, task};
 
 /// Writes a block.
 type Write = fn(&Tables<'_>) -> Result<String, PageError>;
 
 /// Blocks, each with the study's name before the hyphen.
-const BLOCKS: [(&str, Write); 20] = [
-    ("ablation-terms", ablation::page::terms),
+const BLOCKS: [(&str, Write); 22] = [
     ("control-rates", control::page::rates),
     ("control-findings", control::page::findings),
     ("cycle-rigs", cycle::page::rigs),
@@ -34,6 +33,9 @@ const BLOCKS: [(&str, Write); 20] = [
     ("literature-keemink", literature::page::keemink),
     ("literature-statements", literature::page::statements),
     ("literature-findings", literature::page::findings),
+    ("need-models", need::page::models),
+    ("need-findings", need::page::findings),
+    ("need-terms", need::page::terms),
     ("pair-delays", pair::page::delays),
     ("pair-findings", pair::page::findings),
     ("plant-methods", plant::page::methods),

@@ -9,6 +9,10 @@ use crate::sweep::{Report, Row, Table};
 /// Step at which MuJoCo is usually run, in s.
 const USUAL_STEP_S: f64 = 1e-3;
 
+/// Colours of the series, each its own: with its shape every series is known, in grey too.
+const OURS_IN: [Color; 5] = [Color::Blue, Color::Vermilion, Color::Green, Color::Purple, Color::Orange];
+const MUJOCO_IN: [Color; 5] = [Color::Black, Color::Sky, Color::Wine, Color::Olive, Color::Gray];
+
 /// Below it the reference is compared with itself and rounding shows.
 const LEAST_SHOWN_UM: f64 = 1e-7;
 
@@ -133,8 +137,8 @@ fn locked(lock: &Table) -> Vec<String> {
 
 fn chart(speed: &Table, hold: &Table) -> Chart {
     let mut series = [Vec::new(), Vec::new()];
-    for (contestants, mark) in [(&OURS, Mark::MarkedLine), (&MUJOCO, Mark::MarkedDashes)] {
-        for (contestant, color) in contestants.iter().zip(Color::LINES) {
+    for (contestants, mark, colors) in [(&OURS, Mark::MarkedLine, OURS_IN), (&MUJOCO, Mark::MarkedDashes, MUJOCO_IN)] {
+        for (contestant, color) in contestants.iter().zip(colors) {
             let timed = speed.rows().filter(|row| is_of(row, contestant));
             let held = hold.rows().filter(|row| is_of(row, contestant));
             let curves: [Vec<_>; 2] = [
@@ -153,11 +157,16 @@ fn chart(speed: &Table, hold: &Table) -> Chart {
             }
         }
     }
-    let [error, creep] = series;
+    let [mut error, creep] = series;
+    let is_shipped = |row: &Row<'_>| is_of(row, &OURS[0]) && row.number("step_s") == USUAL_STEP_S;
+    let points =
+        speed.rows().filter(is_shipped).map(|row| (row.number("realtime_factor"), row.number("max_error_m") * 1e6));
+    let name = "ring: the shipped method at 1 ms".to_owned();
+    error.push(Series { points: points.collect(), ..Series::new(name, Mark::Rings, Color::Black) });
     let panels = vec![
         Panel {
             title: "steps of 1 ms (right) to 10 us (left)".to_owned(),
-            x: Axis::logarithmic("simulated seconds per second (-)").over(1.0, 1e4),
+            x: Axis::logarithmic("x real time").over(1.0, 1e4),
             y: Axis::logarithmic("greatest error of the tool over 2 s (um)").over(LEAST_SHOWN_UM, 1e3),
             series: error,
         },

@@ -1,29 +1,26 @@
-//! What each modelled term changes in each shipped scene.
+//! The table of terms: what each modelled term changes in each shipped scene.
 //!
 //! A term whose absence changes no output of a scene by more than the scene's own tolerance is one that the scene need not
 //! model: a figure that hung on it would hang on nothing.
 
-pub(super) mod page;
-mod term;
-
 use serde_json::Value;
 use yieldwall_motion::elementary;
 
-use self::term::TERMS;
-use super::machine::{Machine, outcome};
-use super::sweep::{Clock, Report, Study, Sweep, Table};
-use yieldwall_config::{self as config, SceneTolerance};
-use yieldwall_rig::report::measures::Measures;
+use super::outputs::{Outcome, is_alike};
+use super::term::TERMS;
+use crate::machine::Machine;
+use crate::sweep::{Clock, Row, Sweep, Table};
+use yieldwall_config as config;
 use yieldwall_rig::report::{Overrides, RunReport};
 
 /// A scene and a machine that plays it; of a figure its fixture and its first hold.
-struct Case {
-    machine: &'static str,
-    scene: &'static str,
+pub(super) struct Case {
+    pub(super) machine: &'static str,
+    pub(super) scene: &'static str,
     figure: Option<&'static str>,
 }
 
-const fn case(machine: &'static str, scene: &'static str, figure: Option<&'static str>) -> Case {
+pub(super) const fn case(machine: &'static str, scene: &'static str, figure: Option<&'static str>) -> Case {
     Case { machine, scene, figure }
 }
 
@@ -43,43 +40,11 @@ const CASES: [Case; 13] = [
     case("play", "push-and-let-go", None),
 ];
 
-/// The study `ablation`.
-pub(super) struct Ablation([Box<dyn Sweep>; 1]);
-
-impl Ablation {
-    pub(super) fn new() -> Self {
-        Self([Box::new(Terms)])
-    }
-}
-
-struct Terms;
-
-/// An output of a scene.
-struct Output {
-    column: &'static str,
-    of: fn(&Measures) -> Option<f64>,
-    tolerance: fn(&SceneTolerance) -> f64,
-}
-
-const OUTPUTS: [Output; 9] = [
-    // Whether a proxy that comes to rest on the surface touches it once or twice is no output.
-    Output { column: "impacts", of: |m| Some(m.impacts.len() as f64), tolerance: |_| f64::INFINITY },
-    Output { column: "unintended_releases", of: |m| Some(f64::from(m.unintended_releases)), tolerance: |_| 0.5 },
-    Output { column: "penetration_mm", of: |m| Some(m.penetration_mm), tolerance: |t| *t.distance_mm },
-    Output { column: "tool_depth_mm", of: tool_depth_mm, tolerance: |t| *t.distance_mm },
-    Output { column: "tool_rms_on_surface_mm", of: |m| m.tool_rms_on_surface_mm, tolerance: |t| *t.distance_mm },
-    Output { column: "tool_max_on_surface_mm", of: |m| m.tool_max_on_surface_mm, tolerance: |t| *t.distance_mm },
-    Output { column: "peak_force_on_surface_n", of: |m| m.peak_force_on_surface_n, tolerance: |t| *t.force_n },
-    Output { column: "peak_torque_n_m", of: |m| m.peak_torque_n_m, tolerance: |t| *t.torque_n_m },
-    Output { column: "energy_given_mj", of: |m| Some(1e3 * m.energy_given_j), tolerance: |t| *t.energy_mj },
-];
-
-fn tool_depth_mm(measures: &Measures) -> Option<f64> {
-    measures.impacts.iter().map(|impact| impact.tool_depth_mm).max_by(f64::total_cmp)
-}
+/// What each term changes.
+pub(super) struct Terms;
 
 impl Case {
-    fn load(&self) -> Result<(Machine, config::Scene, Overrides), config::Report> {
+    pub(super) fn load(&self) -> Result<(Machine, config::Scene, Overrides), config::Report> {
         let machine = Machine::load(config::builtin(format!("{}.yaml", self.machine)))?;
         let scene = config::load_scene(config::builtin(format!("scenes/{}.yaml", self.scene)))?.value;
         let fixture = match self.figure {
@@ -156,75 +121,55 @@ impl Sweep for Terms {
             reference = Some(whole(&full.0, &full.1));
         }
         let run = whole(&machine, &scene);
-        let mut cells = vec![case.machine.into(), case.scene.into(), name, is_modelled, outcome(&run).into()];
-        match (&reference, &run) {
-            (Some(Ok(reference)), Ok(run)) => {
-                let change = |output: &Output| {
-                    let change = match ((output.of)(&reference.measures), (output.of)(&run.measures)) {
-                        (Some(with), Some(without)) => without - with,
-                        (None, None) => 0.0,
-                        _ => f64::INFINITY,
-                    };
-                    (output.column, change, (change / (output.tolerance)(&tolerance)).abs())
+        let outcome = Outcome::of(&run);
+        let mut cells = vec![case.machine.into(), case.scene.into(), name, is_modelled, outcome.end.as_str().into()];
+        match &reference {
+            Some(reference) => {
+                let of_reference = Outcome::of(reference);
+                let change = outcome.change_from(&of_reference, &tolerance);
+                let way_change_mm = match (reference, &run) {
+                    (Ok(reference), Ok(run)) => Some(way_change_mm(reference, run)),
+                    _ => None,
                 };
-                let most = OUTPUTS.iter().map(change).max_by(|a, b| a.2.total_cmp(&b.2)).unwrap_or(("", 0.0, 0.0));
-                let ends_alike = outcome(&Ok(reference.clone())) == outcome(&Ok(run.clone()));
                 cells.extend([
-                    (most.2 > 1.0 || !ends_alike).into(),
-                    most.0.into(),
-                    most.1.into(),
-                    most.2.into(),
-                    way_change_mm(reference, run).into(),
+                    (!is_alike(&outcome, &of_reference, change)).into(),
+                    change.map(|change| change.column).into(),
+                    change.map(|change| change.change).into(),
+                    change.map(|change| change.over_tolerance).into(),
+                    way_change_mm.into(),
                 ]);
             }
-            (Some(_), _) => cells.extend([true.into(), Value::Null, Value::Null, Value::Null, Value::Null]),
-            (None, _) => cells.resize(10, Value::Null),
+            None => cells.resize(10, Value::Null),
         }
-        match &run {
-            Ok(run) => cells.extend(OUTPUTS.iter().map(|output| Value::from((output.of)(&run.measures)))),
-            Err(_) => cells.resize(self.columns().len(), Value::Null),
+        match outcome.values {
+            Some(values) => cells.extend(values.map(Value::from)),
+            None => cells.resize(self.columns().len(), Value::Null),
         }
         cells
     }
 }
 
-impl Study for Ablation {
-    fn name(&self) -> &'static str {
-        "ablation"
-    }
-
-    fn about(&self) -> &'static str {
-        "what each modelled term changes in each shipped scene, and which terms a scene could do without"
-    }
-
-    fn sweeps(&self) -> &[Box<dyn Sweep>] {
-        &self.0
-    }
-
-    fn report(&self, tables: &[Table]) -> Report {
-        let mut notes = Vec::new();
-        for Case { machine, scene, .. } in &CASES {
-            notes.push(format!("{scene} on {machine}"));
-            let rows = tables.iter().flat_map(Table::rows);
-            for row in rows.filter(|row| row.word("machine") == *machine && row.word("scene") == *scene) {
-                if !row.is("is_modelled") {
-                    continue;
-                }
-                let verdict = if row.is("has_effect") { "" } else { "no effect: " };
-                let end = match row.word("outcome") {
-                    "ran" => String::new(),
-                    outcome => format!("; {outcome}"),
-                };
-                let change = match (row.number("change"), row.number("change_over_tolerance")) {
-                    (change, share) if change.is_finite() => format!("by {change:+.3}, {share:.1} of the tolerance"),
-                    _ => "appears or vanishes".to_owned(),
-                };
-                let (term, output) = (row.word("term"), row.word("most_changed"));
-                notes.push(format!("  without {term:18} {verdict}{output} {change}{end}"));
-            }
+/// Lines about each term of each case.
+pub(super) fn notes(table: &Table) -> Vec<String> {
+    let mut notes = Vec::new();
+    for Case { machine, scene, .. } in &CASES {
+        notes.push(format!("{scene} on {machine}"));
+        let of_case = |row: &Row<'_>| row.word("machine") == *machine && row.word("scene") == *scene;
+        for row in table.rows().filter(|row| of_case(row) && row.is("is_modelled")) {
+            let verdict = if row.is("has_effect") { "" } else { "no effect: " };
+            let end = match row.word("outcome") {
+                "ran" => String::new(),
+                outcome => format!("; {outcome}"),
+            };
+            let change = match (row.number("change"), row.number("change_over_tolerance")) {
+                (change, share) if change.is_finite() => format!("by {change:+.3}, {share:.1} of the tolerance"),
+                _ => "appears or vanishes".to_owned(),
+            };
+            let (term, output) = (row.word("term"), row.word("most_changed"));
+            notes.push(format!("  without {term:18} {verdict}{output} {change}{end}"));
         }
-        Report { notes, charts: Vec::new() }
     }
+    notes
 }
 
 #[cfg(test)]
@@ -264,7 +209,6 @@ mod tests {
 
     #[test]
     fn columns_name_the_outputs_in_their_order() {
-        let outputs: Vec<_> = OUTPUTS.iter().map(|output| output.column).collect();
-        assert!(Terms.columns().ends_with(&outputs));
+        assert!(Terms.columns().ends_with(&super::super::outputs::columns()));
     }
 }

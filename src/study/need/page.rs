@@ -1,0 +1,114 @@
+//! The study's parts of `docs/studies.md`.
+
+use serde_json::Value;
+
+use super::super::page::{PageError, Rows, Tables, bullets, digits, markdown};
+use super::reading::{change, of_scenes};
+use crate::sweep::Row;
+
+/// The proposal for each scene beside the model with all terms.
+pub(crate) fn models(tables: &Tables<'_>) -> Result<String, PageError> {
+    let table = tables.read("models")?;
+    let mut lines = Vec::new();
+    for rows in of_scenes(&table.all()) {
+        let needed = rows.with("is_needed", true).one()?;
+        let of_dearest = dearest(&rows)?.number("realtime_factor");
+        lines.push(vec![
+            format!("{} on {}", needed.word("scene"), needed.word("machine")),
+            rows.count().to_string(),
+            needed.word("model").to_owned(),
+            digits(needed.number("realtime_factor"), 2),
+            digits(of_dearest, 2),
+            format!("{} ({})", change(&needed), needed.word("most_changed")),
+        ]);
+    }
+    let head = [
+        "scene",
+        "models",
+        "cheapest within the tolerance",
+        "x real time",
+        "all terms: x real time",
+        "change / tolerance",
+    ];
+    Ok(markdown(&head, &lines))
+}
+
+/// Terms that some scene does without, each with the number of runs that model it and of those in which it has an effect.
+pub(crate) fn terms(tables: &Tables<'_>) -> Result<String, PageError> {
+    let table = tables.read("terms")?;
+    let modelled = table.all().with("is_modelled", true);
+    modelled.check("each run without a term goes on to its end", |row| row.word("outcome") == "ran")?;
+    let mut counts: Vec<(String, usize, usize)> = Vec::new();
+    for row in modelled.iter().filter(|row| !row.word("term").is_empty()) {
+        if counts.iter().all(|(term, ..)| term != row.word("term")) {
+            let of_term = modelled.with("term", row.word("term"));
+            counts.push((row.word("term").to_owned(), of_term.count(), of_term.with("has_effect", true).count()));
+        }
+    }
+    counts.retain(|(_, runs, effects)| effects < runs);
+    counts.sort_by(|one, other| (other.2 * one.1).cmp(&(one.2 * other.1)));
+    let lines: Vec<_> =
+        counts.into_iter().map(|(term, runs, effects)| vec![term, runs.to_string(), effects.to_string()]).collect();
+    Ok(markdown(&["term", "runs that model it", "runs in which it has an effect"], &lines))
+}
+
+pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
+    let table = tables.read("models")?;
+    let scenes = of_scenes(&table.all());
+    let mut gains = Vec::new();
+    for rows in &scenes {
+        let needed = rows.with("is_needed", true);
+        needed.check("a proposal is within the tolerance", |row| row.number("change_over_tolerance") <= 1.0)?;
+        gains.push(needed.number("realtime_factor")? / dearest(rows)?.number("realtime_factor"));
+    }
+    let elastic = scenes.iter().find(|rows| rows.with("body", "elastic").count() > 0);
+    let ideal = scenes.iter().find(|rows| rows.with("body", "ideal").count() > 0);
+    let (Some(elastic), Some(ideal)) = (elastic, ideal) else {
+        return Err(PageError::Rows("no scene has gears, or none does without an arm".to_owned()));
+    };
+    let stiff = all_but(elastic, &dearest(elastic)?, "body", "rigid")?;
+    let of_ideal = ideal.with("body", "ideal");
+    of_ideal.check("a tool without an arm changes more than the tolerance", |row| {
+        !(row.number("change_over_tolerance") <= 1.0)
+    })?;
+    let faster = of_ideal.greatest("realtime_factor")? / dearest(ideal)?.number("realtime_factor");
+    let (least, most) =
+        gains.iter().fold((f64::INFINITY, 0.0f64), |(low, high), &gain| (low.min(gain), high.max(gain)));
+    let all = table.all();
+    let within = all.filter("within the tolerance", |row| row.number("change_over_tolerance") <= 1.0);
+    let by_chance = within.with("is_enough", false).count();
+    Ok(bullets(&[
+        format!(
+            "**The cheapest models within the tolerance are {} to {} times as fast as those with all terms.**",
+            digits(least, 2),
+            digits(most, 2)
+        ),
+        format!(
+            "Stiff gears in place of elastic ones change {} tolerances. No arm at all is {} times as fast in position mode and changes {} tolerances at least.",
+            change(&stiff),
+            digits(faster, 2),
+            digits(of_ideal.least("change_over_tolerance")?, 2)
+        ),
+        format!(
+            "Errors of two terms can cancel: {by_chance} of the {} models within the tolerance have a model with more terms that is not. No proposal rests on them.",
+            within.count()
+        ),
+    ]))
+}
+
+/// The model with all terms of a scene.
+fn dearest<'a>(rows: &Rows<'a>) -> Result<Row<'a>, PageError> {
+    rows.with("terms", rows.greatest("terms")?).one()
+}
+
+/// The model that has all terms of `dearest` with one other choice.
+fn all_but<'a>(
+    rows: &Rows<'a>,
+    dearest: &Row<'a>,
+    column: &str,
+    value: impl Into<Value>,
+) -> Result<Row<'a>, PageError> {
+    let choices = ["body", "plant_step_us", "timing", "encoder", "force_sensor"];
+    let others = choices.into_iter().filter(|other| *other != column);
+    others.fold(rows.with(column, value), |rows, other| rows.with(other, dearest.cell(other).clone())).one()
+}
