@@ -258,15 +258,10 @@ fn the_lines_pasted_into_the_files_make_the_model() {
 fn a_scene_without_a_tolerance_is_refused_with_one_to_write() {
     let mut files = files("paper-admittance.yaml");
     let scene = PathBuf::from("scenes/circle-tour.yaml");
-    let text = files[&scene].replace("tolerance: ", "").lines().map(str::to_owned).collect::<Vec<_>>();
-    let group = text.iter().position(|line| line.starts_with("tolerance:")).unwrap();
-    let without: Vec<String> = text
-        .iter()
-        .enumerate()
-        .filter(|(line, _)| !(group..=group + 4).contains(line))
-        .map(|(_, line)| line.clone())
-        .collect();
-    files.insert(scene, without.join("\n").into());
+    let text = files[&scene].to_string();
+    let (before, rest) = text.split_once("tolerance: ").unwrap();
+    let (_, after) = rest.split_once("\nhand:").unwrap();
+    files.insert(scene, format!("{before}hand:{after}").into());
     let report = subject("paper-admittance.yaml", &files).unwrap_err();
     let finding = &report.diagnostics[0];
     assert_eq!(finding.file, "scenes/circle-tour.yaml");
