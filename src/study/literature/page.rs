@@ -149,7 +149,7 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     relation(resting.count() > 0 && resting.count() < beyond.count(), "some couplings beyond it rest", beyond.iter())?;
     Ok(bullets(&[
         format!(
-            "The program meets **all {} published limits of stiffness** within {} % in the limit of short cycles, and a cycle of 1 ms raises them by {} to {} % ({}).",
+            "The program meets **all {} limits of stiffness by the closed forms of Keemink et al.** within {} % in the limit of short cycles, and a cycle of 1 ms raises them by {} to {} % ({}).",
             limit.count(),
             digits(MET_PERCENT, 1),
             digits(slow.least("difference_percent")?, 2),
