@@ -204,7 +204,7 @@ fn threads_of(given: Option<NonZeroUsize>, allotted: Option<&str>) -> Option<Non
     given.or_else(|| allotted?.trim().parse().ok())
 }
 
-/// How a computation ends that was interrupted: `kept` says where its results are.
+/// The end of a computation that was interrupted: `kept` says where its results are.
 pub(super) fn interrupted(missing: usize, of: usize, what: &str, kept: &str) -> Failure {
     let message = format!("interrupted: {missing} of {of} {what} are missing; {kept}");
     Failure::new(Exit::Interrupted, message, "give the command again: it goes on where it stood")

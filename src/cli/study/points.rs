@@ -19,7 +19,7 @@ use yieldwall_study::sweep::{Store, StoreError, Study, Sweep, Table};
 /// Name of the file of a table that is not computed in shards.
 const WHOLE: &str = "whole";
 
-/// Which points are computed, where they are kept, and whether they are drawn.
+/// The points that are computed, their folder, and whether they are drawn.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Points {
     /// Folder of the results; each study has one of its own within
@@ -44,7 +44,7 @@ pub(crate) struct Points {
     fresh: bool,
 }
 
-/// What the points of a study come from.
+/// The source of a study's points.
 pub(crate) struct Origin {
     /// Words behind the name of the program that compute all of them, without options of [`Points`].
     pub(crate) words: Vec<String>,
@@ -52,7 +52,7 @@ pub(crate) struct Origin {
     pub(crate) folder: String,
     /// Whether points that are there are thrown away before any is computed.
     pub(crate) is_anew: bool,
-    /// What they hang on beside the build of the program and the name of the study.
+    /// Further facts that they hang on, beside the build of the program and the name of the study.
     pub(crate) hangs_on: String,
     /// Version of the MuJoCo that takes part, if one does.
     pub(crate) mujoco: Option<String>,

@@ -15,7 +15,7 @@ const STARTS: [f64; 7] = [0.25, 0.5, 0.75, 0.9, 0.97, 1.03, 1.1];
 const CYCLES: u32 = 20_000;
 const LOST: f64 = 3.0;
 
-/// What became of a swing.
+/// The end of a swing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Swing {
     stops: bool,

@@ -24,7 +24,7 @@ const CELL: u32 = 39;
 /// Columns of the map whose swings are drawn.
 const DRAWN: [u64; 3] = [13, 16, 24];
 
-/// What becomes of the motion.
+/// The end of the motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Outcome {
     Rests,

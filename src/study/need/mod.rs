@@ -26,7 +26,7 @@ pub(super) struct Need {
 }
 
 impl Need {
-    /// Of the shipped scenes, or of a machine and scene of the user's own.
+    /// The study of the shipped scenes, or of a machine and scene of the user's own.
     pub(super) fn new(own: Option<Arc<Subject>>) -> Self {
         let mut sweeps: Vec<Box<dyn Sweep>> = vec![Box::new(Models::new(own.clone()))];
         if own.is_none() {

@@ -132,7 +132,7 @@ fn over(found: &Found) -> f64 {
 }
 
 impl Models {
-    /// Of the shipped scenes, or of one subject.
+    /// The table of the shipped scenes, or of one subject.
     pub(super) fn new(own: Option<Arc<Subject>>) -> Self {
         Self { own, subjects: OnceLock::new() }
     }

@@ -82,7 +82,7 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     let share = |of: f64| digits(of / error, 2);
     Ok(bullets(&[
         format!(
-            "Where a hand presses beyond R = 5 N at 0.08 m/s, springs of 1e4 N/m and more err {} to {} of what plastic errs, **give {:.0} to {:.0} times the energy, and throw the tool** by {:.0} mm ({}).",
+            "Beyond R = 5 N and at 0.08 m/s, springs of 1e4 N/m and more err {} to {} of what plastic errs, **give {:.0} to {:.0} times the energy, and throw the tool** by {:.0} mm ({}).",
             share(springs.least("error_rms_m")?),
             share(springs.greatest("error_rms_m")?),
             springs.least("energy_across_j")? / energy,
