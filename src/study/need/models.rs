@@ -33,8 +33,11 @@ pub(super) const ALIKE: f64 = 0.05;
 /// All models of some subjects, timed.
 pub(super) struct Models {
     own: Option<Arc<Subject>>,
-    subjects: OnceLock<Vec<(Arc<Subject>, OnceLock<Vec<Found>>)>>,
+    subjects: OnceLock<Vec<Timed>>,
 }
+
+/// A subject, and its models once they are timed.
+type Timed = (Arc<Subject>, OnceLock<Vec<Found>>);
 
 /// Facts about one model.
 #[derive(Clone, Debug)]
@@ -137,7 +140,7 @@ impl Models {
         Self { own, subjects: OnceLock::new() }
     }
 
-    fn subjects(&self) -> &[(Arc<Subject>, OnceLock<Vec<Found>>)] {
+    fn subjects(&self) -> &[Timed] {
         self.subjects.get_or_init(|| {
             let shipped = |case: &Case| {
                 let subject = Subject::shipped(case);

@@ -69,7 +69,8 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     let stiff = all_but(elastic, &dearest(elastic)?, "body", "rigid")?;
     let of_ideal = ideal.with("body", "ideal");
     of_ideal.check("a tool without an arm changes more than the tolerance", |row| {
-        !(row.number("change_over_tolerance") <= 1.0)
+        let change = row.number("change_over_tolerance");
+        change.is_nan() || change > 1.0
     })?;
     let faster = of_ideal.greatest("realtime_factor")? / dearest(ideal)?.number("realtime_factor");
     let (least, most) =

@@ -220,13 +220,10 @@ fn paste(files: &mut BTreeMap<PathBuf, Arc<str>>, Lines { place, yaml }: &Lines)
     });
     let text = files.get_mut(&PathBuf::from(&file)).unwrap_or_else(|| panic!("no file {file}"));
     let lines: Vec<&str> = text.lines().collect();
-    let first = line.map_or_else(
-        || {
-            lines.iter().position(|line| line.starts_with(&what.replace('`', ""))).unwrap_or_else(|| panic!("{what}"))
-                + 1
-        },
-        |line| line,
-    );
+    let first = line.unwrap_or_else(|| {
+        let place = lines.iter().position(|line| line.starts_with(&what.replace('`', "")));
+        place.unwrap_or_else(|| panic!("{what}")) + 1
+    });
     let is_of_another = |line: &&str| !line.starts_with([' ', '#']) && !line.is_empty();
     let rest = lines[first..].iter().position(is_of_another).map_or(lines.len(), |more| first + more);
     *text = [lines[..first - 1].join("\n").as_str(), yaml.trim_end(), &lines[rest..].join("\n")].join("\n").into();
