@@ -28,7 +28,7 @@ pub(super) struct Parts {
     /// Compute nothing: print a script that submits N parts to Slurm as a job array, and a job that puts them together
     ///
     /// The header of the script says how it is submitted. --jobs is the number of processors of each task, 1 unless given. The
-    /// script names this program and the folder of --out by their absolute paths. Each computer has to see both.
+    /// script names this program, the folder of --out and the present folder by their absolute paths. Each computer has to see them.
     #[arg(long, value_name = "N", conflicts_with_all = ["shard", "merge", "missing"])]
     pub(super) slurm: Option<NonZeroU64>,
     /// Compute nothing: print the numbers of the parts that are not complete, as `sbatch --array=` takes them (3,7-9)
@@ -127,7 +127,7 @@ fn script(array: &Array<'_>, parts: NonZeroU64, places: &Places) -> String {
 #
 # If parts failed, were cancelled or ran out of time, this submits those that are missing, and the last job:
 #
-#     bash FILE "$({command} --missing --of {parts})"
+#     missing=$(cd {here} && {command} --missing --of {parts}) && bash FILE "$missing"
 #
 # Lines #SBATCH for a partition, an account or a time limit go below the others; both jobs take them.
 #SBATCH --job-name={name}
@@ -204,10 +204,11 @@ fn threads_of(given: Option<NonZeroUsize>, allotted: Option<&str>) -> Option<Non
     given.or_else(|| allotted?.trim().parse().ok())
 }
 
-/// The end of a computation that was interrupted: `kept` says where its results are.
-pub(super) fn interrupted(missing: usize, of: usize, what: &str, kept: &str) -> Failure {
-    let message = format!("interrupted: {missing} of {of} {what} are missing; {kept}");
-    Failure::new(Exit::Interrupted, message, "give the command again: it goes on where it stood")
+/// The end of a computation that was interrupted: `kept` says where its results are, if any are kept.
+pub(super) fn interrupted(missing: usize, of: usize, what: &str, kept: Option<&str>) -> Failure {
+    let message = format!("interrupted: {missing} of {of} {what} are missing; {}", kept.unwrap_or("no result is kept"));
+    let again = "give the command again: it goes on where it stood";
+    Failure::new(Exit::Interrupted, message, if kept.is_some() { again } else { "give the command again" })
 }
 
 #[cfg(test)]

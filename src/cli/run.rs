@@ -57,7 +57,7 @@ pub(super) struct Arguments {
     #[cfg(target_os = "linux")]
     #[arg(long, requires = "bus")]
     pub(super) ignore_latency: bool,
-    /// Set a value of the rig or of its simulation for this run, as a variant of the file would; may be repeated
+    /// Set a value of the rig, its simulation or, with `scene.` before the key, its scene for this run; may be repeated
     ///
     /// A drive goes by its name: --set drives.left.direction=-1. A value is YAML: --set 'fixture.law={ellipse: {}}'.
     #[arg(long, value_name = "KEY=VALUE")]

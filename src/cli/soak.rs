@@ -50,12 +50,12 @@ pub(super) struct Arguments {
     #[command(flatten)]
     parts: Parts,
     /// Write the summary as Markdown tables
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "shard")]
     markdown: Option<PathBuf>,
     #[command(flatten)]
     replace: Replace,
     /// Fail if an injection or a fault was never met; always so from 200 seeds on
-    #[arg(long)]
+    #[arg(long, conflicts_with = "shard")]
     require_hits: bool,
 }
 
@@ -119,11 +119,9 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             let outcomes = outcomes.map_err(store_failure)?;
             let missing = campaign.missing(&outcomes).len();
             if missing > 0 {
-                let kept = match &arguments.out {
-                    None => "without --out none is kept".to_owned(),
-                    Some(_) => format!("the others are kept in {}", folder.display()),
-                };
-                return Err(interrupted(missing, missing + outcomes.len(), "seeds", &kept));
+                let kept = arguments.out.as_ref().map(|_| format!("the others are kept in {}", folder.display()));
+                print_replays(outcomes.values(), output)?;
+                return Err(interrupted(missing, missing + outcomes.len(), "seeds", kept.as_deref()));
             }
             if let Some(shard) = campaign.shard {
                 return kept(folder, shard, &outcomes, output);
@@ -155,13 +153,14 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             output.news(&format!("{:34} {}", format!("{what} never met"), missed.join(", ")))?;
         }
     }
-    // One line each, as long as it is: to be copied.
-    for outcome in &outcomes {
-        if let Some(replay) = &outcome.replay {
-            output.result(&format!("yieldwall soak {replay}\n"))?;
-        }
-    }
+    print_replays(&outcomes, output)?;
     end
+}
+
+/// Prints the commands that run seeds with violations again. One line each, as long as it is: to be copied.
+fn print_replays<'a>(outcomes: impl IntoIterator<Item = &'a SeedResult>, output: &mut Output) -> Result<(), Failure> {
+    let replays = outcomes.into_iter().filter_map(|outcome| outcome.replay.as_ref());
+    replays.map(|replay| output.result(&format!("yieldwall soak {replay}\n"))).collect()
 }
 
 fn seeds(arguments: &Arguments) -> Range<u64> {

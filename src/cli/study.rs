@@ -92,7 +92,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     if points.answer(&words(&arguments.name, arguments), &studies, output)? {
         return Ok(());
     }
-    let is_interrupted = on_interrupt()?;
+    // A point alone is not kept, so there is nothing to finish.
+    let is_interrupted = if points.point.is_some() { Arc::default() } else { on_interrupt()? };
     let mut documents = serde_json::Map::new();
     for (study, origin) in &studies {
         if is_all {

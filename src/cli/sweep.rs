@@ -1,13 +1,14 @@
 //! `yieldwall sweep`: a study of one's own, over any numbers of a rig, its simulation and its scene.
 
 use std::num::NonZeroU32;
+use std::sync::Arc;
 
 use super::failure::{Exit, Failure};
 use super::interrupt::on_interrupt;
 use super::output::Output;
 use super::run::check_duration;
 use super::study::{Origin, Points};
-use yieldwall_config::{Document, SetValue, SetValueError, Source, load};
+use yieldwall_config::{SetValue, SetValueError, Source};
 use yieldwall_study::settings::{OUTPUTS, Settings, SettingsError};
 use yieldwall_study::sweep::Study;
 
@@ -50,12 +51,14 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let source = Source::named(&arguments.rig);
     let axes = arguments.set.iter().map(|values| values.0.clone()).collect();
     let (seeds, duration) = (arguments.seeds, arguments.duration);
-    let study = Settings::new(source.clone(), axes, seeds, duration, &arguments.output).map_err(failure)?;
+    let study = Settings::new(source, axes, seeds, duration, &arguments.output).map_err(failure)?;
     let mut words = vec!["sweep".to_owned(), arguments.rig.clone()];
     words.extend(arguments.set.iter().flat_map(|values| ["--set".to_owned(), text(&values.0)]));
     words.extend(["--seeds".to_owned(), seeds.to_string()]);
     words.extend(duration.iter().flat_map(|duration| ["--duration".to_owned(), duration.to_string()]));
-    let hangs_on = format!(" of files {:08x}: {}", crc32fast::hash(&files(source)?), words.join(" "));
+    let mut sum = crc32fast::Hasher::new();
+    study.texts().iter().for_each(|text| sum.update(text.as_bytes()));
+    let hangs_on = format!(" of {:08x}: {}", sum.finalize(), words.join(" "));
     words.extend(arguments.output.iter().flat_map(|output| ["--output".to_owned(), output.clone()]));
     let origin = Origin { words: words.clone(), folder: "sweep".to_owned(), is_anew: false, hangs_on, mujoco: None };
     let studies: [(Box<dyn Study>, Origin); 1] = [(Box::new(study), origin)];
@@ -63,7 +66,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         return Ok(());
     }
     let [(study, origin)] = &studies;
-    let is_interrupted = on_interrupt()?;
+    let is_alone = arguments.points.point.is_some();
+    let is_interrupted = if is_alone { Arc::default() } else { on_interrupt()? };
     let document = arguments.points.compute_or_draw(study.as_ref(), origin, &is_interrupted, output)?;
     document.map_or(Ok(()), |document| output.report(document))
 }
@@ -74,25 +78,6 @@ fn text(values: &[SetValue]) -> String {
     format!("{key}={}", values.iter().map(SetValue::value).collect::<Vec<_>>().join(","))
 }
 
-/// All files that the machine and its scene are put together from.
-fn files(source: Source) -> Result<Vec<u8>, Failure> {
-    let mut bytes = Vec::new();
-    let mut take =
-        |files: &mut dyn Iterator<Item = (&str, &str)>| files.for_each(|(_, text)| bytes.extend(text.bytes()));
-    match load(source)? {
-        Document::Rig(rig) => {
-            take(&mut rig.files());
-            take(&mut rig.scene()?.files());
-        }
-        Document::Device(device) => {
-            take(&mut device.files());
-            take(&mut device.scene()?.files());
-        }
-        _ => {}
-    }
-    Ok(bytes)
-}
-
 fn failure(error: SettingsError) -> Failure {
     let help = match &error {
         SettingsError::Refused { report, .. } => return report.clone().into(),
@@ -100,7 +85,8 @@ fn failure(error: SettingsError) -> Failure {
         SettingsError::NoMachine(_) => {
             "name a rig or an impedance device, such as builtin:paper-admittance.yaml".to_owned()
         }
-        SettingsError::TooMany(_) => "give fewer values or seeds".to_owned(),
+        SettingsError::TooMany(_) => "give fewer values, in several sweeps".to_owned(),
+        SettingsError::Repeated(_) => "give each value once; --seeds N runs each combination again".to_owned(),
         SettingsError::NoOutput(_) => format!("the measures are {}", OUTPUTS.join(", ")),
     };
     Failure::new(Exit::Usage, error.to_string(), help)

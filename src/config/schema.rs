@@ -31,7 +31,7 @@ pub fn schema() -> Value {
         .filter(|(kind, _)| kind.has_variants())
         .map(|(kind, whole)| variant(*kind, whole, &mut definitions))
         .collect();
-    // The same keys may be those of variants of several kinds.
+    // Variants of several kinds may have the same keys.
     kinds.push(json!({ "anyOf": variants }));
     json!({
         "$schema": "https://json-schema.org/draft/2020-12/schema",

@@ -31,18 +31,20 @@ pub const OUTPUTS: [&str; 14] = [
     "power_positive_fraction",
 ];
 
-/// Those that are drawn unless others are chosen.
+/// Outputs that are drawn unless others are chosen.
 const DRAWN: [&str; 4] = ["penetration_mm", "tool_rms_on_surface_mm", "peak_force_on_surface_n", "energy_given_j"];
-/// Most runs of a sweep.
-const MOST_RUNS: u64 = 1_000_000;
+/// Most combinations of a sweep.
+const MOST_SETTINGS: u64 = 2000;
 /// Settings that are printed; the table has all of them.
 const MOST_PRINTED: usize = 50;
 /// Greatest over least value of a key from which on its axis is logarithmic.
 const LOGARITHMIC_FROM: f64 = 30.0;
 /// Share by which an output has to change to be drawn.
 const CHANGE: f64 = 1e-3;
-/// Outputs up to here are zero but for rounding, whatever their unit.
+/// Outputs up to here are zero except for rounding, whatever their unit.
 const ROUNDING: f64 = 1e-9;
+/// Outcome of a run that came to its end.
+const RAN: &str = "ran";
 /// Name of the study and of its chart.
 const NAME: &str = "sweep";
 
@@ -64,8 +66,11 @@ pub enum SettingsError {
     #[error("{0} is no rig and no impedance device")]
     NoMachine(String),
     /// There are too many combinations.
-    #[error("{0} runs are more than {MOST_RUNS}")]
+    #[error("{0} combinations are more than {MOST_SETTINGS}")]
     TooMany(u64),
+    /// A key has a value twice.
+    #[error("{0} is given twice")]
+    Repeated(String),
     /// No measure has this name.
     #[error("{0} is no measure of a run")]
     NoOutput(String),
@@ -76,15 +81,23 @@ pub struct Settings {
     sweeps: [Box<dyn Sweep>; 1],
     keys: Vec<String>,
     drawn: Vec<&'static str>,
+    /// Texts of all machines and scenes.
+    texts: Vec<String>,
 }
 
 struct Runs {
-    source: Source,
-    /// The values of each key.
-    axes: Vec<Vec<SetValue>>,
+    settings: Vec<Combination>,
     columns: Vec<String>,
     seeds: u64,
     duration_s: Option<f64>,
+}
+
+/// A combination of values, read once.
+struct Combination {
+    /// The values, as the table has them.
+    cells: Vec<Value>,
+    /// The machine with its scene, or the reason why they are refused.
+    machine: Result<(Machine, config::Scene), String>,
 }
 
 /// A machine with its scene.
@@ -121,21 +134,24 @@ impl Settings {
         outputs: &[String],
     ) -> Result<Self, SettingsError> {
         let name = source.to_string();
-        let runs = axes.iter().map(|values| values.len() as u64).fold(u64::from(seeds.get()), u64::saturating_mul);
-        if runs > MOST_RUNS {
-            return Err(SettingsError::TooMany(runs));
+        let count = axes.iter().map(|values| values.len() as u64).fold(1, u64::saturating_mul);
+        if count > MOST_SETTINGS {
+            return Err(SettingsError::TooMany(count));
         }
         let drawn = outputs.iter().map(|output| {
             let known = OUTPUTS.into_iter().find(|name| name == output);
             known.ok_or_else(|| SettingsError::NoOutput(output.clone()))
         });
         let drawn = drawn.collect::<Result<Vec<_>, _>>()?;
+        let named = |value: &SetValue| format!("{}={}", value.key(), value.value());
         for (place, values) in axes.iter().enumerate() {
-            for value in values {
+            for (number, value) in values.iter().enumerate() {
+                if values[..number].iter().any(|other| other.value() == value.value()) {
+                    return Err(SettingsError::Repeated(named(value)));
+                }
                 let mut set: Vec<SetValue> = axes.iter().filter_map(|values| values.first().cloned()).collect();
                 set[place] = value.clone();
-                let refused =
-                    |report| SettingsError::Refused { setting: format!("{}={}", value.key(), value.value()), report };
+                let refused = |report| SettingsError::Refused { setting: named(value), report };
                 if load(source.clone().with_values(&set)?).map_err(refused)?.is_none() {
                     return Err(SettingsError::NoMachine(name));
                 }
@@ -144,24 +160,37 @@ impl Settings {
         let keys: Vec<String> = axes.iter().filter_map(|values| Some(values.first()?.key())).collect();
         let found = ["seed", "outcome"].into_iter().chain(OUTPUTS).map(str::to_owned);
         let columns = keys.iter().cloned().chain(found).collect();
-        let runs = Runs { source, axes, columns, seeds: seeds.get().into(), duration_s };
+        let settings = (0..count).map(|index| Combination::new(&source, &axes, index)).collect();
+        let runs = Runs { settings, columns, seeds: seeds.get().into(), duration_s };
         let drawn = if drawn.is_empty() { DRAWN.to_vec() } else { drawn };
-        Ok(Self { sweeps: [Box::new(runs)], keys, drawn })
+        let texts = runs.settings.iter().map(|setting| format!("{:?}", setting.machine)).collect();
+        Ok(Self { sweeps: [Box::new(runs)], keys, drawn, texts })
+    }
+
+    /// All that the runs hang on, for one sweep to be known from another: each machine with its scene.
+    pub fn texts(&self) -> &[String] {
+        &self.texts
     }
 }
 
-impl Runs {
-    /// The values of a point, the last key's changing first, and its number among the seeds.
-    fn setting(&self, index: u64) -> (Vec<SetValue>, u64) {
-        let (mut rest, seed) = (index / self.seeds, index % self.seeds);
+impl Combination {
+    /// The combination of a number, the last key's value changing first.
+    fn new(source: &Source, axes: &[Vec<SetValue>], index: u64) -> Self {
+        let mut rest = index;
         let mut set: Vec<SetValue> = Vec::new();
-        for values in self.axes.iter().rev() {
+        for values in axes.iter().rev() {
             let count = values.len() as u64;
             set.extend(values.get((rest % count) as usize).cloned());
             rest /= count;
         }
         set.reverse();
-        (set, seed)
+        let machine = match source.clone().with_values(&set).map(load) {
+            Ok(Ok(Some(machine))) => Ok(machine),
+            Ok(Err(report)) => Err(report.diagnostics.first().map_or_else(String::new, |first| first.message.clone())),
+            Ok(Ok(None)) => Err("no rig and no impedance device".to_owned()),
+            Err(error) => Err(error.to_string()),
+        };
+        Self { cells: set.iter().map(|set| cell(set.value())).collect(), machine }
     }
 }
 
@@ -175,27 +204,24 @@ impl Sweep for Runs {
     }
 
     fn points(&self) -> u64 {
-        self.axes.iter().map(|values| values.len() as u64).product::<u64>() * self.seeds
+        self.settings.len() as u64 * self.seeds
     }
 
     fn point(&self, index: u64, _: Clock<'_>) -> Vec<Value> {
-        let (set, number) = self.setting(index);
-        let mut cells: Vec<Value> = set.iter().map(|set| cell(set.value())).collect();
-        let source = self.source.clone().with_values(&set).ok();
-        match source.map(load) {
-            Some(Ok(Some((machine, scene)))) => {
-                let seed = scene.seed.wrapping_add(number);
+        let Some(setting) = self.settings.get((index / self.seeds) as usize) else {
+            return vec![Value::Null; self.columns.len()];
+        };
+        let mut cells = setting.cells.clone();
+        match &setting.machine {
+            Ok((machine, scene)) => {
+                let seed = scene.seed.wrapping_add(index % self.seeds);
                 let overrides = Overrides { duration_s: self.duration_s, seed: Some(seed), ..Overrides::default() };
-                let run = machine.run(&scene, &overrides, |_| {});
+                let run = machine.run(scene, &overrides, |_| {});
                 cells.extend([seed.into(), Outcome::of(&run).end.into()]);
                 let measures = run.ok().and_then(|run| serde_json::to_value(&run.measures).ok()).unwrap_or_default();
                 cells.extend(OUTPUTS.iter().map(|output| measures.get(output).cloned().unwrap_or_default()));
             }
-            Some(Err(report)) => {
-                let first = report.diagnostics.first().map_or("", |finding| &finding.message);
-                cells.extend([Value::Null, format!("refused: {first}").into()]);
-            }
-            _ => cells.extend([Value::Null, "refused".into()]),
+            Err(why) => cells.extend([Value::Null, format!("refused: {why}").into()]),
         }
         cells.resize(self.columns.len(), Value::Null);
         cells
@@ -216,7 +242,8 @@ struct Setting<'a>(Vec<Row<'a>>);
 
 impl Setting<'_> {
     fn estimate(&self, output: &str) -> Estimate {
-        let values = || self.0.iter().map(|row| row.number(output));
+        // A run that a fault ended early has other energies and peaks.
+        let values = || self.0.iter().filter(|row| row.word("outcome") == RAN).map(|row| row.number(output));
         let value = median(values()).unwrap_or(f64::NAN);
         match median_interval(values()) {
             Some([low, high]) => Estimate { value, low, high },
@@ -238,7 +265,7 @@ impl Setting<'_> {
     /// Cells of the printed table: the values, the outcomes, the medians of some outputs.
     fn cells(&self, keys: &[String], outputs: &[&str]) -> Vec<String> {
         let others: Vec<&str> =
-            self.0.iter().map(|row| row.word("outcome")).filter(|outcome| *outcome != "ran").collect();
+            self.0.iter().map(|row| row.word("outcome")).filter(|outcome| *outcome != RAN).collect();
         let outcome = match (self.0.len(), others.as_slice()) {
             (_, []) => "all ran".to_owned(),
             (1, [other]) => (*other).to_owned(),
@@ -417,12 +444,10 @@ mod tests {
         let given = |index: usize| table.rows().nth(index).unwrap().number("energy_taken_j");
         assert!(given(0) != given(1) && given(0) != given(2), "{}", table.csv());
         let report = study.report(&[table]);
-        assert_eq!(report.notes.len(), 6);
-        assert!(
-            report.notes[0].starts_with("fixture.yield_n 20, scene.hand.mass_kg 0.5: 2 ran; "),
-            "{}",
-            report.notes[0]
-        );
+        assert_eq!(report.notes.len(), 7);
+        let line = |number: usize| report.notes[number].split_whitespace().collect::<Vec<_>>();
+        assert_eq!(line(0)[..4], ["fixture.yield_n", "scene.hand.mass_kg", "outcome", "penetration_mm"]);
+        assert_eq!(line(1)[..4], ["20", "0.5", "all", "ran"]);
         let chart = &report.charts[0].1;
         assert_eq!(chart.panels[0].x.name, "fixture.yield_n");
         assert_eq!(chart.panels[0].series.iter().filter(|series| !series.points.is_empty()).count(), 3);
@@ -433,6 +458,8 @@ mod tests {
         let error = settings(&["fixture.yield_n=20,-1"], 1).err().unwrap();
         assert!(matches!(&error, SettingsError::Refused { setting, .. } if setting == "fixture.yield_n=-1"), "{error}");
         assert!(matches!(settings(&["fixture.yield_n=20", "fixture.yield_n=21"], 1), Err(SettingsError::Key(_))));
+        let repeated = settings(&["fixture.yield_n=20,21,20"], 1).err().unwrap();
+        assert!(matches!(&repeated, SettingsError::Repeated(setting) if setting == "fixture.yield_n=20"), "{repeated}");
         // R has to be above F.
         let study = settings(&["fixture.friction_n=3,15", "fixture.yield_n=20,10"], 1).unwrap();
         let cells = study.sweeps()[0].point(3, &|| Duration::ZERO);

@@ -35,7 +35,7 @@ pub(crate) struct Points {
     pub(super) parts: Parts,
     /// Compute one point alone, print it and keep nothing
     #[arg(long, value_name = "TABLE:INDEX", value_parser = parse_point, conflicts_with_all = ["shard", "merge", "slurm", "missing"])]
-    pub(super) point: Option<(String, u64)>,
+    pub(crate) point: Option<(String, u64)>,
     /// Take points that another build of this program has left
     #[arg(long)]
     any_build: bool,
@@ -95,7 +95,7 @@ impl Points {
         let array = Array {
             name: format!("yieldwall-{name}"),
             words: words.iter().cloned().chain(any_build).collect(),
-            // Where times are measured, the last job computes them.
+            // The last job computes tables that measure time.
             last: if is_timed { Vec::new() } else { vec!["--merge".to_owned()] },
             out: &self.out,
             jobs: self.jobs,
@@ -269,12 +269,9 @@ fn compute(
     .map_err(store_failure)?;
     bar.finish_and_clear();
     if left > 0 {
-        let kept = if sweep.is_timed() {
-            "times of two runs are not to be compared: all are measured again".to_owned()
-        } else {
-            format!("the others are kept in {}", folder.display())
-        };
-        return Err(interrupted(left, wanted.len(), &format!("points of {}", table.name), &kept));
+        // Times of two runs are not to be compared.
+        let kept = (!sweep.is_timed()).then(|| format!("the others are kept in {}", folder.display()));
+        return Err(interrupted(left, wanted.len(), &format!("points of {}", table.name), kept.as_deref()));
     }
     let wall_s = started.elapsed().as_secs_f64();
     let pace = Pace { table: table.name.clone(), runs: wanted.len(), wall_s, jobs, busy_s: spent.as_secs_f64() };
@@ -299,7 +296,7 @@ fn bar(output: &Output, name: &str, points: u64) -> ProgressBar {
     bar.with_message(name.to_owned())
 }
 
-/// Time that this thread has had on a core, where the system tells; elsewhere the wall clock's.
+/// Time that this thread has had on a core, where the system has such a clock; elsewhere the wall clock's.
 fn core_time() -> Duration {
     #[cfg(target_os = "linux")]
     {
@@ -317,7 +314,7 @@ fn store_failure(error: StoreError) -> Failure {
     let help = match &error {
         StoreError::Lines(error) => return error.into(),
         StoreError::Other { .. } => {
-            "throw them away with --fresh, take them with --any-build, or choose another folder"
+            "throw them away with --fresh or choose another folder; --any-build takes them if the build alone differs"
         }
     };
     Failure::new(Exit::Usage, error.to_string(), help)

@@ -42,7 +42,7 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
         row.is("feeds_forward") && row.number("delay_cycles") > 0.0
     })?;
     Ok(bullets(&[format!(
-        "With elastic gears **{} of {} settings leave the circle**, all of them with feed-forward and a delay; on a rigid arm none does ({}).",
+        "With elastic gears **{} of {} settings leave the circle**, all of them with feed-forward and a delay; on a rigid arm none does. Rows: {}.",
         released.count(),
         elastic.count(),
         released.places()

@@ -50,7 +50,7 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     let ([can, can_most], [_, ethercat]) = (ends("CAN")?, ends("EtherCAT")?);
     let can = if can == can_most { can.to_string() } else { format!("{can} to {can_most}") };
     Ok(bullets(&[format!(
-        "With the frames of this rig, CAN at 1 Mbit/s **ends at a cycle of {can} ms**, and EtherCAT at {ethercat} ms ({}).",
+        "With the frames of this rig, CAN at 1 Mbit/s **ends at a cycle of {can} ms**, and EtherCAT at {ethercat} ms. Rows: {}.",
         shortest.all().places()
     )]))
 }

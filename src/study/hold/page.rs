@@ -55,13 +55,13 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     let window = DEFAULT.window_ms();
     Ok(bullets(&[
         format!(
-            "A hold window of **{window} ms** lets at most {through} of {CASES} hands of up to 1.5 kg with usual grips through each of {} surfaces, and delays a push by {delay:.0} ms in the median ({}, {}).",
+            "A hold window of **{window} ms** lets at most {through} of {CASES} hands of up to 1.5 kg with usual grips through each of {} surfaces, and delays a push by {delay:.0} ms in the median. Rows: {}, {}.",
             usual(DEFAULT).count(),
             usual(DEFAULT).places(),
             push(DEFAULT).places()
         ),
         format!(
-            "**Little damped grips break through every window**: at the wall {little_default} of {CASES} with {window} ms and {little_long} with 500 ms ({}).",
+            "**Little damped grips break through every window**: at the wall {little_default} of {CASES} with {window} ms and {little_long} with 500 ms. Rows: {}.",
             little.places()
         ),
     ]))

@@ -30,9 +30,9 @@ const BEHIND_TRANSMISSION: f64 = 0.5;
 const TRANSMISSION: [f64; 2] = [1000.0, 100.0];
 
 /// Cycles in ms; zero is the limit.
-pub(super) const CYCLES_MS: [f64; 4] = [1.0, 0.2, 0.05, 0.0];
+const CYCLES_MS: [f64; 4] = [1.0, 0.2, 0.05, 0.0];
 /// Damping of the hand in N s/m.
-pub(super) const HANDS_N_S_PER_M: [f64; 2] = [15.0, 5.0];
+const HANDS_N_S_PER_M: [f64; 2] = [15.0, 5.0];
 /// The stiffness is known when it is that near the edge.
 const EDGE: f64 = 1e-8;
 /// Frequencies that are looked at, Hz, and how many.

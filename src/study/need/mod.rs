@@ -1,4 +1,4 @@
-//! How much model a scene needs: speed against accuracy of the whole simulated machine.
+//! The model that a scene needs: speed against accuracy of the whole simulated machine.
 
 mod model;
 mod models;

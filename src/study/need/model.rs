@@ -35,7 +35,7 @@ pub(super) struct Model {
     pub(super) body: Body,
     /// Step of the integration in us.
     pub(super) step_us: u32,
-    /// How many of the choices are not the plainest; each finer step counts.
+    /// Number of the choices that are not the plainest; each finer step counts.
     pub(super) terms: usize,
     /// `None` for an impedance device, which has none of these.
     pub(super) of_rig: Option<OfRig>,

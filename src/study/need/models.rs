@@ -22,7 +22,7 @@ pub(super) const SHIPPED: [Case; 4] = [
 /// Names of their panels.
 pub(super) const LABELS: [&str; 4] = ["torque mode", "position mode", "gears", "moving walls"];
 
-/// How often each model is timed at most. All are timed once before one is timed again, so that a slow spell of the computer
+/// Most runs of a model that are timed. All are timed once before one is timed again, so that a slow spell of the computer
 /// meets all.
 const ROUNDS: usize = 5;
 /// After how many seconds in all that is enough.

@@ -31,10 +31,10 @@ fn tool_depth_mm(measures: &Measures) -> Option<f64> {
     measures.impacts.iter().map(|impact| impact.tool_depth_mm).max_by(f64::total_cmp)
 }
 
-/// What came out of a run.
+/// Outcome of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Outcome {
-    /// How it ended, in a word.
+    /// Its end, in a word.
     pub(crate) end: String,
     /// The outputs, in the order of their columns; `None` for a run that could not be made.
     pub(super) values: Option<[Option<f64>; COUNT]>,

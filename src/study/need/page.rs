@@ -78,13 +78,13 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     let needed = table.all().with("is_needed", true);
     Ok(bullets(&[
         format!(
-            "Terms that are left out **buy little time**: the cheapest models within the tolerance of their scenes are {} to {} times as fast as those with all terms ({}).",
+            "Terms that are left out **buy little time**: the cheapest models within the tolerance of their scenes are {} to {} times as fast as those with all terms. Rows: {}.",
             digits(least, 2),
             digits(most, 2),
             needed.places()
         ),
         format!(
-            "Stiff gears in place of elastic ones **change {} tolerances**, and no arm at all, {} times as fast in position mode, changes {} at least ({}).",
+            "Stiff gears in place of elastic ones **change {} tolerances**, and no arm at all, {} times as fast in position mode, changes {} at least. Rows: {}.",
             change(&stiff),
             digits(faster, 2),
             digits(of_ideal.least("change_over_tolerance")?, 2),

@@ -40,7 +40,7 @@ const CASES: [Case; 13] = [
     case("play", "push-and-let-go", None),
 ];
 
-/// What each term changes.
+/// The table of each term and the change that it makes.
 pub(super) struct Terms;
 
 impl Case {
@@ -95,7 +95,7 @@ impl Sweep for Terms {
         ]
     }
 
-    /// Of each case the whole model, then each term left out.
+    /// Each case with its whole model, then with each term left out.
     fn points(&self) -> u64 {
         (CASES.len() * (1 + TERMS.len())) as u64
     }

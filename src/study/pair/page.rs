@@ -51,7 +51,7 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     let resting = at_rest(&without).count();
     relation(resting < without.count(), "some pairs without it do not", without.iter())?;
     Ok(bullets(&[format!(
-        "With the passivity controller of 0.02 J **all {} pairs come to rest**, and {resting} of {} without it; the slave still gets up to {} beyond the wall ({}).",
+        "With the passivity controller of 0.02 J **all {} pairs come to rest**, and {resting} of {} without it; the slave still gets up to {} beyond the wall. Rows: {}.",
         with.count(),
         without.count(),
         length(with.greatest("slave_depth_m")?),

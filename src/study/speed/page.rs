@@ -48,7 +48,7 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     let held_s = plastic.least("time_s")?;
     plastic.check("the time with plastic is within 1 % in all bands", |row| row.number("time_s") < 1.01 * held_s)?;
     Ok(bullets(&[format!(
-        "With plastic of {YIELD_N} N a user who slows down with the error seen takes **{held_s:.1} s in every band** of 2 to 32 mm, and without a fixture {wide_s:.1} to {narrow_s:.1} s ({}, {}).",
+        "With plastic of {YIELD_N} N a user who slows down with the error seen takes **{held_s:.1} s in every band** of 2 to 32 mm, and without a fixture {wide_s:.1} to {narrow_s:.1} s. Rows: {}, {}.",
         plastic.places(),
         free.places()
     )]))

@@ -69,17 +69,17 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     relation(many > some && some > 0.0, "the more samples are lost, the more energy comes back", lost.iter())?;
     Ok(bullets(&[
         format!(
-            "At 3000 N/m and up to 3 cycles of delay the usual crossover formula asks for **{crossover} to {crossover_most} kg** of virtual mass, and the sampled loop of a hand without mass needs {exact} to {exact_most} kg ({}).",
+            "At 3000 N/m and up to 3 cycles of delay the usual crossover formula asks for **{crossover} to {crossover_most} kg** of virtual mass, and the sampled loop of a hand without mass needs {exact} to {exact_most} kg. Rows: {}.",
             late.places()
         ),
         format!(
-            "Below F **the shipped friction stands still to the last bit**; friction smoothed by tanh creeps by {} to {} mm ({}).",
+            "Below F **the shipped friction stands still to the last bit**; friction smoothed by tanh creeps by {} to {} mm. Rows: {}.",
             digits(1e3 * smooth.least("moved_m")?, 2),
             digits(1e3 * smooth.greatest("moved_m")?, 2),
             smooth.places()
         ),
         format!(
-            "A rig that loses ten force samples in a row **gives back energy**: {} mJ with 20 % of the samples lost and {} mJ with 70 %, of a hand of 3000 N/m and a proxy of 0.5 kg ({}).",
+            "A rig that loses ten force samples in a row **gives back energy**: {} mJ with 20 % of the samples lost and {} mJ with 70 %, of a hand of 3000 N/m and a proxy of 0.5 kg. Rows: {}.",
             digits(some, 2),
             digits(many, 2),
             lost.places()

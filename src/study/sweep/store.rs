@@ -45,7 +45,15 @@ struct Heading<'a> {
 
 impl Heading<'_> {
     fn takes(&self, found: &Heading<'_>) -> bool {
-        (self.name, self.points) == (found.name, found.points) && (self.takes_any || self.edition == found.edition)
+        let is_edition = self.edition == found.edition;
+        (self.name, self.points) == (found.name, found.points)
+            && (is_edition || (self.takes_any && self.is_same_study(found)))
+    }
+
+    /// Whether both editions are the same except for the build: the first two words.
+    fn is_same_study(&self, found: &Heading<'_>) -> bool {
+        let [own, other] = [self.edition, found.edition].map(|edition| edition.splitn(3, ' ').nth(2));
+        own == other
     }
 
     fn text(&self) -> String {
@@ -59,12 +67,13 @@ pub struct Store(Lines);
 
 impl Store {
     /// Reads the points of a sweep from all its files in `folder`, whichever shard left them, and opens the file of `shard`
-    /// (a name that goes into the file's) for more. `edition` says what the points hang on beside the table itself, such as
-    /// the build of the program and the study's options. Of a table that measures time, points that are not all there are
+    /// (a name that goes into the file's) for more. `edition` says what the points hang on beside the table itself: the word `build`, a
+    /// name of the build of the program, and then anything else. Of a table that measures time, points that are not all there are
     /// thrown away: times of two runs are not to be compared.
     ///
     /// # Errors
-    /// If a file cannot be read, written or understood, or is of another table or, unless `takes_any`, another edition.
+    /// If a file cannot be read, written or understood, or is of another table or another edition; `takes_any` is for
+    /// points of another build alone.
     pub fn open(
         folder: &Path,
         sweep: &dyn Sweep,
@@ -203,6 +212,7 @@ mod tests {
             .map(|part| Store::open(&folder.join(part), &SQUARES, "build a", false, "all").unwrap().1);
         assert_eq!(parts.csv(), whole.csv());
         assert!(Store::open(&folder.join("whole"), &SQUARES, "build b", true, "all").is_ok());
+        assert!(Store::open(&folder.join("whole"), &SQUARES, "build a of another rig", true, "all").is_err());
         let other = Store::open(&folder.join("whole"), &SQUARES, "build b", false, "all").unwrap_err();
         assert!(matches!(&other, StoreError::Other { found, .. } if found.ends_with("build a")), "{other}");
         std::fs::remove_dir_all(&folder).unwrap();

@@ -10,7 +10,7 @@ use super::{device, of_aid, of_errors};
 /// A tool that jumps back by less than this, in m, is not thrown.
 pub(super) const THROWN_M: f64 = 1e-3;
 /// A law that lets a press above R move the tool by this share of what it moves without a fixture gives way.
-pub(super) const GIVES_WAY: f64 = 0.5;
+const GIVES_WAY: f64 = 0.5;
 /// A law that errs by more than this share of another's error is alike.
 const ALIKE: f64 = 0.9;
 /// Width of a cell of the map, in thousandths of the panel.
@@ -159,14 +159,14 @@ fn best<'a>(rows: &[Row<'a>], yield_n: f64, may: impl Fn(&Row<'_>) -> bool) -> O
 
 /// Who may win a cell of the map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Field {
+enum Field {
     All,
     /// Laws that give way, and with which the tool is not thrown.
     Yielding,
 }
 
 /// The law that wins a cell of the map, if one does.
-pub(super) fn winner(errors: &Table, grip: &str, yield_n: f64, aim_m: f64, field: Field) -> Option<Law> {
+fn winner(errors: &Table, grip: &str, yield_n: f64, aim_m: f64, field: Field) -> Option<Law> {
     let rows: Vec<Row<'_>> = of_errors(errors, grip, aim_m).collect();
     let free_m = of_aid(rows.iter().copied(), &Aid::NONE).map_or(f64::NAN, |row| row.number("press_m"));
     let gives_way = |row: &Row<'_>| yield_n >= PRESS_N || row.number("press_m") > GIVES_WAY * free_m;

@@ -82,7 +82,7 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     let share = |of: f64| digits(of / error, 2);
     Ok(bullets(&[
         format!(
-            "Beyond R = 5 N and at 0.08 m/s, springs of 1e4 N/m and more err {} to {} of what plastic errs, **give {:.0} to {:.0} times the energy, and throw the tool** by {:.0} mm ({}).",
+            "Beyond R = 5 N and at 0.08 m/s, springs of 1e4 N/m and more err {} to {} of what plastic errs, **give {:.0} to {:.0} times the energy, and throw the tool** by {:.0} mm. Rows: {}.",
             share(springs.least("error_rms_m")?),
             share(springs.greatest("error_rms_m")?),
             springs.least("energy_across_j")? / energy,
@@ -91,7 +91,7 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
             springs.places()
         ),
         format!(
-            "On an impedance device at 1 kHz springs run up to 3000 N/m and not from {least:.0e} N/m on, and **plastic fixtures with every coupling** up to {:.0e} N/m ({}).",
+            "On an impedance device at 1 kHz springs run up to 3000 N/m and not from {least:.0e} N/m on, and **plastic fixtures with every coupling** up to {:.0e} N/m. Rows: {}.",
             coupled.greatest("hardness")?,
             device.places()
         ),
