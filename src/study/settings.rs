@@ -422,7 +422,7 @@ mod tests {
 
     fn settings(axes: &[&str], seeds: u32) -> Result<Settings, SettingsError> {
         let axes = axes.iter().map(|text| SetValue::each(text)).collect::<Result<Vec<_>, _>>()?;
-        Settings::new(config::builtin("play.yaml"), axes, NonZeroU32::new(seeds).unwrap(), Some(0.4), &[])
+        Settings::new(config::builtin("play.yaml"), axes, NonZeroU32::new(seeds).unwrap(), Some(1.6), &[])
     }
 
     #[test]

@@ -49,8 +49,22 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     };
     let ([can, can_most], [_, ethercat]) = (ends("CAN")?, ends("EtherCAT")?);
     let can = if can == can_most { can.to_string() } else { format!("{can} to {can_most}") };
-    Ok(bullets(&[format!(
-        "With the frames of this rig, CAN at 1 Mbit/s **ends at a cycle of {can} ms**, and EtherCAT at {ethercat} ms. Rows: {}.",
-        shortest.all().places()
-    )]))
+    let rigs = tables.read("rigs")?;
+    let of_mode = |mode| rigs.all().with("bus", "EtherCAT").with("outcome", "ran").with("mode", mode);
+    let (torque, position) = (of_mode(MODES[0]), of_mode(MODES[2]));
+    Ok(bullets(&[
+        format!(
+            "From the shortest cycle to the longest the path error on EtherCAT grows **from {} um to {} mm in torque mode**, and is {} to {} um in position mode, where the drives close the loop. Rows: {}, {}.",
+            digits(1e6 * torque.least("error_rms_m")?, 2),
+            digits(1e3 * torque.greatest("error_rms_m")?, 2),
+            digits(1e6 * position.least("error_rms_m")?, 2),
+            digits(1e6 * position.greatest("error_rms_m")?, 2),
+            torque.places(),
+            position.places()
+        ),
+        format!(
+            "By the bus budget the frames of this rig fit into a cycle of **{can} ms and more on CAN** at 1 Mbit/s, and of {ethercat} ms and more on EtherCAT. Rows: {}.",
+            shortest.all().places()
+        ),
+    ]))
 }

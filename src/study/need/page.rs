@@ -72,22 +72,19 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
         let change = row.number("change_over_tolerance");
         change.is_nan() || change > 1.0
     })?;
-    let faster = of_ideal.greatest("realtime_factor")? / dearest(ideal)?.number("realtime_factor");
-    let (least, most) =
-        gains.iter().fold((f64::INFINITY, 0.0f64), |(low, high), &gain| (low.min(gain), high.max(gain)));
+    let most = gains.into_iter().fold(0.0, f64::max);
     let needed = table.all().with("is_needed", true);
     Ok(bullets(&[
         format!(
-            "Terms that are left out **buy little time**: the cheapest models within the tolerance of their scenes are {} to {} times as fast as those with all terms. Rows: {}.",
-            digits(least, 2),
+            "Terms that are left out **buy little time**: the models of the rings are at most {} times as fast as those with all terms. Rows: {}.",
             digits(most, 2),
             needed.places()
         ),
         format!(
-            "Stiff gears in place of elastic ones **change {} tolerances**, and no arm at all, {} times as fast in position mode, changes {} at least. Rows: {}.",
+            "Stiff gears in place of elastic ones change an output by **{} times its tolerance**, and no arm at all by {} times at least. Rows: `models` {}, {}.",
             change(&stiff),
-            digits(faster, 2),
             digits(of_ideal.least("change_over_tolerance")?, 2),
+            stiff.index,
             of_ideal.places()
         ),
     ]))

@@ -47,9 +47,26 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     let plastic = of_aid(&circle, &Aid::plastic(YIELD_N));
     let held_s = plastic.least("time_s")?;
     plastic.check("the time with plastic is within 1 % in all bands", |row| row.number("time_s") < 1.01 * held_s)?;
-    Ok(bullets(&[format!(
-        "With plastic of {YIELD_N} N a user who slows down with the error seen takes **{held_s:.1} s in every band** of 2 to 32 mm, and without a fixture {wide_s:.1} to {narrow_s:.1} s. Rows: {}, {}.",
-        plastic.places(),
-        free.places()
-    )]))
+    let beside = tables.read("beside")?;
+    let edge = beside.all().with("beside_m", 0.004);
+    let [held, gives] = [YIELD_N, YIELDS_N[0]].map(|yield_n| of_aid(&edge, &Aid::plastic(yield_n)));
+    let without = of_aid(&edge, &Aid::NONE);
+    let (low_s, high_s) = (without.number("time_low_s")?, without.number("time_high_s")?);
+    held.check("a stiff fixture on the edge of the band is slower than none", |row| row.number("time_low_s") > high_s)?;
+    gives.check("plastic that gives way there is faster than none", |row| row.number("time_high_s") < low_s)?;
+    Ok(bullets(&[
+        format!(
+            "With plastic of {YIELD_N} N a user who slows down with the error seen takes **{held_s:.1} s in every band** of 2 to 32 mm, and without a fixture {wide_s:.1} to {narrow_s:.1} s. Rows: {}, {}.",
+            plastic.places(),
+            free.places()
+        ),
+        format!(
+            "**A fixture in the wrong place holds there**: 4 mm beside the way, on the edge of a band of 8 mm, users take {:.1} s with plastic of {YIELD_N} N, {:.1} s without a fixture, and {:.1} s with plastic of {} N, which gives way. Rows: {}.",
+            held.number("time_s")?,
+            without.number("time_s")?,
+            gives.number("time_s")?,
+            YIELDS_N[0],
+            edge.places()
+        ),
+    ]))
 }

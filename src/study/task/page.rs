@@ -80,19 +80,29 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     let coupled = device.with("law", Law::Plastic.name());
     coupled.check("plastic runs with each coupling", |row| row.number("ran") == USERS as f64)?;
     let share = |of: f64| digits(of / error, 2);
+    let field = of_aid(&beyond, &Aid::viscous(1e-4, 5.0));
+    let chatter = |law: Law| {
+        let stiff = device.with("law", law.name()).filter("hardness >= 1e4", |row| row.number("hardness") >= 1e4);
+        stiff.filter("released", |row| row.number("resting_m_per_s").is_finite()).greatest("resting_m_per_s")
+    };
     Ok(bullets(&[
         format!(
-            "Beyond R = 5 N and at 0.08 m/s, springs of 1e4 N/m and more err {} to {} of what plastic errs, **give {:.0} to {:.0} times the energy, and throw the tool** by {:.0} mm. Rows: {}.",
+            "With R = 5 N, a soft hand and an aim off by 5 mm at 0.08 m/s, springs of 1e4 N/m and more err {} to {} of what plastic errs, **give {:.0} to {:.0} times the energy, and throw the tool** by {:.0} mm. A viscous field errs {} mm and does not give way. Rows: {}, {}, {}.",
             share(springs.least("error_rms_m")?),
             share(springs.greatest("error_rms_m")?),
             springs.least("energy_across_j")? / energy,
             springs.greatest("energy_across_j")? / energy,
             1e3 * springs.least("jump_m")?,
-            springs.places()
+            digits(1e3 * field.number("error_rms_m")?, 2),
+            plastic.places(),
+            springs.places(),
+            field.places()
         ),
         format!(
-            "On an impedance device at 1 kHz springs run up to 3000 N/m and not from {least:.0e} N/m on, and **plastic fixtures with every coupling** up to {:.0e} N/m. Rows: {}.",
+            "On an impedance device at 1 kHz springs without limit run up to 3000 N/m and not from {least:.0e} N/m on. Plastic fixtures run with every coupling up to {:.0e} N/m, **and chatter**: from 1e4 N/m on the tool moves at up to {} m/s when it is released, with springs cut at R at up to {} m/s. Rows: {}.",
             coupled.greatest("hardness")?,
+            digits(chatter(Law::Plastic)?, 2),
+            digits(chatter(Law::Saturated)?, 2),
             device.places()
         ),
     ]))
