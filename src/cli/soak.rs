@@ -159,8 +159,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 
 /// Prints the commands that run seeds with violations again. One line each, as long as it is: to be copied.
 fn print_replays<'a>(outcomes: impl IntoIterator<Item = &'a SeedResult>, output: &mut Output) -> Result<(), Failure> {
-    let replays = outcomes.into_iter().filter_map(|outcome| outcome.replay.as_ref());
-    replays.map(|replay| output.result(&format!("yieldwall soak {replay}\n"))).collect()
+    let mut replays = outcomes.into_iter().filter_map(|outcome| outcome.replay.as_ref());
+    replays.try_for_each(|replay| output.result(&format!("yieldwall soak {replay}\n")))
 }
 
 fn seeds(arguments: &Arguments) -> Range<u64> {
