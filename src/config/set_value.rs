@@ -33,7 +33,7 @@ pub enum SetValueError {
     /// The value does not stand on one line.
     #[error("the value of {0} has more than one line: write it on one, such as [1.0, 0.0]")]
     Lines(String),
-    /// One of several values is missing.
+    /// A value among several is missing.
     #[error("{0} has an empty value: write each one, such as {0}=1,2,3")]
     Empty(String),
     /// Two of them set the same key, or one sets a group of which the other sets a part.

@@ -48,7 +48,7 @@ pub(super) struct Change {
     pub(super) column: &'static str,
     /// By how much; infinite where it appears or vanishes.
     pub(super) change: f64,
-    /// That over the scene's tolerance, 0 or above.
+    /// The change over the scene's tolerance, 0 or above.
     pub(super) over_tolerance: f64,
 }
 

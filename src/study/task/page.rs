@@ -87,7 +87,7 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     };
     Ok(bullets(&[
         format!(
-            "With R = 5 N, a soft hand and an aim off by 5 mm at 0.08 m/s, springs of 1e4 N/m and more err {} to {} of what plastic errs, **give {:.0} to {:.0} times the energy, and throw the tool** by {:.0} mm. A viscous field errs {} mm and does not give way. Rows: {}, {}, {}.",
+            "With R = 5 N, a soft hand and an aim off by 5 mm at 0.08 m/s, springs of 1e4 N/m and more err {} to {} of what plastic errs. They **give {:.0} to {:.0} times the energy, and throw the tool** by {:.0} mm. A viscous field errs {} mm and does not give way. Rows: {}, {}, {}.",
             share(springs.least("error_rms_m")?),
             share(springs.greatest("error_rms_m")?),
             springs.least("energy_across_j")? / energy,
