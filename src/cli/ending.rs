@@ -30,7 +30,7 @@ pub(super) fn above_bound(measures: &Measures, what: &str, help: &str) -> Failur
 }
 
 /// What is counted of the energy that the hand gets.
-pub(super) fn scope_text(measures: &Measures) -> &'static str {
+fn scope_text(measures: &Measures) -> &'static str {
     match measures.energy_excess_j {
         Some(_) => "in one go beyond what the proxy held and moving surfaces brought",
         None => "in one go",

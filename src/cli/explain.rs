@@ -169,7 +169,8 @@ fn meanings(word: &str, codes: Option<&ErrorCodes>) -> Result<Vec<Meaning>, Fail
     let error = error.map(|code| explanation::error_code(code, codes));
     // A short hexadecimal number is no name.
     let objects = if code(word).is_none() { named(word, None) } else { Vec::new() };
-    let named = fault.into_iter().chain(injection).chain(defect);
+    let own = program::explained(word).into_iter().map(plain);
+    let named = own.chain(fault).chain(injection).chain(defect);
     let named = named.chain(abort.into_iter().chain(error).chain(objects.into_iter().map(object)).map(plain));
     let named: Vec<Meaning> = named.collect();
     if !named.is_empty() {
@@ -251,9 +252,14 @@ fn unknown(word: &str, codes: Option<&ErrorCodes>) -> Failure {
                 .to_owned()
         }
     };
-    Failure::new(Exit::Usage, format!("{word} is no code, and no name of a fault, a defect, a code or an object"), help)
+    Failure::new(
+        Exit::Usage,
+        format!("{word} is no code, symbol, key, exit code or command, and no name of a fault, a defect or an object"),
+        help,
+    )
 }
 
+mod program;
 #[cfg(test)]
 mod tests;
 mod values;

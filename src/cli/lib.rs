@@ -54,6 +54,7 @@ mod new;
 #[cfg(target_os = "linux")]
 mod on_bus;
 mod output;
+mod overview;
 #[cfg(target_os = "linux")]
 mod pace;
 mod page;
@@ -87,26 +88,29 @@ use std::io::Write;
 use std::process::ExitCode;
 use std::sync::OnceLock;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 pub use failure::{Exit, Failure};
 pub use output::Output;
+
+/// Heading of the options that every command takes.
+const GLOBAL: &str = "Global options";
 
 /// Plasticity-based virtual fixtures on a five-bar rig.
 #[derive(Debug, Parser)]
 #[command(name = "yieldwall", version, after_help = failure::EXIT_CODES, arg_required_else_help = true)]
 struct Arguments {
     /// Print warnings and failures only
-    #[arg(long, short, global = true)]
+    #[arg(long, short, global = true, help_heading = GLOBAL)]
     quiet: bool,
     /// Tell on standard error what is done on the way, such as each step of the boot
-    #[arg(long, short, global = true, conflicts_with = "quiet")]
+    #[arg(long, short, global = true, help_heading = GLOBAL, conflicts_with = "quiet")]
     verbose: bool,
     /// Print one JSON document on standard output instead of text
-    #[arg(long, global = true)]
+    #[arg(long, global = true, help_heading = GLOBAL)]
     json: bool,
     /// Refuse a configuration that has warnings, as one that has errors
-    #[arg(long, global = true)]
+    #[arg(long, global = true, help_heading = GLOBAL)]
     deny_warnings: bool,
     #[command(subcommand)]
     command: Command,
@@ -254,7 +258,8 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         .iter()
         .take_while(|argument| *argument != "--")
         .any(|argument| argument == "--json" || argument == "--jsonl");
-    let parsed = Arguments::try_parse_from(&arguments);
+    let parsed =
+        overview::program().try_get_matches_from(&arguments).and_then(|found| Arguments::from_arg_matches(&found));
     let arguments = match parsed.map_err(|error| usage::with_tip(error, &Arguments::command(), &arguments)) {
         Ok(arguments) => arguments,
         Err(error) if error.use_stderr() && wants_json => {

@@ -86,11 +86,11 @@ impl Margins {
                 let [least, greatest] = margins.inertia;
                 vec![
                     format!(
-                        "loop at the {space}, worst pose, {} of delay and the hold, {least:.2} to {greatest:.2} {unit}:",
+                        "loop at the {space}, worst pose, {least:.2} to {greatest:.2} {unit}; delay {} + zero-order hold:",
                         cycles(margins.delay_cycles)
                     ),
-                    format!("with viscous friction     {}", words(&margins.worst.with_friction)),
-                    format!("without viscous friction  {}", words(&margins.worst.without_friction)),
+                    format!("viscous friction     {}", words(&margins.worst.with_friction)),
+                    format!("no viscous friction  {}", words(&margins.worst.without_friction)),
                 ]
             }
             Self::Velocity { gain_period } => {
@@ -130,7 +130,7 @@ fn cycles(count: f64) -> String {
 fn words(margins: &control::Margins) -> String {
     let delay_ms = 1e3 * margins.delay_margin_s;
     let text = format!(
-        "gain up {:.1} dB, down {:.1} dB, phase {:.1} deg at {:.0} Hz, delay {delay_ms:.2} ms",
+        "gain +{:.1}/-{:.1} dB, phase {:.1} deg at {:.0} Hz, delay {delay_ms:.2} ms",
         margins.gain_db, margins.gain_reduction_db, margins.phase_deg, margins.crossover_hz
     );
     let (gain_db, phase_deg) = LEAST_MARGINS;

@@ -8,6 +8,7 @@ use serde_json::json;
 
 use super::failure::{Exit, Failure};
 use super::output::Output;
+use super::usage::at_least_one;
 use yieldwall_rig::batch::Shard;
 
 /// The part that is computed, or a question about parts.
@@ -29,13 +30,13 @@ pub(super) struct Parts {
     ///
     /// The header of the script says how it is submitted. --jobs is the number of processors of each task, 1 unless given. The
     /// script names this program, the folder of --out and the present folder by their absolute paths. Each computer has to see them.
-    #[arg(long, value_name = "N", conflicts_with_all = ["shard", "merge", "missing"])]
+    #[arg(long, value_name = "N", conflicts_with_all = ["shard", "merge", "missing"], value_parser = at_least_one::<NonZeroU64>)]
     pub(super) slurm: Option<NonZeroU64>,
     /// Compute nothing: print the numbers of the parts that are not complete, as `sbatch --array=` takes them (3,7-9)
     #[arg(long, requires = "of", conflicts_with_all = ["shard", "merge"])]
     pub(super) missing: bool,
     /// With --missing: the number of parts
-    #[arg(long, value_name = "N", requires = "missing")]
+    #[arg(long, value_name = "N", requires = "missing", value_parser = at_least_one::<NonZeroU64>)]
     pub(super) of: Option<NonZeroU64>,
 }
 

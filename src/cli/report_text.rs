@@ -4,7 +4,6 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
-use super::ending::scope_text;
 use yieldwall_config as config;
 use yieldwall_motion::guard::Fault;
 use yieldwall_rig::report::measures::Measures;
@@ -149,27 +148,26 @@ pub(crate) fn measures_text(measures: &Measures) -> Vec<String> {
     lines.extend(tool_text(measures));
     if let Some(share) = measures.on_surface_fraction_when_pressed {
         lines.push(format!(
-            "contact   pressed below R the proxy is on the surface in {:.1} % of the time, {} unintended releases",
+            "contact   on the surface for {:.1} % of the time below R; {} unintended releases",
             100.0 * share,
             measures.unintended_releases
         ));
     }
-    let bound = if measures.energy_bound_j.is_infinite() {
-        "without a bound: a spring or a capture radius gives energy by itself".to_owned()
+    let limit = if measures.energy_bound_j.is_infinite() {
+        "no limit: a spring or a capture radius returns energy".to_owned()
     } else {
-        let keeps = if measures.is_within_bound() { "within" } else { "ABOVE" };
-        format!("{keeps} the bound of {:.1} mJ", 1e3 * measures.energy_bound_j)
+        let above = if measures.is_within_bound() { "" } else { "ABOVE the " };
+        format!("{above}limit {:.1} mJ", 1e3 * measures.energy_bound_j)
     };
+    lines.push(format!("energy    largest burst into the hand: {:.1} mJ ({limit})", 1e3 * measures.bounded_energy_j()));
     lines.push(format!(
-        "energy    given to the hand {:.1} mJ {}, {bound}; in all {:.1} mJ, taken from it {:.0} mJ",
-        1e3 * measures.bounded_energy_j(),
-        scope_text(measures),
+        "          total into the hand: {:.1} mJ; total from the hand: {:.0} mJ",
         1e3 * measures.energy_given_j,
         1e3 * measures.energy_taken_j
     ));
     if let (Some(mean), Some(most)) = (measures.force_age_mean_ms, measures.force_age_max_ms) {
         lines.push(format!(
-            "force     its sample came {mean:.2} ms before it was used on average, {most:.2} ms at most; felt it was sooner"
+            "force     sample age: mean {mean:.2} ms, max {most:.2} ms (without the sensor's own delay)"
         ));
     }
     if let (Some(torque), Some(limit_s), Some(apart_s)) =
@@ -177,10 +175,10 @@ pub(crate) fn measures_text(measures: &Measures) -> Vec<String> {
     {
         let at_limit = match (1e3 * limit_s, 1e3 * apart_s) {
             (0.0, _) => String::new(),
-            (ms, 0.0) => format!(", at the limit for {ms:.0} ms, where impacts stop the arm"),
-            (ms, apart_ms) => format!(", at the limit for {ms:.0} ms, {apart_ms:.0} ms of it other than after impacts"),
+            (ms, 0.0) => format!("; at the limit for {ms:.0} ms, after impacts only"),
+            (ms, apart_ms) => format!("; at the limit for {ms:.0} ms, {apart_ms:.0} ms of it without an impact"),
         };
-        lines.push(format!("torque    at most {torque:.1} N m{at_limit}"));
+        lines.push(format!("torque    peak {torque:.1} N m{at_limit}"));
     }
     lines
 }
@@ -190,8 +188,7 @@ pub(crate) fn tool_text(measures: &Measures) -> Option<String> {
     let (tracing, whole) = (measures.tool_rms_tracing_mm?, measures.tool_rms_on_surface_mm?);
     let most = measures.tool_max_on_surface_mm?;
     Some(format!(
-        "tool      off the surface by {tracing:.3} mm RMS tracing it steadily, {whole:.3} mm RMS and {most:.2} mm at \
-         most in all contacts"
+        "tool      off the surface: {tracing:.3} mm RMS when tracing, {whole:.3} mm RMS and {most:.2} mm max in contact"
     ))
 }
 
@@ -202,16 +199,13 @@ fn impacts_text(measures: &Measures) -> String {
     let fastest = measures.impacts.iter().map(|impact| impact.speed_m_per_s).fold(0.0, f64::max);
     let count = measures.impacts.len();
     if deepest.depth_mm == 0.0 {
-        return format!(
-            "impacts   {count} at up to {:.0} mm/s, the proxy never beyond the surface before R is reached",
-            1e3 * fastest
-        );
+        return format!("impacts   {count}, fastest {:.0} mm/s; no penetration below R", 1e3 * fastest);
     }
-    let law = deepest.predicted_depth_mm.map_or(String::new(), |depth| format!(", by the law {depth:.2} mm"));
+    let law = deepest.predicted_depth_mm.map_or(String::new(), |depth| format!(" (predicted {depth:.2} mm)"));
     format!(
-        "impacts   {count} at up to {:.0} mm/s; the deepest at {:.0} mm/s, {:.2} mm beyond the surface{law}",
+        "impacts   {count}, fastest {:.0} mm/s; deepest {:.2} mm at {:.0} mm/s{law}",
         1e3 * fastest,
-        1e3 * deepest.speed_m_per_s,
-        deepest.depth_mm
+        deepest.depth_mm,
+        1e3 * deepest.speed_m_per_s
     )
 }

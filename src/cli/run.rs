@@ -207,10 +207,30 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
     let end = with_files(end, [drawn, kept.is_written()]);
     events.end(&end);
     if !output.is_json() {
-        output.news(&facts.text(arguments))?;
+        output.news(&format!("{}\n{}", verdict(&end, &report), facts.text(arguments)))?;
         return end;
     }
     output.end(facts.json(arguments), end)
+}
+
+/// The first line of a report: whether the run ended as it should.
+pub(super) fn verdict(end: &Result<(), Failure>, report: &RunReport) -> String {
+    let simulated_s = report.simulated_s();
+    match end {
+        Ok(()) => {
+            let released = match report.measures.unintended_releases {
+                0 => "no unintended release".to_owned(),
+                1 => "1 unintended release".to_owned(),
+                several => format!("{several} unintended releases"),
+            };
+            let energy = if report.measures.energy_bound_j.is_finite() { ", energy within its limit" } else { "" };
+            format!("verdict   ok: ran for {simulated_s:.1} s, {released}{energy}")
+        }
+        Err(failure) => {
+            let why = failure.report.diagnostics.first().map_or("", |first| first.message.as_str());
+            format!("verdict   NOT OK (exit code {}): {why}", failure.exit.code())
+        }
+    }
 }
 
 /// Refuses a log of CAN frames of a rig that has no CAN.

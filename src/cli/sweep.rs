@@ -8,6 +8,7 @@ use super::interrupt::on_interrupt;
 use super::output::Output;
 use super::run::check_duration;
 use super::study::{Origin, Points};
+use super::usage::at_least_one;
 use yieldwall_config::{SetValue, SetValueError, Source};
 use yieldwall_study::settings::{OUTPUTS, Settings, SettingsError};
 use yieldwall_study::sweep::Study;
@@ -24,7 +25,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "KEY=A,B,..", required = true, value_parser = SetValues::read)]
     set: Vec<SetValues>,
     /// Runs of each combination, with seeds from that of the scene on; medians get intervals of 95 % from six on
-    #[arg(long, value_name = "N", default_value = "1")]
+    #[arg(long, value_name = "N", default_value = "1", value_parser = at_least_one::<NonZeroU32>)]
     seeds: NonZeroU32,
     /// Seconds to run, in place of the scene's duration
     #[arg(long, value_name = "S", allow_negative_numbers = true)]

@@ -1,10 +1,12 @@
 //! Tips beside what the parser of the command line says, where people slip.
 
 use std::ffi::OsString;
+use std::str::FromStr;
 
 use clap::Command;
 use clap::builder::StyledStr;
 use clap::error::{ContextKind, ContextValue, Error, ErrorKind};
+use yieldwall_config::nearest_word;
 
 /// Options whose values have commas between, each with such a list.
 const LISTS: [(&str, &str); 3] =
@@ -32,8 +34,19 @@ fn reached<'a>(program: &'a Command, words: &[String]) -> (&'a Command, String) 
     (command, names.join(" "))
 }
 
+/// Reads a whole number from 1 on, such as a `NonZeroU32`.
+pub(super) fn at_least_one<T: FromStr>(text: &str) -> Result<T, &'static str> {
+    text.parse().map_err(|_| "write a whole number from 1 on")
+}
+
 fn tips(error: &Error, program: &Command, words: &[String]) -> Option<Vec<String>> {
     let (command, name) = reached(program, words);
+    // The parser itself finds the near ones.
+    let has_none = error.get(ContextKind::SuggestedSubcommand).is_none();
+    if let (Some(ContextValue::String(word)), true) = (error.get(ContextKind::InvalidSubcommand), has_none) {
+        let meant = nearest_word(word, command.get_subcommands().map(Command::get_name))?;
+        return Some(vec![format!("did you mean '{}'?", [name.as_str(), meant].join(" ").trim())]);
+    }
     let invalid: Vec<String> = match error.get(ContextKind::InvalidArg)? {
         ContextValue::String(word) => vec![word.clone()],
         ContextValue::Strings(several) => several.clone(),
@@ -123,6 +136,7 @@ mod tests {
             ("yieldwall new a.yaml --nodes 5 5", "'--nodes 5,5'"),
             ("yieldwall new a.yaml --nodes 1,2,300", "'--nodes 1,2,10' is taken"),
             ("yieldwall new a.yaml --links 0.3,x", "'--links 0.3,0.4' is taken"),
+            ("yieldwall rnu", "did you mean 'run'?"),
         ] {
             let told = told(line);
             assert!(told.contains("tip: ") && told.contains(tip), "{line}: {told}");

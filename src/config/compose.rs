@@ -12,7 +12,7 @@ use super::kind::{Kind, LIKE};
 use super::locator::{File, Locator, Origins, Spot};
 use super::outline::{Content, Node, Outline};
 use super::schema::Guide;
-use super::source::{Source, rebase};
+use super::source::{SET, Source, rebase};
 use super::suggest::nearest;
 use super::yaml;
 
@@ -197,6 +197,12 @@ impl Parts {
         };
         if let Some(own_kind) = mark.filter(|own_kind| *own_kind != kind) {
             let message = format!("{source} is {}, and this file is {}", kind.with_article(), own_kind.with_article());
+            if self.files[number].name == SET {
+                let message =
+                    format!("{source} is {}, and --set names keys of {}", kind.with_article(), own_kind.with_article());
+                let help = "write `scene.` before each key of the scene, such as scene.hand.mass_kg=1.0";
+                return Err(self.refuse(LIKE, at, &message, help).into());
+            }
             return Err(self.refuse(LIKE, at, &message, &format!("name {}", own_kind.with_article())).into());
         }
         self.include_simulation(&mut piece, source)?;

@@ -101,6 +101,11 @@ fn loosen(schema: &Value, definitions: &mut Map<String, Value>) -> Value {
 /// The schema as it is asked about: every file that is read asks, and to make it takes longer than to read a file.
 static ASKED: LazyLock<Value> = LazyLock::new(schema);
 
+/// Returns the description of a key, such as `fixture.yield_n`: of a rig, else of another kind of file that has it. `None` if none has.
+pub fn key_description(path: &str) -> Option<String> {
+    Kind::ALL.into_iter().find_map(|kind| Guide::new(kind).description(path))
+}
+
 /// The schema of one kind of document, for questions about its keys.
 pub(super) struct Guide {
     root: &'static Value,

@@ -113,7 +113,7 @@ impl Seen {
     }
 
     fn is_reported(&self) -> &Self {
-        assert!(self.out.contains("energy    given to the hand"), "{}: no report: {}", self.what, self.out);
+        assert!(self.out.contains("energy    largest burst into the hand"), "{}: no report: {}", self.what, self.out);
         self
     }
 }

@@ -131,6 +131,8 @@ struct Teller {
     bar: Option<ProgressBar>,
     has_told: bool,
     has_ended: bool,
+    /// Steps of the boot that lines leave out.
+    boot_steps: u32,
 }
 
 /// Prints events from any thread but that of the cycle.
@@ -152,7 +154,7 @@ impl Events {
             let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
             bar.with_style(ProgressStyle::with_template("{wide_msg}").unwrap_or_else(|_| ProgressStyle::default_bar()))
         });
-        Self(Arc::new(Mutex::new(Teller { form, bar, has_told: false, has_ended: false })))
+        Self(Arc::new(Mutex::new(Teller { form, bar, has_told: false, has_ended: false, boot_steps: 0 })))
     }
 
     fn lock(&self) -> MutexGuard<'_, Teller> {
@@ -247,11 +249,19 @@ fn watchdog(finding: &Finding) -> Event {
 impl Teller {
     fn tell(&mut self, event: &Event) {
         self.has_told = true;
+        if event.name == "boot" {
+            self.boot_steps += 1;
+        }
         let text = match &self.form {
             Form::Nobody => return,
             Form::Screen(view) => return view.lock().unwrap_or_else(PoisonError::into_inner).tell(event),
             Form::Terminal(_) if !event.is_grave() => return,
             Form::Terminal(columns) => event.paragraph(*columns),
+            Form::Lines if event.name == "boot" && !tracing::enabled!(tracing::Level::DEBUG) => return,
+            Form::Lines if event.name == "booted" => {
+                let text = format!("{} after {} steps of the boot", event.text, self.boot_steps);
+                Event { text, ..event.clone() }.line()
+            }
             Form::Lines => event.line(),
             Form::Objects => format!("{}\n", event.document()),
         };
@@ -324,8 +334,13 @@ mod tests {
 
     #[test]
     fn what_is_told_of_an_end_is_told_once_and_only_after_something_else() {
-        let events =
-            Events(Arc::new(Mutex::new(Teller { form: Form::Nobody, bar: None, has_told: false, has_ended: false })));
+        let events = Events(Arc::new(Mutex::new(Teller {
+            form: Form::Nobody,
+            bar: None,
+            has_told: false,
+            has_ended: false,
+            boot_steps: 0,
+        })));
         events.end(&Ok(()));
         assert!(!events.lock().has_ended, "nothing has happened that could end");
         events.tell(&fault());

@@ -1,0 +1,121 @@
+//! Words of the program itself: symbols of the fixture, keys of files, exit codes, commands.
+
+use std::borrow::Cow;
+
+use clap::CommandFactory;
+use yieldwall_config::key_description;
+use yieldwall_run::explanation::Explanation;
+
+/// Symbols of the papers: symbol, key of the rig file, meaning.
+const SYMBOLS: [(&str, &str, &str); 5] = [
+    ("R", "fixture.yield_n", "yield force in N: the wall or guide stands below this force and slides above it"),
+    ("F", "fixture.friction_n", "friction in N off the surface: the tool stays where it is below this force"),
+    ("M", "fixture.coupling.admittance.mass_kg", "virtual mass in kg: the hand feels this mass when the tool is free"),
+    ("T", "cycle.period_us", "period of the control cycle, in us in the file"),
+    (
+        "N_wait",
+        "fixture.hold_steps",
+        "steps in which the proxy stays on the surface after an impact, so that a blow does not break through",
+    ),
+];
+
+/// Exit codes: number, meaning, commands with what it means there.
+const EXITS: [(u8, &str, &str); 11] = [
+    (0, "the command did what it was asked for", ""),
+    (1, "a defect of this program", "`yieldwall report` writes a file for a bug report"),
+    (
+        2,
+        "the command line makes no sense, or a file could not be written",
+        "`yieldwall COMMAND --help` shows the options",
+    ),
+    (
+        3,
+        "a configuration, a recording or kept results are invalid",
+        "the message names file and line; `yieldwall config check FILE` checks again",
+    ),
+    (4, "the bus or its interface is not there", "`yieldwall doctor --bus INTERFACE` finds out why"),
+    (
+        5,
+        "a device is missing, or it is another one than configured",
+        "`yieldwall scan --bus INTERFACE` lists the devices",
+    ),
+    (6, "a device is in fault", "`yieldwall state NODE` shows the error code"),
+    (
+        7,
+        "a check is out of its tolerance. run: energy, or torque at its limit; commission, drill, home: a failed step; \
+         od diff, sii, replay: a difference; soak: a violated invariant; od dump: a value that is not certain",
+        "the message names measure and limit",
+    ),
+    (8, "a safety limit stopped the rig", "`yieldwall explain FAULT` explains the fault that the message names"),
+    (9, "the timing of the cycle was not kept", "`yieldwall latency` measures this host"),
+    (
+        130,
+        "Ctrl-C or SIGTERM ended the command",
+        "the same command goes on where results are kept, as in `study` and `soak`",
+    ),
+];
+
+/// Returns the meanings of a word of the program: at most one of each kind.
+pub(super) fn explained(word: &str) -> Vec<Explanation> {
+    let own = |what: &'static str, meaning: String, next: String| Explanation {
+        what,
+        code: None,
+        name: Cow::Owned(word.to_owned()),
+        meaning: Cow::Owned(meaning),
+        cause: Cow::Borrowed(""),
+        next: Cow::Owned(next),
+        source: None,
+    };
+    let symbol = SYMBOLS.iter().find(|(symbol, ..)| *symbol == word).map(|(_, key, meaning)| {
+        own(
+            "a symbol of the fixture",
+            (*meaning).to_owned(),
+            format!("the key `{key}` sets it; docs/notation.md has all symbols"),
+        )
+    });
+    let number = word.strip_prefix("exit-").and_then(|number| number.parse().ok());
+    let exit = EXITS.iter().find(|(code, ..)| Some(*code) == number);
+    let exit = exit.map(|(_, meaning, next)| own("an exit code", (*meaning).to_owned(), (*next).to_owned()));
+    // A key stands in a group: a bare word may be a name of anything.
+    let key = word.contains('.').then(|| key_description(word)).flatten();
+    let key = key.map(|text| own("a key of a file", text, "docs/configuration.md describes the files".to_owned()));
+    let program = super::super::Arguments::command();
+    let command = program.get_subcommands().find(|command| command.get_name() == word);
+    let command = command.and_then(|command| {
+        let about = command.get_about()?.to_string();
+        Some(own("a command", about, format!("`yieldwall {word} --help` shows its options")))
+    });
+    symbol.into_iter().chain(exit).chain(key).chain(command).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::failure::EXIT_CODES;
+
+    #[test]
+    fn symbols_name_keys_that_exist() {
+        for (symbol, key, _) in SYMBOLS {
+            assert!(key_description(key).is_some(), "{symbol}: {key}");
+            assert_eq!(explained(symbol).len(), 1, "{symbol}");
+        }
+    }
+
+    #[test]
+    fn every_exit_code_of_the_help_is_explained() {
+        let codes = EXIT_CODES.lines().skip(1).filter_map(|line| line.split_whitespace().next());
+        let codes: Vec<&str> = codes.collect();
+        assert_eq!(codes.len(), EXITS.len());
+        for code in codes {
+            assert_eq!(explained(&format!("exit-{code}"))[0].what, "an exit code", "{code}");
+        }
+        assert!(explained("exit-42").is_empty());
+    }
+
+    #[test]
+    fn keys_and_commands_are_explained() {
+        assert!(explained("fixture.yield_n")[0].meaning.contains("R in N"));
+        assert_eq!(explained("commission")[0].what, "a command");
+        assert!(explained("fixture.nothing").is_empty());
+    }
+}
