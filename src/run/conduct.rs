@@ -1,4 +1,4 @@
-//! What a person does with a rig: asks for it to be enabled until it runs, and has it stopped until no drive makes torque.
+//! Sequences that a person starts: enable a rig until it runs, and stop it until no drive makes torque.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ const SETTLING_HEARTBEATS: u32 = 3;
 const CYCLES_BETWEEN_ASKING: u32 = 50;
 /// How long a rig that refuses is asked again, s.
 const REFUSED_LIMIT_S: f64 = 1.5;
-/// The same after a reset: what was seen within the last seconds is forgotten by then, s.
+/// How long a rig that refuses is asked again after a reset, s: by then it has forgotten the events of the last seconds.
 const REFUSED_AFTER_RESET_S: f64 = 5.0;
 /// Longest time that a stop may take beside the closing of brakes, s: the ramp, and the second that joints have to come to rest.
 pub(crate) const STOP_LIMIT_S: f64 = 2.0;
@@ -27,7 +27,7 @@ pub fn settling_cycles(period: Duration, sample_period: Duration) -> u32 {
     SAMPLES_BEFORE_ENABLING * cycles_per_sample as u32
 }
 
-/// The same of a rig on a real bus, where two devices with one node id have to show before.
+/// Returns the cycles to settle for a rig on a real bus, where two devices with one node ID must have time to show.
 pub fn settling_on_bus(rig: &config::Rig) -> u32 {
     let [left, right] = &rig.drives;
     let drives_ms = left.address.heartbeat_ms().max(right.address.heartbeat_ms());
@@ -38,13 +38,13 @@ pub fn settling_on_bus(rig: &config::Rig) -> u32 {
     heartbeats.max(settling_cycles(period, sample_period))
 }
 
-/// The steps of a boot, each told once.
+/// Steps of a boot, each reported once.
 #[derive(Clone, Debug, Default)]
 pub struct BootSteps(Vec<&'static str>);
 
 impl BootSteps {
-    /// The step that the boot has come to, if it was not told yet, whichever node came there first. Nothing waited for is the end of
-    /// the boot, after which all is told anew.
+    /// Returns the step that the boot has reached, if no node's step of that name was reported yet. `None` in `waiting` means the
+    /// end of the boot, after which all steps are reported anew.
     pub fn new_step(&mut self, waiting: Option<Waiting<'_>>) -> Option<&'static str> {
         let Some(waiting) = waiting else {
             self.0.clear();
@@ -59,7 +59,7 @@ impl BootSteps {
     }
 }
 
-/// What to do with the next cycle of a rig that is being enabled.
+/// Next action for a rig that is being enabled.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Enable<'a> {
     /// Run it, and ask for this.
@@ -118,7 +118,7 @@ impl Enabling {
         Self { first: self.first.max(cycles), ..self }
     }
 
-    /// What to do next with a rig in this state.
+    /// Returns the next action for a rig in this state.
     pub fn next<'a>(&mut self, state: State, permit: &'a Permit) -> Enable<'a> {
         let Some(asking) = self.cycle.checked_sub(self.first) else {
             self.cycle += 1;

@@ -13,10 +13,10 @@ pub const DRILL_LIMIT: Duration = Duration::from_secs(1);
 /// Cycles from enabling to the silence: the arm rests.
 pub const CYCLES_BEFORE_SILENCE: u32 = 50;
 
-/// What one watchdog does.
+/// Reaction of one watchdog.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Finding {
-    /// Which one.
+    /// The watchdog.
     pub watchdog: Watchdog,
     /// Time from the last thing heard to leaving Operation Enabled, of the left and of the right drive; `None` if it did not
     /// within [`DRILL_LIMIT`].
@@ -26,7 +26,7 @@ pub struct Finding {
 }
 
 impl Finding {
-    /// What those drives do that are chosen: of two the one that goes on counts, or the slower one. `None` where that is not known.
+    /// Returns the worse reaction of the chosen drives: the drive that goes on, or else the slower one. `None` if it is not known.
     fn worst_of(&self, chosen: [bool; 2]) -> Option<Option<(Duration, State)>> {
         let mut worst = None;
         for ((after, state), is_chosen) in self.stopped_after.iter().zip(self.stopped_in).zip(chosen) {
@@ -45,7 +45,7 @@ impl Finding {
     }
 }
 
-/// What a drill has found.
+/// Result of a drill.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Drilled {
     /// One finding a watchdog.
@@ -54,7 +54,7 @@ pub struct Drilled {
     pub resolution: Duration,
 }
 
-/// What a drill has shown of a watch of which a profile does not say enough, and what a person should write there.
+/// Result of a drill for a watch that a profile does not fully describe, and the text for a person to write there.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Settled {
     /// Name of the profile.
@@ -67,7 +67,7 @@ pub struct Settled {
     pub stops: Option<(Duration, State)>,
     /// The key in the profile.
     pub key: String,
-    /// What to write there.
+    /// Value to write there.
     pub value: String,
 }
 
@@ -77,9 +77,9 @@ pub enum Unsafe {
     /// A drive goes on.
     #[error("the {side} drive goes on for more than {} s without {}", DRILL_LIMIT.as_secs_f64(), .watchdog.name())]
     GoesOn {
-        /// Which drive.
+        /// The drive.
         side: &'static str,
-        /// What it does not watch.
+        /// Watchdog that is missing.
         watchdog: Watchdog,
     },
     /// A drive in torque mode is too slow.
@@ -89,14 +89,14 @@ pub enum Unsafe {
         1e3 * .takes.as_secs_f64()
     )]
     TooSlow {
-        /// Which drive.
+        /// The drive.
         side: &'static str,
         /// How long it takes.
         takes: Duration,
     },
 }
 
-/// What a rig asks of the watchdogs of its drives.
+/// Demands of a rig on the watchdogs of its drives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Demands {
     /// Whether torque is commanded.
@@ -107,13 +107,13 @@ pub struct Demands {
     pub lacks: [u8; 2],
 }
 
-/// What the drives of a rig watch their master by, on the bus that they are on.
+/// Returns the watchdogs by which the drives of a rig watch their master, on their bus.
 pub fn watchdogs(rig: &config::Rig) -> &'static [Watchdog] {
     if rig.has_drives_on_ethercat() { &Watchdog::ETHERCAT } else { &Watchdog::CANOPEN }
 }
 
 impl Demands {
-    /// Of a rig.
+    /// Returns the demands of a rig.
     pub fn of(rig: &config::Rig) -> Self {
         let lacks = |drive: &config::Drive| {
             let servo = drive.profile.get().and_then(|profile| profile.servo());
@@ -130,8 +130,8 @@ impl Demands {
 }
 
 impl Drilled {
-    /// What the drill has shown of the watches of SYNC and set-points that the rig's profiles lack, or say no reaction of. Drives
-    /// that are simulated by these same profiles show nothing of those that are meant.
+    /// Returns the drill's results for SYNC and set-point watches that the rig's profiles lack or give no reaction for. Drives that
+    /// are simulated by these same profiles show nothing about the real drives.
     pub fn settled(&self, rig: &config::Rig) -> Vec<Settled> {
         let mut all: Vec<Settled> = Vec::new();
         let names = rig.drives.each_ref().map(|drive| drive.profile.get().map(|profile| profile.name()));
@@ -155,9 +155,9 @@ impl Drilled {
         all
     }
 
-    /// Whether drives with these watchdogs may be enabled. That for the heartbeat has to stop each drive, and so has each other
-    /// one that the drive has by its profile; in torque mode the one that is fastest when the master dies has to within
-    /// [`TORQUE_LIMIT`].
+    /// Checks whether drives with these watchdogs may be enabled. The heartbeat watchdog must stop each drive, and so must each other
+    /// watchdog that the drive has by its profile. In torque mode the fastest watchdog after the master's death must stop the drive
+    /// within [`TORQUE_LIMIT`].
     ///
     /// # Errors
     /// Why not.
@@ -185,8 +185,8 @@ impl Drilled {
     }
 }
 
-/// Where a profile leaves open what a drive does when something stays away, and what a drive that stops in a state, or goes on,
-/// shows there: a key and its value.
+/// Returns the key and the value to write into a profile that leaves a reaction open. The value follows from the state in which the
+/// drive stopped, or from the fact that it went on.
 fn to_write(servo: &Servo, watchdog: Watchdog, stops_in: Option<State>) -> Option<(String, String)> {
     let (word, kind, reaction) = match watchdog {
         Watchdog::Heartbeat | Watchdog::Outputs => return None,

@@ -58,7 +58,7 @@ pub enum RunError {
         DeviceSet::interface(heard.frame.bus().index())
     )]
     OtherMaster {
-        /// What told so.
+        /// Frame that shows it.
         heard: HeardFrame,
         /// Whether this master had sent something before.
         has_sent: bool,
@@ -90,7 +90,7 @@ pub enum RunError {
         /// The fault that kept it from being enabled, if one did.
         cause: Option<Cause>,
     },
-    /// What the force sensor shows is no zero. Nothing was enabled.
+    /// The force sensor's reading is not a valid zero. Nothing was enabled.
     #[error("the force sensor was not tared: {why}")]
     NotTared {
         /// Why it is none.
@@ -99,34 +99,34 @@ pub enum RunError {
     /// Something stopped the rig before a watchdog was tried: that says nothing of the watchdog.
     #[error("the rig was stopped before the watchdog on {} was tried{}", .watchdog.name(), because(.cause))]
     NotTried {
-        /// What the watchdog waits for.
+        /// The watchdog.
         watchdog: Watchdog,
         /// The fault that stopped it.
         cause: Option<Cause>,
     },
-    /// A drive takes no torque limit, or does not keep the one that it was told. Nothing was enabled.
+    /// A drive accepts no torque limit, or does not keep the commanded one. Nothing was enabled.
     #[error(
         "{} takes no torque limit, so that none holds while it is moved for the first time",
         .which.drive("")
     )]
     NoTorqueLimit {
-        /// Which one.
+        /// The device.
         which: Which,
     },
     /// A drive keeps a torque limit of its own, which is higher than a first motion may have. Nothing was enabled.
     #[error("{} keeps its own torque limit, {own_n_m:.2} N m, and it is to be moved with {most_n_m:.2} N m", .which.drive(""))]
     DriveLimit {
-        /// Which one.
+        /// The device.
         which: Which,
         /// Its limit, N m.
         own_n_m: f64,
         /// Most torque for the motion, N m.
         most_n_m: f64,
     },
-    /// A node does not tell an object.
+    /// A node does not report an object.
     #[error("{which} does not tell object {index:04X}h:{sub}")]
     Unread {
-        /// Which one.
+        /// The device.
         which: Which,
         /// Index.
         index: u16,
@@ -143,7 +143,7 @@ pub enum RunError {
         }
     )]
     Pace {
-        /// Which one.
+        /// The device.
         which: Which,
         /// The pace of the rig.
         pace: Pace,
@@ -154,7 +154,7 @@ pub enum RunError {
         .which.drive("")
     )]
     Unmarked {
-        /// Which one.
+        /// The device.
         which: Which,
     },
     /// A drive is no simulated one in lockstep, and was not drilled. Nothing was enabled.
@@ -163,21 +163,21 @@ pub enum RunError {
         .which.drive("")
     )]
     NotSimulated {
-        /// Which one.
+        /// The device.
         which: Which,
     },
     /// A simulated drive would go on without its master. Nothing was enabled.
     #[error("{} does not stop without {}", .which.drive("simulated "), .watchdog.name())]
     Unwatched {
-        /// Which one.
+        /// The device.
         which: Which,
-        /// What it does not wait for.
+        /// The missing watchdog.
         watchdog: Watchdog,
     },
     /// A drive with an incremental encoder was not homed since it was switched on. Nothing was enabled.
     #[error("{} does not know where its joint is: it was not homed since it was switched on", .which.drive(""))]
     NotHomed {
-        /// Which one.
+        /// The device.
         which: Which,
     },
     /// A drive that was homed looks for home one way alone, and its joint stands behind it. Nothing was enabled.
@@ -187,12 +187,12 @@ pub enum RunError {
         .by_rad.abs().to_degrees()
     )]
     BehindHome {
-        /// Which one.
+        /// The device.
         which: Which,
         /// By how much the joint stands beyond home, rad; the sign is that of its angle.
         by_rad: f64,
     },
-    /// The linkage cannot be at the angles that the drives tell.
+    /// The linkage cannot be at the angles that the drives report.
     #[error("the linkage cannot be at the angles that the drives tell")]
     NoPosture,
     /// The linkage does not go the way that the joints were to be led.

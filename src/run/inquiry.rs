@@ -1,4 +1,4 @@
-//! What both drives say of a fault: asked for over SDO, one object after the other, while the cycles go on.
+//! Reports of both drives on a fault: read over SDO, one object after the other, while the cycles go on.
 
 use super::place::{Place, Process};
 use super::runner::Runner;
@@ -9,10 +9,10 @@ use yieldwall_fieldbus::objects::{Address, ObjectAnswer, ObjectRequest};
 use yieldwall_fieldbus::time::Time;
 use yieldwall_motion::guard::{Device, Fault};
 
-/// What is asked of a drive, in this order: the state comes last, since a fault reaction takes a while.
+/// Objects that are read from a drive, in this order: the state comes last, since a fault reaction takes a while.
 const OBJECTS: [objects::Object; 3] = [objects::ERROR_CODE, objects::ERROR_REGISTER, objects::STATUSWORD];
 
-/// What a drive has said of a fault. What it did not tell, within its own SDO timeout, is `None`.
+/// Report of a drive on a fault. A value that it did not return within its own SDO timeout is `None`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DriveError {
     /// The drive.
@@ -25,14 +25,14 @@ pub struct DriveError {
     pub statusword: Option<u16>,
 }
 
-/// Is told what a drive has said of a fault, on the thread of the loop, in a cycle of a rig that is stopped.
+/// Receives a drive's report on a fault, on the thread of the loop, in a cycle of a rig that is stopped.
 pub type ErrorWatch = Box<dyn FnMut(&DriveError) + Send>;
 
 /// One drive that is asked.
 #[derive(Clone, Copy, Debug)]
 struct Asked {
     error: DriveError,
-    /// Which object comes next.
+    /// Index of the next object.
     next: usize,
     is_pending: bool,
 }
@@ -69,7 +69,7 @@ impl Asked {
     }
 }
 
-/// What is asked of both drives since the last boot.
+/// Requests to both drives since the last boot.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Inquiry([Asked; 2]);
 
@@ -80,7 +80,7 @@ impl Inquiry {
 }
 
 impl<P: Place + ?Sized> Runner<P> {
-    /// Has `watch` be told what each drive says of a fault, from now on.
+    /// Passes each drive's report on a fault to `watch`, from now on.
     pub fn set_error_watch(&mut self, watch: ErrorWatch) {
         self.error_watch = Some(watch);
     }
@@ -118,7 +118,7 @@ impl<P: Place + ?Sized> Runner<P> {
         self.inquiry = Inquiry::new();
     }
 
-    /// What the drives have said that were asked for all of it.
+    /// Returns the reports of the drives that were asked for all objects.
     pub fn errors(&self) -> impl Iterator<Item = DriveError> {
         self.inquiry.0.iter().filter(|drive| drive.next == OBJECTS.len()).map(|drive| drive.error)
     }

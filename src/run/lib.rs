@@ -1,12 +1,12 @@
-//! The loop that runs a rig, wherever it runs: boot, proofs, enabling, cycles, stop, records. [`bringup`] has what is done with it before
-//! a rig is used: drill, commissioning, homing, jog, identification, calibration.
+//! The loop that runs a rig, wherever it runs: boot, proofs, enabling, cycles, stop, records. [`bringup`] holds the operations
+//! before a rig is used: drill, commissioning, homing, jog, identification, calibration.
 //!
 //! ```text
 //! grid point:         take what has come, SYNC alone
 //! grid + t_compute:   take what has come, Cycle::step, set-points
 //! ```
-//! [`Runner`] is the only loop, and a [`Place`] is all that it needs of its surroundings: [`OnLink`] is a computer with interfaces,
-//! the embedded rig has the one in virtual time ([`VirtualPlace`]). Nothing else here reads a clock.
+//! [`Runner`] is the only loop, and a [`Place`] is its only interface to its surroundings. [`OnLink`] is a computer with
+//! interfaces. The embedded rig has the place in virtual time ([`VirtualPlace`]). Nothing else here reads a clock.
 
 pub mod assembly;
 pub mod bringup;

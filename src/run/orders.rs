@@ -1,9 +1,9 @@
-//! What a person asks of a rig that a fault has stopped.
+//! Orders of a person for a rig that a fault has stopped.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Orders of a person from another thread, each given once by a deliberate act. One that comes in a state which does not take it is
-/// forgotten: nothing is reset or enabled later than it was asked for.
+/// Orders of a person from another thread, each given once by a deliberate act. An order that comes in a state that does not accept
+/// it is forgotten: nothing is reset or enabled later than it was asked for.
 #[derive(Debug, Default)]
 pub struct Orders {
     reset: AtomicBool,
@@ -21,7 +21,7 @@ impl Orders {
         self.enable.store(true, Ordering::Relaxed);
     }
 
-    /// What was asked for since the last look: a reset, to be enabled.
+    /// Returns the orders since the last call: a reset, to be enabled.
     ///
     /// Real-time: yes.
     pub(super) fn take(&self) -> [bool; 2] {

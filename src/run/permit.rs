@@ -1,4 +1,4 @@
-//! What it takes to enable a rig, as a type.
+//! Permit to enable a rig, as a type.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -13,10 +13,10 @@ pub const REST_RAD: f64 = 0.02;
 pub(super) struct Boot(u64);
 
 impl Boot {
-    /// Of a network that was never booted.
+    /// Boot of a network that was never booted.
     pub(super) const NONE: Self = Self(0);
 
-    /// One that has not been before.
+    /// Returns a boot that differs from all earlier ones.
     pub(super) fn another() -> Self {
         static BOOTS: AtomicU64 = AtomicU64::new(1);
         Self(BOOTS.fetch_add(1, Ordering::Relaxed))
@@ -32,9 +32,10 @@ pub struct Bounds {
     pub torque_n_m: Positive,
 }
 
-/// That a rig may be enabled. A proof makes one ([`Runner::prove`](super::Runner::prove)), or somebody who says by name why there is none
-/// ([`Permit::without_proof`]); nothing else does, as only the guard makes an [`Allowed`](yieldwall_motion::guard::Allowed) command. It is of one
-/// boot of one rig: drives that were booted anew may be others, and [`Runner::check_permit`](super::Runner::check_permit) refuses it.
+/// Permit to enable a rig. It comes from a proof ([`Runner::prove`](super::Runner::prove)), or from a caller that names the reason
+/// why there is none ([`Permit::without_proof`]). Nothing else makes one, as only the guard makes an
+/// [`Allowed`](yieldwall_motion::guard::Allowed) command. A permit belongs to one boot of one rig. After another boot the drives
+/// may be others, so [`Runner::check_permit`](super::Runner::check_permit) refuses it.
 ///
 /// ```compile_fail
 /// use yieldwall_run::Permit;
@@ -43,7 +44,7 @@ pub struct Bounds {
 ///     Permit::proved(rig)
 /// }
 /// ```
-/// What is asked of a rig with a cycle has no word for enabling it without one:
+/// A request for a cycle cannot ask for enabling without a permit:
 /// ```
 /// use yieldwall_run::{Ask, Permit, Place, Runner};
 /// fn enable<P: Place>(rig: &mut Runner<P>, permit: &Permit) {
@@ -62,12 +63,12 @@ pub struct Permit {
     boot: Boot,
 }
 
-/// What a permit allows.
+/// Extent of a permit.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Scope {
     /// All that the rig file allows, and why if that was not proved.
     Whole(Option<String>),
-    /// A small motion with little torque; the drives were told their limit.
+    /// A small motion with little torque; the drives have their lowered torque limit.
     BringUp(Bounds),
     /// To rest at the pose at which the rig was enabled.
     Rest,
@@ -108,7 +109,7 @@ impl Permit {
     }
 }
 
-/// What is asked of a rig with a cycle.
+/// Request for a cycle of a rig.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Ask<'a> {
     /// Nothing.

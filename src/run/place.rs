@@ -26,7 +26,7 @@ pub enum Process {
 /// A task for somebody at the arm. The network is left meanwhile.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Task {
-    /// Have this force in N, in the base frame, pull at the tool, or with a force of zero none.
+    /// Let this force in N, in the base frame, pull at the tool, or remove it if the force is zero.
     Pull(Force),
     /// Lead the tool to this point of the base frame; the first number counts from 0.
     LeadTo(usize, TipPoint),
@@ -68,7 +68,7 @@ pub trait Place: Wires {
     /// Real-time: yes.
     fn drop_queue(&mut self) {}
 
-    /// What a simulation knows of the machine and no device tells.
+    /// Returns the state of the machine that a simulation knows and no device reports.
     ///
     /// Real-time: yes.
     fn truth(&self) -> Option<Truth> {
@@ -91,9 +91,10 @@ pub trait Place: Wires {
     }
 }
 
-/// A place in which time is simulated and no real drive listens: nobody else is on its buses, no time passes while the loop computes, and
-/// the loop takes every frame at the moment of its arrival; elsewhere it looks at two moments of a cycle. A [`Permit`](super::Permit) for
-/// it needs no proof, so nothing that reaches a bus may be one: a place by the wall clock is refused when it is compiled.
+/// A place in which time is simulated and no real drive listens. Nobody else is on its buses, and no time passes while the loop
+/// computes. The loop takes every frame at the moment of its arrival; elsewhere it looks at two moments of a cycle. A
+/// [`Permit`](super::Permit) for such a place needs no proof, so no place that reaches a real bus may be one: the compiler refuses
+/// a place by the wall clock.
 ///
 /// ```compile_fail
 /// use yieldwall_run::{OnLink, VirtualPlace};
@@ -107,7 +108,7 @@ pub trait VirtualPlace: Place {}
 pub struct OnLink<L, M> {
     /// The link.
     pub link: L,
-    /// What wakes the loop.
+    /// Timer that wakes the loop.
     pub metronome: M,
 }
 

@@ -1,4 +1,4 @@
-//! What a drill has shown, kept for the next runs with the same drives and the same configuration.
+//! Result of a drill, kept for the next runs with the same drives and the same configuration.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -25,7 +25,7 @@ use yieldwall_record::trusted;
 /// A drive as it says what it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DriveIdentity {
-    /// Node id; none on a segment, where its serial number tells it from others.
+    /// Node ID; `None` on a segment, where the serial number identifies the drive.
     pub node_id: Option<u8>,
     /// Vendor, 1018h:1.
     pub vendor_id: u32,
@@ -37,7 +37,7 @@ pub struct DriveIdentity {
     pub serial_number: u32,
 }
 
-/// What was drilled: the drives, and all of the configuration that their watchdogs depend on.
+/// Subject of a drill: the drives, and all of the configuration that their watchdogs depend on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Subject {
     drives: [DriveIdentity; 2],
@@ -123,9 +123,9 @@ impl<P: Place + ?Sized> Runner<P> {
 }
 
 impl<P: Place + ?Sized> Runner<P> {
-    /// As [`Runner::prove`], for a rig that is moved for the first time: the permit is for a small motion with little torque. Each
-    /// drive is told its torque limit, which holds in every command mode and until the network is booted anew, so that no
-    /// other permit of this boot allows more torque. A drive that stops has no more either.
+    /// Proves as [`Runner::prove`], for a rig that is moved for the first time: the permit is for a small motion with little
+    /// torque. Each drive gets its torque limit, which holds in every command mode until the network is booted anew. So no other
+    /// permit of this boot allows more torque. A drive that stops has no more torque either.
     ///
     /// # Errors
     /// Why the rig may not be enabled; [`RunError::NoTorqueLimit`] for a drive that takes no limit.
@@ -140,8 +140,8 @@ impl<P: Place + ?Sized> Runner<P> {
         Ok(Permit::bounded(self, bounds))
     }
 
-    /// Tells both drives their torque limit, no more than the rig's own, and the controllers, which then do not count on more. A drive that keeps
-    /// its own has to hold no more, unless a person has confirmed it.
+    /// Sets the torque limit of both drives, at most the rig's own, and that of the controllers, which then do not count on more.
+    /// If a drive keeps its own limit, that limit must not be higher, unless a person has confirmed it.
     pub(crate) fn limit_torque(&mut self, rig: &config::Rig, most: config::Positive) -> Result<(), RunError> {
         self.master.cycle_mut().lower_torque(most.get());
         let mut limited = rig.clone();

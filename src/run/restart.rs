@@ -13,7 +13,7 @@ use yieldwall_link::{EthernetReceived, Received, Wires};
 /// Arrivals that one look takes of each kind at most. Buses that are left have few.
 const ARRIVALS: usize = 4096;
 
-/// What tells that a drive has restarted.
+/// Sign that a drive has restarted.
 #[derive(Clone, Copy, Debug)]
 enum Sign {
     /// The boot-up message of this node.
@@ -22,7 +22,7 @@ enum Sign {
     NoAddress { position: u16 },
 }
 
-/// Which of both drives have restarted, while nothing is booted.
+/// Detector of restarted drives while nothing is booted.
 #[derive(Clone, Copy, Debug)]
 pub struct Restarts {
     signs: [Sign; 2],
@@ -48,7 +48,8 @@ impl Restarts {
         Ok(restarts)
     }
 
-    /// Takes what has come since the look before, and asks the devices of a segment anew, for the next look. Which drives have restarted.
+    /// Takes the frames since the last call, and asks the devices of a segment anew for the next call. Returns which drives have
+    /// restarted.
     pub fn look(&mut self, wires: &mut (impl Wires + ?Sized)) -> [bool; 2] {
         self.take(wires);
         for (joint, sign) in self.signs.into_iter().enumerate() {

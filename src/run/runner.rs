@@ -45,11 +45,11 @@ pub type Tap = Box<dyn FnMut(Time, Packet<'_>) + Send>;
 /// Gets the record of every cycle, right after the cycle has run.
 pub type Observer = Box<dyn FnMut(&CycleRecord) + Send>;
 
-/// Is told what the boot waits for, ten times a second, and nothing when the boot is over. The boot ends when it says that a
-/// person asked for the end.
+/// Receives the reason why the boot waits, ten times a second, and `None` when the boot is over. It returns whether a person asked
+/// for the end, and the boot then ends.
 pub type BootWatch = Box<dyn FnMut(Option<Waiting<'_>>) -> bool + Send>;
 
-/// What a link has told besides frames.
+/// Counters of a link, besides its frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LinkCounts {
     /// Frames of others.
@@ -64,9 +64,9 @@ pub struct LinkCounts {
 
 /// A rig at a place.
 ///
-/// [`Runner::boot`] brings the network up, and every [`Runner::run_cycle`] is one period. Under [`Pace::Free`] the
-/// periods are those of the place's clock; under [`Pace::Lockstep`] a cycle waits for its process data, however long they take, and
-/// time advances by one period: for simulated devices on a computer of any speed.
+/// [`Runner::boot`] brings the network up, and every [`Runner::run_cycle`] is one period. Under [`Pace::Free`] the periods are
+/// those of the place's clock. Under [`Pace::Lockstep`] a cycle waits for its process data, however long they take, and time
+/// advances by one period: for simulated devices on a computer of any speed.
 pub struct Runner<P: ?Sized> {
     pub(super) master: Master,
     /// Its place is a [`VirtualPlace`].
@@ -84,14 +84,14 @@ pub struct Runner<P: ?Sized> {
     cycles: u64,
     scene_from: Option<Time>,
     timing: Timing,
-    /// Of the present cycle.
+    /// Stages of the present cycle.
     stages: Stages,
     suspended: Duration,
     /// Devices that let lockstep wait in vain.
     absent: DeviceSet,
     /// When the link was looked at last, on its clock, where time waits.
     looked_at: Time,
-    /// What has come before is from a time in which the process was stopped.
+    /// End of the last time in which the process was stopped: earlier frames come from it.
     back_since: Time,
     standstill: StandstillWatch,
     /// The fault of the last cycle, and the standstill before it.
@@ -104,7 +104,7 @@ pub struct Runner<P: ?Sized> {
     observer: Option<Observer>,
     boot_watch: Option<BootWatch>,
     pub(super) error_watch: Option<ErrorWatch>,
-    /// What the drives have said of the last fault.
+    /// Reports of the drives on the last fault.
     pub(super) inquiry: Inquiry,
     pub(super) enabling: Enabling,
     /// How the force sensor is tared before the rig is enabled, if it is.
@@ -113,18 +113,18 @@ pub struct Runner<P: ?Sized> {
     pub(super) accepts_drive_limits: bool,
     /// Whether joints are led in place of the fixture, so that no force moves them.
     pub(super) leads: bool,
-    /// Of each drive, whether its profile is one of simulated drives.
+    /// Whether each drive's profile is one of simulated drives.
     pub(super) has_simulated_profile: [bool; 2],
-    /// What the drives watch their master by.
+    /// Watchdogs by which the drives watch their master.
     pub(super) watchdogs: &'static [Watchdog],
     /// How long a drill asks each drive that does not answer.
     pub(super) patience: [Duration; 2],
-    /// Of which a permit has to be.
+    /// Boot to which a permit must belong.
     boot: Boot,
     last: Option<Outputs>,
     /// How far the rig may be led, if it was enabled for less than all.
     motion_bound: Option<MotionBound>,
-    /// What the process did at the last grid point.
+    /// State of the process at the last grid point.
     pub(super) process: Process,
     has_panicked: bool,
     panic: Option<Box<dyn Any + Send>>,
@@ -248,35 +248,35 @@ impl<P: Place + ?Sized> Runner<P> {
         Ok(())
     }
 
-    /// Has the boots from now on bring the drives up in the rig's own mode again. Nothing is sent.
+    /// Makes later boots bring the drives up in the rig's own mode again. Nothing is sent.
     pub(super) fn prepare_leading(&mut self, rig: &config::Rig) -> Result<(), RunError> {
         self.master = paced(master(rig, &rig.fixture)?, self.pace);
         Ok(())
     }
 
-    /// Has the joints be watched while the drives move them by themselves, as [`Master::home`].
+    /// Watches the joints while the drives move them by themselves, as [`Master::home`].
     pub(super) fn watch_homing(&mut self, jump_rad: Option<f64>) {
         // No force moves them.
         self.leads = jump_rad.is_some();
         self.master.home(jump_rad);
     }
 
-    /// Has nobody but the caller watch how far the joints go.
+    /// Leaves the watch of the joints' travel to the caller alone.
     pub(super) fn unbind_motion(&mut self) {
         self.motion_bound = None;
     }
 
-    /// Has `tap` get every frame from now on, own ones when they were seen on the bus.
+    /// Passes every frame to `tap` from now on; own frames when they were seen on the bus.
     pub fn set_tap(&mut self, tap: Tap) {
         self.tap = Some(tap);
     }
 
-    /// Has `observer` get the record of every cycle from now on.
+    /// Passes the record of every cycle to `observer` from now on.
     pub fn set_observer(&mut self, observer: Observer) {
         self.observer = Some(observer);
     }
 
-    /// Has `watch` follow every boot from now on.
+    /// Reports every boot to `watch` from now on.
     pub fn set_boot_watch(&mut self, watch: BootWatch) {
         self.boot_watch = Some(watch);
     }
@@ -320,8 +320,8 @@ impl<P: Place + ?Sized> Runner<P> {
         self.master.cycle_mut().lead(limits);
     }
 
-    /// The longest time in the seconds before the last fault in which the loop was due and the computer did not let it run: at least a cycle
-    /// by the wall clock, a tenth of a second in lockstep; nothing without one.
+    /// Returns the longest standstill in the seconds before the last fault: time in which the loop was due and the computer did not
+    /// run it. A standstill lasts at least a cycle by the wall clock, or a tenth of a second in lockstep; `None` if there was none.
     pub fn standstill_before_fault(&self) -> Option<Standstill> {
         self.stood
     }
@@ -331,7 +331,7 @@ impl<P: Place + ?Sized> Runner<P> {
         self.standstill.last(self.place.now(), LEAST)
     }
 
-    /// What the link has told.
+    /// Returns the counters of the link.
     pub fn counts(&self) -> LinkCounts {
         self.counts
     }
@@ -351,7 +351,7 @@ impl<P: Place + ?Sized> Runner<P> {
         self.next_sync
     }
 
-    /// What it waits for.
+    /// Returns the time base of the runner.
     pub fn pace(&self) -> Pace {
         self.pace
     }
@@ -361,7 +361,7 @@ impl<P: Place + ?Sized> Runner<P> {
         self.period
     }
 
-    /// What the last cycle gave.
+    /// Returns the outputs of the last cycle.
     pub fn last_outputs(&self) -> Option<&Outputs> {
         self.last.as_ref()
     }
@@ -376,7 +376,7 @@ impl<P: Place + ?Sized> Runner<P> {
         self.last.as_ref().map_or(JointAngles::default(), |outputs| outputs.signals.target_angles)
     }
 
-    /// Has the scene begin with the next cycle; records count their time from there.
+    /// Makes the scene begin with the next cycle; records count their time from there.
     pub fn begin_scene(&mut self) {
         self.scene_from = Some(self.next_sync);
     }
@@ -396,7 +396,7 @@ impl<P: Place + ?Sized> Runner<P> {
         periods.saturating_sub(1).min(u128::from(u32::MAX / 2)) as u32
     }
 
-    /// Has the master send; a frame that could not be sent is told to the next cycle.
+    /// Lets the master send; the next cycle learns of a frame that could not be sent.
     pub(super) fn send<R>(&mut self, act: impl FnOnce(&mut Master, Time, &mut LinkOutbox<'_, P>) -> R) -> R {
         let now = self.now();
         let mut out = LinkOutbox::new(&mut self.place);
@@ -426,7 +426,7 @@ impl<P: Place + ?Sized> Runner<P> {
         sent
     }
 
-    /// The same where nothing goes on without it.
+    /// Lets the master send, and returns an error if a frame could not be sent.
     pub(super) fn send_or_fail(
         &mut self,
         act: impl FnOnce(&mut Master, Time, &mut LinkOutbox<'_, P>),

@@ -17,7 +17,7 @@ const ERRORS_LIMIT_S: f64 = 0.5;
 /// A rig that is stopped waits no longer for drives that are not heard, s.
 const UNHEARD_S: f64 = 0.1;
 
-/// What is asked of a scene.
+/// Parameters of a scene's run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Play {
     /// Cycles between enabling and stopping.
@@ -43,7 +43,7 @@ pub enum Ended {
     Interrupted,
     /// The supervisor stopped the rig.
     Stopped,
-    /// A drive still told that it makes torque when the time for a stop was over, whatever had stopped the rig.
+    /// A drive still reported torque when the time for a stop was over, whatever had stopped the rig.
     StillMoving,
     /// The cycle panicked; a quick stop was sent, and torque off after it.
     Panicked,
@@ -80,9 +80,9 @@ impl<P: Place + ?Sized> Runner<P> {
         self.play_attended(play, permit, is_interrupted, None, each)
     }
 
-    /// The same with a person at it: a rig that a fault stops goes on with its cycles, at rest, until that person gives both orders or
-    /// asks for the end. After a reset it is enabled only by an order of its own, and by a permit of the same boot; a node that has
-    /// restarted keeps it from that. The scene goes on with the cycles that are left.
+    /// Plays a scene with a person at it. After a fault has stopped the rig, its cycles go on at rest until that person gives both
+    /// orders or asks for the end. After a reset the rig is enabled only by a separate order, with a permit of the same boot. A
+    /// node that has restarted prevents that. The scene goes on with the cycles that are left.
     ///
     /// # Errors
     /// As [`Runner::play`].
@@ -280,7 +280,7 @@ impl<P: Place + ?Sized> Runner<P> {
         !self.makes_torque()
     }
 
-    /// Whether a drive told in the last cycle that it makes torque.
+    /// Whether a drive reported torque in the last cycle.
     fn is_torque_told(&self) -> bool {
         let drives = &self.master().last_inputs().drives;
         drives.iter().any(|drive| drive.state.has_torque() && drive.angle_rad.is_some())

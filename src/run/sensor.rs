@@ -24,7 +24,7 @@ const SPREAD_SHARE: f64 = 0.5;
 /// Lever by which a force at the handle makes a torque at the sensor, m: torques may differ by so much more.
 const LEVER_M: f64 = 0.2;
 
-/// What a force sensor has shown for a while.
+/// Readings of a force sensor over a while.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wrenches {
     count: u64,
@@ -180,10 +180,11 @@ impl<P: Place + ?Sized> Runner<P> {
         Err(not_tared(NoZero::Silent))
     }
 
-    /// Listens to the force sensor of a booted rig that idles, after it has settled; `each` gets the time in s and the wrench of every valid
-    /// sample, in the sensor's frame and by the calibration of the rig file alone, with no zero taken from it.
+    /// Listens to the force sensor of a booted rig that idles, after the sensor has settled. `each` receives the time in s and the
+    /// wrench of every valid sample. The wrench is in the sensor's frame, by the calibration of the rig file alone, without
+    /// subtracting a zero.
     ///
-    /// A person who asks for the end gets what was shown until then.
+    /// If a person asks for the end, it returns the readings until then.
     ///
     /// # Errors
     /// If a person asks for the end before.
@@ -239,7 +240,7 @@ impl<P: Place + ?Sized> Runner<P> {
         Ok(all)
     }
 
-    /// Has the rig idle for a time, and for a cycle at least.
+    /// Lets the rig idle for a time, at least for a cycle.
     fn idle(&mut self, time_s: f64, is_interrupted: &AtomicBool) -> Result<(), RunError> {
         for _ in 0..self.cycles_in(time_s).max(1) {
             if is_interrupted.load(Ordering::Relaxed) {

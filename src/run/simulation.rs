@@ -1,4 +1,4 @@
-//! What simulated drives on the bus say of themselves: that they are, what their time follows, and which watchdogs they lack.
+//! Properties that simulated drives on the bus report: that they are simulated, their time base, and the watchdogs that they lack.
 
 use super::error::RunError;
 use super::pace::Pace;
@@ -44,7 +44,7 @@ impl<P: Place + ?Sized> Runner<P> {
         Ok(())
     }
 
-    /// Whether a drive says all of the text that only simulated ones say. One that does not tell the object is none.
+    /// Whether a drive reports the whole text that only simulated drives have. A drive without the object is not simulated.
     fn is_marked(&mut self, drive: Device) -> bool {
         let mark = objects::SIMULATION_MARK;
         let mut words = (mark.sub..).zip(objects::SIMULATED_DEVICE);

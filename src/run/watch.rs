@@ -11,7 +11,7 @@ pub struct Watch {
     pub observer: Option<Observer>,
     /// Follows the boot.
     pub boot: Option<BootWatch>,
-    /// Is told what each drive says of a fault that has stopped the rig.
+    /// Receives each drive's report on a fault that has stopped the rig.
     pub errors: Option<ErrorWatch>,
 }
 

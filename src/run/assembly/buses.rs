@@ -9,9 +9,9 @@ use yieldwall_bus::budget::Conditions;
 use yieldwall_config as config;
 use yieldwall_fieldbus::canopen::BusId;
 
-/// The network of a rig on CAN and the conditions of the budget of each of its CAN buses, in the order of their names: devices that
-/// answer SYNC without delay, as the simulated ones do, and a host whose frames go out through one FIFO a bus. The bit rate
-/// counts, also where the simulation has timing `ideal`.
+/// Returns the network of a rig on CAN and the conditions for the budget of each CAN bus, in the order of the bus names. The budget
+/// assumes devices that answer SYNC without delay, as the simulated ones do, and a host that sends through one FIFO per bus. The
+/// bit rate counts even if the simulation has timing `ideal`.
 ///
 /// # Errors
 /// Where parts of the configuration do not fit together, and for a rig without CAN.

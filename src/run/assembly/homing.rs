@@ -1,4 +1,4 @@
-//! Drives that find their reference by themselves: what they are told, and what their positions mean before.
+//! Drives that find their reference by themselves: their homing orders, and the meaning of their positions before homing.
 
 use super::error::AssemblyError;
 use super::{profile, scaling};
@@ -17,7 +17,7 @@ pub(super) fn axis(drive: &config::Drive, expected_rad: f64) -> Result<AxisSetup
     Ok(AxisSetup { scaling: scaling(drive)?, expected_rad, home })
 }
 
-/// What both drives are told that are to home.
+/// Returns the homing orders of both drives.
 ///
 /// # Errors
 /// If one has no `homing` in the rig.

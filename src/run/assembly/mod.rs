@@ -181,7 +181,7 @@ fn servo(rig: &config::Rig) -> Result<Servo, AssemblyError> {
     }
 }
 
-/// What the servo of a rig in torque mode is made of.
+/// Returns the parameters of the servo of a rig in torque mode.
 ///
 /// # Errors
 /// If its gains are those of another mode.
@@ -286,8 +286,9 @@ pub fn scaling(drive: &config::Drive) -> Result<AxisScaling, AssemblyError> {
     )?)
 }
 
-/// Cycles from the measurement of the drives to the change of torque that answers it, besides the zero-order hold. What is computed in a cycle
-/// acts at the next SYNC or SYNC0, or, where outputs of a segment act on arrival, in the same cycle: then it is a share of one.
+/// Returns the number of cycles from the drives' measurement to the resulting change of torque, without the zero-order hold. A
+/// computed torque acts at the next SYNC or SYNC0. If the outputs of a segment act on arrival, it acts in the same cycle, and the
+/// number is a fraction of one.
 ///
 /// # Errors
 /// Where parts of the configuration do not fit together.
@@ -308,7 +309,7 @@ pub fn master(rig: &config::Rig, fixture: &config::Fixture) -> Result<Master, As
     master_of(rig, fixture, (can, segment))
 }
 
-/// The same of a rig whose drives are brought up in homing mode.
+/// Returns the master of a rig whose drives are brought up in homing mode.
 ///
 /// # Errors
 /// As [`master`], and if a drive has no homing.
@@ -389,7 +390,7 @@ fn sensor_start(sensor: &config::Sensor) -> SensorStart {
     SensorStart { zeroes: sensor.protocol.zero_at_start(), counts_per_unit: sensor.counts_per_unit() }
 }
 
-/// What the force sensor speaks.
+/// Returns the protocol of the force sensor.
 ///
 /// # Errors
 /// Where its profile or node-ID is unknown.
@@ -462,7 +463,7 @@ fn drive_limits(rig: &config::Rig, scaling: &AxisScaling) -> Result<DriveLimits,
     })
 }
 
-/// The torque limits that the drives are told, in 1/1000 of their rated torques.
+/// Returns the torque limits for the drives, in 1/1000 of their rated torques.
 ///
 /// # Errors
 /// As [`scaling`].

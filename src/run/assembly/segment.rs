@@ -27,7 +27,7 @@ pub fn segment(rig: &config::Rig) -> Result<SegmentSetup, AssemblyError> {
     segment_of(rig, [None; 2])
 }
 
-/// The same of drives that are brought up for homing, if they have an order.
+/// Returns the segment's setup; a drive with a homing order is brought up for homing.
 pub(super) fn segment_of(rig: &config::Rig, homing: [Option<HomingOrder>; 2]) -> Result<SegmentSetup, AssemblyError> {
     let period = Duration::from_micros(rig.cycle.period_us.into());
     let acts = match rig.segment_of_drives().map(|bus| bus.outputs) {

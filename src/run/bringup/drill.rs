@@ -96,17 +96,17 @@ impl Watched {
         now >= limit && (self.told_of >= limit || is_mute) || self.stopped_at.is_some()
     }
 
-    /// Time from `last` to its stop, if that was within [`DRILL_LIMIT`] as finely as its answers tell.
+    /// Returns the time from `last` to the drive's stop, if it was within [`DRILL_LIMIT`], at the resolution of the drive's
+    /// answers.
     fn stopped_after(&self, last: Time) -> Option<Duration> {
         let after = self.stopped_at?.since(last);
         (after <= DRILL_LIMIT + self.longest_gap).then_some(after)
     }
 }
 
-/// Drills all watchdogs of the drives: for each the network is booted, the rig enabled with its joints held where they are, whatever the
-/// fixture would do, and then one thing stays away while all others are repeated. The rig is stopped in the end. Nobody may hold the
-/// handle. `found` gets each finding once
-/// the rig has been stopped after it.
+/// Drills all watchdogs of the drives. For each watchdog the network is booted and the rig enabled, with its joints held in place
+/// whatever the fixture would do. Then one signal stays away while all others are repeated. The rig is stopped in the end. Nobody
+/// may hold the handle. `found` receives each finding once the rig has been stopped after it.
 ///
 /// # Errors
 /// If the rig cannot be booted or enabled, is stopped by something else, or a person asks for the end.

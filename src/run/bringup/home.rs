@@ -98,7 +98,7 @@ fn one_way(drive: &config::Drive) -> Option<f64> {
 pub enum NotHome {
     /// It has given up (statusword, bit 13).
     GaveUp,
-    /// It has not begun: it still tells how it homed before.
+    /// The drive has not begun: it still reports the result of its previous homing.
     NotBegun,
     /// It took too long, s.
     TooLong(f64),
@@ -110,7 +110,7 @@ pub enum NotHome {
     TooFar(usize, f64),
     /// The drive of this joint pushes with so much torque, N m, and its position stands still.
     Blocked(usize, f64),
-    /// The drive of this joint does not tell its torque (6077h) any more.
+    /// The drive of this joint no longer reports its torque (6077h).
     Silent(usize),
     /// The position of the joint that holds has jumped.
     Jumped(usize),
@@ -157,15 +157,18 @@ struct HomingProgress<'a> {
     trace: &'a mut HomingTrace,
 }
 
-/// Enables a rig that was booted for homing ([`Runner::prepare_homing`]), has each drive that is asked for find its reference, and stops
-/// it. The other drive holds its joint meanwhile. A joint that goes farther than it may, whatever holds the rig, and a fault at either
-/// drive quick-stop both. A drive that pushes against its torque limit and does not move takes the torque off both: its torque is asked
-/// for (6077h) beside the cycles.
+/// Enables a rig that was booted for homing ([`Runner::prepare_homing`]), lets each selected drive find its reference, and stops
+/// the rig. The other drive holds its joint meanwhile. Both drives quick-stop if a joint goes farther than it may, if anything
+/// holds the rig, or if either drive has a fault. If a drive pushes against its torque limit and does not move, both drives lose
+/// their torque. For this the runner asks for the torque (6077h) beside the cycles.
 ///
 /// # Errors
-/// Before anything is enabled: [`RunError::WayBlocked`] if the linkage does not go as far as a joint may; [`RunError::BehindHome`] if a
-/// drive that still knows its reference would look for it the wrong way; if a drive does not tell its
-/// torque or its limit. Then as [`Runner::enable`].
+/// Before anything is enabled:
+/// - [`RunError::WayBlocked`] if the linkage does not go as far as a joint may;
+/// - [`RunError::BehindHome`] if a drive that still knows its reference would look for it the wrong way;
+/// - if a drive does not report its torque or its limit.
+///
+/// Then as [`Runner::enable`].
 pub fn home(
     runner: &mut Runner<dyn Place>,
     rig: &config::Rig,
@@ -277,7 +280,7 @@ fn check_home_ahead(runner: &Runner<dyn Place>, plan: &HomePlan) -> Result<(), R
     Ok(())
 }
 
-/// The position that a drive has told in the last cycle, counts.
+/// Returns the position that a drive reported in the last cycle, counts.
 fn told_position(runner: &Runner<dyn Place>, joint: usize) -> Option<i64> {
     let has_come = runner.master().last_inputs().drives.get(joint).is_some_and(|drive| drive.angle_rad.is_some());
     runner.master().positions().get(joint).copied().filter(|_| has_come)

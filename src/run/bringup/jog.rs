@@ -98,11 +98,10 @@ impl Way<'_> {
     }
 }
 
-/// Enables a booted rig, leads its joints from where they are to other angles, both at once, or as keys say, watches them there and
-/// stops it. A fault
-/// at either drive stops both, and so does whatever holds the rig: it does not go on by itself. A joint that is pushed and does not move
-/// takes the torque off both, as a following error. `each` gets the record of every cycle in which the joints are led, and what a drive
-/// has told of its torque; in torque mode drives are asked for it only if `is_metered`.
+/// Enables a booted rig, guides its joints to other angles, both at once or by keys, watches them there and stops the rig. A fault
+/// at either drive stops both, and so does anything that holds the rig: it does not resume by itself. If a joint is pushed and does
+/// not move, both drives lose their torque, as after a following error. `each` gets the record of every cycle in which the joints
+/// are guided, and the torque that a drive reported. In torque mode the drives are asked for it only if `is_metered`.
 ///
 /// # Errors
 /// [`RunError::WayBlocked`], before anything is enabled, if the linkage does not go that way, with keys either way; as [`Runner::enable`].

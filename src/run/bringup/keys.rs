@@ -1,8 +1,8 @@
-//! Keys by which a person leads a joint, told from the thread that reads them to the loop.
+//! Keys by which a person guides a joint, passed from the thread that reads them to the loop.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// What a key asks for.
+/// Request of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Key {
     /// Counter-clockwise, for as long as keys come.
@@ -19,10 +19,10 @@ impl Key {
     const ALL: [Self; 4] = [Self::Rest, Self::Forward, Self::Backward, Self::End];
 }
 
-/// The key that was pressed last, and how many before it: a joint goes on for [`Keys::HOLDS_S`] after a key, so that it rests when the
-/// keys stop coming, whatever has become of who presses them.
+/// The key that was pressed last, and the number of keys before it. A joint goes on for [`Keys::HOLDS_S`] after a key, so that it
+/// rests when no more keys come, for whatever reason.
 ///
-/// One thread tells, one loop looks.
+/// One thread presses, one loop reads.
 #[derive(Debug, Default)]
 pub struct Keys(AtomicU32);
 
@@ -32,7 +32,7 @@ impl Keys {
     /// Bits of a key; the others count.
     const BITS: u32 = 2;
 
-    /// Tells a key. After [`Key::End`] none is heard.
+    /// Passes a key on. After [`Key::End`] further keys have no effect.
     pub fn press(&self, key: Key) {
         let before = self.0.load(Ordering::Relaxed);
         if Self::key(before) == Key::End {
@@ -43,7 +43,7 @@ impl Keys {
         self.0.store(count << Self::BITS | at, Ordering::Relaxed);
     }
 
-    /// Whether [`Key::End`] was told.
+    /// Whether [`Key::End`] was pressed.
     pub(super) fn has_ended(&self) -> bool {
         self.last().1 == Key::End
     }
@@ -62,7 +62,7 @@ impl Keys {
     }
 }
 
-/// Which way a joint is led by keys, cycle by cycle.
+/// Direction in which keys guide a joint, cycle by cycle.
 #[derive(Debug)]
 pub(super) struct Led<'a> {
     keys: &'a Keys,

@@ -1,5 +1,5 @@
-//! Whether joints that are led are pushed and do not move: what blocks a joint looks so, and an encoder that stands still. A following error
-//! tells neither once a joint is near where it is led.
+//! Watch for guided joints that are pushed and do not move. A blocked joint looks so, and so does a frozen encoder. Near the target
+//! a following error detects neither.
 
 use super::push::{Push, Stand};
 use super::torque_meter::{Metered, TorqueMeter};
@@ -15,7 +15,7 @@ use yieldwall_record::CycleRecord;
 /// By which share of its rate a joint that is led steadily may be led faster or slower.
 const STEADY: f64 = 0.01;
 
-/// What a drive has told of its torque (6077h) while its joint was led.
+/// Torque (6077h) that a drive reported while its joint was guided.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ToldTorque {
     /// The joint, 0 the left one.
@@ -28,12 +28,12 @@ pub struct ToldTorque {
     pub is_steady: bool,
 }
 
-/// Looks at both joints. In torque mode the torque is what this program sets. In the other modes the drives of joints that are led are asked
-/// for it over SDO, by turns; one that does not tell it is not watched.
+/// Watch of both joints. In torque mode the torque is the one that this program commands. In the other modes it asks the drives of
+/// guided joints for their torque over SDO, alternately; a drive that does not report it is not watched.
 pub(super) struct LeadWatch {
     joints: [Watched; 2],
     limits: LeadLimits,
-    /// Which one is asked.
+    /// Joint whose drive is asked.
     turn: usize,
     period_s: f64,
     blocked: Option<usize>,
@@ -41,7 +41,7 @@ pub(super) struct LeadWatch {
 
 struct Watched {
     push: Push,
-    /// Of one that is asked.
+    /// Meter of a drive that is asked.
     meter: Option<TorqueMeter>,
     /// Where it was when it was asked, rad, and whether it was led at its full rate.
     asked: (f64, bool),
@@ -50,7 +50,8 @@ struct Watched {
 }
 
 impl LeadWatch {
-    /// A watch of joints that are led within limits, by a permit. `are_asked` tells which drives are asked for their torque.
+    /// Creates a watch of joints that are guided within limits, by a permit. `are_asked` marks the drives that are asked for their
+    /// torque.
     pub(super) fn new(
         runner: &Runner<dyn Place>,
         rig: &config::Rig,
@@ -68,7 +69,7 @@ impl LeadWatch {
         Ok(Self { joints: [of(0)?, of(1)?], limits, turn: 0, period_s, blocked: None })
     }
 
-    /// Looks at a cycle, whose time began `cycles` periods after the first one. Gives what a drive has told.
+    /// Evaluates a cycle, whose time began `cycles` periods after the first one. Returns the torque that a drive has reported.
     ///
     /// Real-time: yes.
     pub(super) fn step(
@@ -105,7 +106,7 @@ impl LeadWatch {
         }
     }
 
-    /// Takes what the drive has told whose turn it is, and asks the next one. `counts` tells that the torque is known no other way.
+    /// Takes the report of the drive that was asked, and asks the next one. If `counts`, the torque is not known otherwise.
     fn hear(
         &mut self,
         runner: &mut Runner<dyn Place>,

@@ -1,14 +1,14 @@
 //! Whether a joint is pushed and does not move: what blocks it looks so, and an encoder that stands still.
 
-/// Of its torque limit: a drive that makes so much pushes.
+/// Share of its torque limit from which on a drive counts as pushing.
 const PUSHES: f64 = 0.9;
 /// How long it may push without moving its joint, s.
 const PUSH_S: f64 = 0.01;
-/// Of what it took to move the joint: a drive that makes so much while the joint rests pushes too.
+/// Share of the torque that moved the joint, from which on a drive at rest counts as pushing too.
 const RESTS_AND_PUSHES: f64 = 1.2;
 /// How long it may do so, s: a controller comes to rest.
 const REST_PUSH_S: f64 = 0.05;
-/// Of the way that it is led: a joint that goes less does not move.
+/// Share of the commanded travel below which a joint counts as not moving.
 const MOVES: f64 = 0.5;
 /// A joint that is slower does not move either, rad/s.
 const CREEPS: f64 = 2e-3;
@@ -49,13 +49,13 @@ pub(super) struct Push {
 }
 
 impl Push {
-    /// Of a joint whose drive may make so much torque, N m.
+    /// Creates the watch of a joint whose drive may make this torque, N m.
     pub(super) fn new(limit_n_m: f64) -> Self {
         Self { limit_n_m, since: None, before: None, moving_n_m: 0.0, moved: 0 }
     }
 
-    /// Whether the drive has pushed for a while and has not moved its joint. `rests` tells that the joint is to rest, and that its drive is
-    /// done with it.
+    /// Whether the drive has pushed for a while and has not moved its joint. `rests` means that the joint is to rest and that its
+    /// drive has finished its move.
     ///
     /// Real-time: yes.
     pub(super) fn is_blocked(&mut self, now: Stand, torque_n_m: f64, rests: bool) -> bool {
@@ -69,8 +69,8 @@ impl Push {
         }
     }
 
-    /// The same of a joint that is led to an angle in each cycle. Where it is to be it may hold about as much as it took to move it,
-    /// whatever its drive may make.
+    /// Whether a joint that is guided to an angle in each cycle is blocked. At its target it may hold about as much torque as it
+    /// took to move it, whatever its drive may make.
     ///
     /// Real-time: yes.
     pub(super) fn is_blocked_while_led(&mut self, now: Stand, torque_n_m: f64) -> bool {
@@ -89,7 +89,7 @@ impl Push {
         self.before = Some(now);
     }
 
-    /// What it took in the mean, N m.
+    /// Returns the mean torque that moved the joint, N m.
     fn moving_n_m(&self) -> f64 {
         self.moving_n_m / f64::from(self.moved.max(1))
     }

@@ -1,4 +1,4 @@
-//! The torque that a drive tells (6077h) while its joint is led, asked for over SDO beside the cycles, in every command mode.
+//! Torque (6077h) that a drive reports while its joint is guided, asked for over SDO beside the cycles, in every command mode.
 
 use crate::assembly::{AssemblyError, scaling};
 use crate::error::RunError;
@@ -14,12 +14,12 @@ use yieldwall_motion::guard::Device;
 /// Cycles for which the last answer is waited at most.
 const LAST_CYCLES: u32 = 1000;
 
-/// What has come of a question.
+/// Outcome of a request.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Metered {
     /// Nothing yet.
     Pending,
-    /// Nothing was asked, or the answer tells no torque.
+    /// Nothing was asked, or the answer holds no torque.
     Nothing,
     /// The torque, N m.
     Torque(f64),
@@ -104,7 +104,7 @@ impl TorqueMeter {
         }
     }
 
-    /// What it has seen.
+    /// Returns the samples.
     pub(super) fn into_samples(self) -> Vec<[f64; 2]> {
         self.samples
     }

@@ -2,7 +2,7 @@
 
 use yieldwall_drives::cia402::{State, Statusword};
 
-/// What is said of a state.
+/// Text about a state.
 pub(super) struct StateText {
     pub(super) meaning: &'static str,
     pub(super) cause: &'static str,

@@ -20,7 +20,7 @@ pub const PROVING_CYCLES: u64 = 100_000_000;
 /// of 95 %.
 pub const STOCK_CYCLES: u64 = 3000;
 
-/// What was measured.
+/// Result of a measurement.
 #[derive(Clone, Debug, Default)]
 pub struct Latency {
     /// Time from each grid point to the moment at which the loop ran.
@@ -33,8 +33,8 @@ pub struct Latency {
     pub lost: u64,
 }
 
-/// What a computer may be promised to keep. Bounds are shares of the cycle: being late by half a millisecond is nothing at
-/// 100 ms and half of the cycle at 1 ms.
+/// Timing class of a computer. Bounds are shares of the cycle: half a millisecond of delay is nothing at 100 ms and half of the
+/// cycle at 1 ms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Tier {
     /// Real-time: late by at most a tenth of the cycle, by at most a twentieth in 99.99 % of the cycles, and no cycle missed.
@@ -51,7 +51,7 @@ impl fmt::Display for Tier {
     }
 }
 
-/// What of a measurement decides. Times are by how much the loop woke up late, in us.
+/// Values of a measurement that decide the tier. Times are delays of the loop's wake-ups, in us.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Lateness {
     /// Wake-ups.
@@ -93,7 +93,7 @@ impl Lateness {
 }
 
 impl Latency {
-    /// What of it decides.
+    /// Returns the values that decide the tier.
     pub fn lateness(&self) -> Lateness {
         let us = |time: Duration| 1e6 * time.as_secs_f64();
         Lateness {

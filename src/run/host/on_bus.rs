@@ -45,10 +45,14 @@ use yieldwall_service::journal::{Journals, Restored};
 
 /// A rig on the interfaces of this computer that has sent nothing yet.
 ///
-/// Whoever runs it gets what the program gives: memory that is locked; on each interface the hold of the only master, and process data
-/// apart from the rest; a thread with real-time priority for the loop; nobody else's master listened for before anything is sent; this
-/// computer's timing asked before, and drives that have shown that they stop by themselves; as many cycles before the drives are
-/// enabled as it takes two devices with one node id to show; a stop along the ramp, and the network left in the end, whatever happened.
+/// The program supplies what a run needs:
+/// - locked memory, and a thread with real-time priority for the loop;
+/// - on each interface a lock as the only master, and process data apart from other frames;
+/// - a check for another master before anything is sent;
+/// - a check of this computer's timing, and of the drives' proof that they stop by themselves;
+/// - enough cycles before enabling for two devices with one node ID to show;
+/// - a stop along the ramp at the end, after which it leaves the network, whatever happened.
+///
 /// A rig whose buses cannot keep its cycle is refused.
 ///
 /// A rig that was opened for [`BringUp`] has its joints guided one by one, or its force sensor measured. A journal keeps on disk what the
@@ -88,7 +92,7 @@ pub struct RigOnBus<For = Operation> {
 #[derive(Clone, Copy, Debug)]
 pub enum Operation {}
 
-/// What shows that a rig may be enabled.
+/// Evidence that a rig may be enabled.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Evidence {
     /// For lockstep, in which nothing has to be in time and no drill is possible: what a drill of the same simulated drives has found in
@@ -100,15 +104,15 @@ pub enum Evidence {
         drills: PathBuf,
         /// The folder with the measurements of this computer.
         latency: PathBuf,
-        /// The present moment in s since 1970, by which messages tell how old a measurement is.
+        /// The present moment in s since 1970, for the age of a measurement in messages.
         now_unix_s: u64,
     },
 }
 
-/// What has to be so before a rig is enabled.
+/// Conditions for enabling a rig.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Terms {
-    /// Of drives and computer.
+    /// Evidence for drives and computer.
     pub evidence: Evidence,
     /// Whether nothing is sent unless this computer grants real-time priority and locked memory.
     pub needs_realtime: bool,
@@ -150,7 +154,7 @@ impl From<NotProven> for NotRun {
     }
 }
 
-/// What became of the thread of the cycle.
+/// Failure of the thread of the cycle.
 #[derive(Debug, Error)]
 pub enum ThreadError {
     /// It could not be started. Nothing was sent.
@@ -161,28 +165,28 @@ pub enum ThreadError {
     Panicked,
 }
 
-/// What a run leaves, or a jog.
+/// Result of a run, or of a jog.
 #[derive(Debug)]
 pub struct HostedRun<T = Played> {
     /// How it ended.
     pub played: Result<T, NotRun>,
-    /// What this computer has proved; nothing where nothing has to be in time.
+    /// Timing that this computer has proved; `None` if nothing has a deadline.
     pub timing: Option<Result<ProvenTiming, Untimely>>,
     /// Whether the loop had real-time priority.
     pub priority: Result<(), Refusal>,
     /// Whether memory was locked.
     pub memory: Result<(), Refusal>,
-    /// What the links have told.
+    /// Counters of the links.
     pub counts: LinkCounts,
-    /// What the devices told of themselves, the latest last.
+    /// Emergency messages of the devices, the latest last.
     pub emergencies: Vec<EmergencyReport>,
-    /// What the drives said of the fault that stopped the rig or kept it from running.
+    /// Reports of the drives on the fault that stopped the rig or kept it from running.
     pub errors: Vec<DriveError>,
     /// Faults that held nothing, each with the number of cycles in which it was seen.
     pub counted: Vec<(Fault, u32)>,
     /// SDO downloads of somebody else to the rig's nodes.
     pub foreign_downloads: u32,
-    /// What was wrong with the devices of an EtherCAT segment, a line each.
+    /// Faults of the devices of an EtherCAT segment, a line each.
     pub segment: Vec<String>,
     /// Standstill of this computer in the seconds before the fault, or before a boot or a read failed.
     pub standstill: Option<Standstill>,
@@ -193,11 +197,11 @@ pub struct HostedRun<T = Played> {
 /// The findings of a drill. [`Subject::store`](crate::Subject::store) keeps it for the runs with these drives.
 #[derive(Debug)]
 pub struct DrillOutcome {
-    /// What the drives say that they are, and what their watchdogs do.
+    /// Identities of the drives, and the reactions of their watchdogs.
     pub drilled: Result<([DriveIdentity; 2], Drilled), RunError>,
-    /// What the devices told of themselves, the latest last.
+    /// Emergency messages of the devices, the latest last.
     pub emergencies: Vec<EmergencyReport>,
-    /// What the drives said of the fault that kept them from being drilled.
+    /// Reports of the drives on the fault that kept them from being drilled.
     pub errors: Vec<DriveError>,
 }
 
@@ -214,8 +218,8 @@ impl RigOnBus {
 }
 
 impl<For> RigOnBus<For> {
-    /// Locks the memory of this process, as far as it is granted, and opens the interfaces, one for each of the rig's buses in the order
-    /// of their names, as their only master.
+    /// Locks the memory of this process, if the system permits it. Opens the interfaces as their only master, one for each of the
+    /// rig's buses in the order of the bus names.
     fn opened(rig: &config::Rig, interfaces: &[String], pace: Pace, kept: Kept) -> Result<Self, OpenError> {
         let memory = lock_memory();
         let plan = if rig.is_on_can() { Some(bus_plan(rig).map_err(RunError::from)?) } else { None };
@@ -243,7 +247,7 @@ impl<For> RigOnBus<For> {
         &self.memory
     }
 
-    /// What the system tells of each CAN interface.
+    /// Returns the system's facts about each CAN interface.
     pub fn facts(&self) -> impl Iterator<Item = &InterfaceFacts> {
         self.runner.place().link.can().map(SocketCan::facts)
     }
@@ -254,17 +258,17 @@ impl<For> RigOnBus<For> {
         (!segment.has_carrier()).then(|| segment.interface())
     }
 
-    /// Has `tap` get every frame, own ones when they were seen on the bus.
+    /// Passes every frame to `tap`; own frames when they were seen on the bus.
     pub fn set_tap(&mut self, tap: Tap) {
         self.runner.set_tap(tap);
     }
 
-    /// Has `observer` get the record of every cycle.
+    /// Passes the record of every cycle to `observer`.
     pub fn set_observer(&mut self, observer: Observer) {
         self.runner.set_observer(observer);
     }
 
-    /// Adds a tap, an observer and a watch of errors. A watch of the boot has no effect: the boot is told as news.
+    /// Adds a tap, an observer and a watch of errors. A watch of the boot has no effect, since the boot is reported as news.
     pub fn set_watch(&mut self, watch: Watch) {
         let Watch { tap, observer, errors, .. } = watch;
         tap.into_iter().for_each(|tap| self.set_tap(tap));
@@ -272,23 +276,23 @@ impl<For> RigOnBus<For> {
         errors.into_iter().for_each(|errors| self.set_error_watch(errors));
     }
 
-    /// Has a run be attended by a person who gives these orders, as [`Runner::play_attended`].
+    /// Lets a person attend the run by these orders, as [`Runner::play_attended`].
     pub fn set_orders(&mut self, orders: Arc<Orders>) {
         self.orders = Some(orders);
     }
 
-    /// Has `watch` be told what each drive says of a fault that has stopped the rig.
+    /// Passes to `watch` each drive's report on a fault that has stopped the rig.
     pub fn set_error_watch(&mut self, watch: ErrorWatch) {
         self.runner.set_error_watch(watch);
     }
 }
 
 impl RigOnBus {
-    /// Boots, proves, enables, runs a scene of `duration_s`, stops and leaves, on a thread of its own. `each` gets every record of the
-    /// scene on that thread, `tell` what it has to tell on the calling one.
+    /// Boots, proves, enables, runs a scene of `duration_s`, stops and leaves, on a thread of its own. `each` receives every record
+    /// of the scene on that thread, `tell` receives the news on the calling thread.
     ///
     /// # Errors
-    /// If there is no such thread; what kept the rig from running is in the outcome.
+    /// If the thread cannot be started; the outcome names the reason if the rig could not run.
     pub fn run(
         self,
         terms: &Terms,
@@ -315,11 +319,11 @@ impl RigOnBus<BringUp> {
         self.runner.accept_drive_limits();
     }
 
-    /// Boots, proves, tells the drives how little torque they may make, enables, leads the joints and stops, on a thread of its own. Nobody
-    /// may hold the handle.
+    /// Boots, proves, lowers the torque limits of the drives, enables them, guides the joints and stops, on a thread of its own.
+    /// Nobody may hold the handle.
     ///
     /// # Errors
-    /// If there is no such thread; what kept the joints from being led is in the outcome.
+    /// If the thread cannot be started; the outcome names the reason if the joints could not be guided.
     pub fn jog(
         self,
         terms: &Terms,
@@ -336,11 +340,12 @@ impl RigOnBus<BringUp> {
         })
     }
 
-    /// Boots for homing, proves, tells the drives how little torque they may make, enables them and has each find its reference, so many times
-    /// as [`bringup::home_repeatedly`](fn@bringup::home_repeatedly), on a thread of its own; each is told ([`News::Homed`]). Nobody may hold the handle.
+    /// Boots for homing, proves, lowers the torque limits of the drives, enables them and lets each find its reference, on a thread
+    /// of its own. It repeats this as often as asked, as [`bringup::home_repeatedly`](fn@bringup::home_repeatedly), and reports
+    /// each homing ([`News::Homed`]). Nobody may hold the handle.
     ///
     /// # Errors
-    /// If there is no such thread; what kept the drives from being homed is in the outcome.
+    /// If the thread cannot be started; the outcome names the reason if the drives could not be homed.
     pub fn home(
         self,
         terms: &Terms,
@@ -358,11 +363,12 @@ impl RigOnBus<BringUp> {
         })
     }
 
-    /// Boots, proves, tells the drives how little torque they may make, and leads one joint after the other along its course, as
-    /// [`bringup::tune_loop`](fn@bringup::tune_loop), on a thread of its own, up to the first that does not go its whole course. Nobody may hold the handle.
+    /// Boots, proves, lowers the torque limits of the drives, and guides one joint after the other along its course, as
+    /// [`bringup::tune_loop`](fn@bringup::tune_loop). It runs on a thread of its own, up to the first joint that does not complete
+    /// its course. Nobody may hold the handle.
     ///
     /// # Errors
-    /// If there is no such thread; what kept the joints from being led is in the outcome.
+    /// If the thread cannot be started; the outcome names the reason if the joints could not be guided.
     pub fn tune_loop(
         self,
         terms: &Terms,
@@ -386,11 +392,11 @@ impl RigOnBus<BringUp> {
         })
     }
 
-    /// Takes the steps of a commissioning, as [`bringup::commission`](fn@bringup::commission), on a thread of its own. Reports are told as they come
-    /// ([`News::Stepped`]).
+    /// Takes the steps of a commissioning, as [`bringup::commission`](fn@bringup::commission), on a thread of its own. It passes
+    /// reports on as they come ([`News::Stepped`]).
     ///
     /// # Errors
-    /// If there is no such thread; what kept the rig from being commissioned is in the outcome.
+    /// If the thread cannot be started; the outcome names the reason if the rig could not be commissioned.
     pub fn commission(
         self,
         terms: &Terms,
@@ -407,11 +413,11 @@ impl RigOnBus<BringUp> {
         })
     }
 
-    /// Boots and listens to the force sensor, as [`Runner::sense`], on a thread of its own; nothing is enabled. What it has shown is told
-    /// every `row_s` ([`News::Sensed`]).
+    /// Boots and listens to the force sensor, as [`Runner::sense`], on a thread of its own; nothing is enabled. It reports the
+    /// readings every `row_s` ([`News::Sensed`]).
     ///
     /// # Errors
-    /// If there is no such thread; what kept the rig from being booted is in the outcome.
+    /// If the thread cannot be started; the outcome names the reason if the rig could not be booted.
     pub fn sense(
         self,
         terms: &Terms,
@@ -460,11 +466,11 @@ impl RigOnBus<BringUp> {
         })
     }
 
-    /// Has somebody lead the tool to points, as [`bringup::visit`](fn@bringup::visit), on a thread of its own; nothing is enabled. The angles of the joints at
-    /// each.
+    /// Lets a person guide the tool to points, as [`bringup::visit`](fn@bringup::visit), on a thread of its own; nothing is
+    /// enabled. Returns the angles of the joints at each point.
     ///
     /// # Errors
-    /// If there is no such thread; what kept the points from being visited is in the outcome.
+    /// If the thread cannot be started; the outcome names the reason if the points could not be visited.
     pub fn visit(
         self,
         terms: &Terms,
@@ -480,7 +486,7 @@ impl RigOnBus<BringUp> {
 }
 
 impl<For> RigOnBus<For> {
-    /// Has something done with the rig where the terms are kept, on a thread of its own, and leaves the network.
+    /// Does something with the rig under the terms, on a thread of its own, and leaves the network.
     fn under<T: Send>(
         self,
         terms: &Terms,
@@ -551,7 +557,7 @@ impl RigOnBus {
 }
 
 impl Terms {
-    /// What this computer has proved of its timing; nothing where nothing has to be in time.
+    /// Returns the timing that this computer has proved; `None` if nothing has a deadline.
     fn timing(
         &self,
         rig: &config::Rig,
@@ -591,7 +597,7 @@ fn drill(
     Ok((identities, bringup::drill(runner, settling_on_bus(rig), is_interrupted, found)?))
 }
 
-/// Has a thread of its own with real-time priority, if that is granted, do the work; what the work leaves.
+/// Does the work on a thread of its own, with real-time priority if that is granted, and returns its result.
 fn on_thread_of_the_cycle<R: Send>(
     news: Sender<News>,
     told: &Receiver<News>,

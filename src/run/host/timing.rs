@@ -1,4 +1,4 @@
-//! What a measurement has shown of a computer's timing, kept for the runs by the wall clock that ask for it.
+//! Timing that a measurement has shown of a computer, kept for the runs by the wall clock that ask for it.
 
 use std::fmt;
 use std::fs;
@@ -56,9 +56,9 @@ pub struct Measured {
     pub computer: Computer,
     /// At which cycle, in us.
     pub period_us: u32,
-    /// What it showed.
+    /// Measured delays of the wake-ups.
     pub lateness: Lateness,
-    /// What kept the computer busy meanwhile; `None` if nothing did on purpose.
+    /// Load on the computer during the measurement; `None` if there was none on purpose.
     #[serde(default)]
     pub load: Option<String>,
     /// When it ended, in s since 1970.
@@ -77,13 +77,13 @@ pub struct Stored {
 }
 
 impl Measured {
-    /// What was measured until a moment in s since 1970, without load.
+    /// Creates the record of a measurement without load that ended at a moment in s since 1970.
     pub fn new(computer: Computer, period_us: u32, lateness: Lateness, ended_unix_s: u64) -> Self {
         let version = env!("CARGO_PKG_VERSION").to_owned();
         Self { computer, period_us, lateness, load: None, ended_unix_s, version }
     }
 
-    /// The same, measured under this load.
+    /// Returns the measurement with this load.
     #[must_use]
     pub fn under(self, load: Option<String>) -> Self {
         Self { load, ..self }
@@ -114,7 +114,7 @@ impl Measured {
         Ok(Stored { path, is_earlier: false })
     }
 
-    /// What it showed and how long before `now_unix_s`, for a person.
+    /// Describes the result and its age at `now_unix_s`, for a person.
     fn shown(&self, period_us: u32, now_unix_s: u64) -> String {
         let Lateness { cycles, missed, p999_us, p9999_us, max_us } = self.lateness;
         let ago = ago(now_unix_s.saturating_sub(self.ended_unix_s));
@@ -130,9 +130,9 @@ impl Measured {
 /// The timing that a rig may count on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProvenTiming {
-    /// What was proved for its cycle.
+    /// Tier that was proved for the cycle.
     pub tier: Tier,
-    /// What was measured, and when.
+    /// Description of the measurement, with its age.
     pub shown: String,
 }
 
@@ -166,7 +166,7 @@ pub enum Untimely {
     Late {
         /// The rig's cycle in us.
         period_us: u32,
-        /// What was measured, and when.
+        /// Description of the measurement, with its age.
         shown: String,
     },
     /// The limits are those of a higher tier.
@@ -177,22 +177,22 @@ pub enum Untimely {
     Limit {
         /// The key of the limit.
         key: &'static str,
-        /// What it is.
+        /// Configured value.
         has: f64,
-        /// What it may be.
+        /// Largest permitted value.
         most: f64,
         /// Its unit.
         unit: &'static str,
-        /// What was measured, and when.
+        /// Description of the measurement, with its age.
         shown: String,
     },
 }
 
 impl Computer {
-    /// What this computer has proved for a rig, at a moment in s since 1970.
+    /// Returns the timing that this computer has proved for a rig, at a moment in s since 1970.
     ///
-    /// Of the measurements at cycles that are not longer than the rig's, the one at the longest counts: a computer that keeps
-    /// a cycle keeps a slower one as well, and how well is in its lateness.
+    /// Among the measurements at cycles that are not longer than the rig's, the one at the longest cycle counts. A computer that
+    /// keeps a cycle keeps a slower one as well, and its measured delays show how well.
     ///
     /// # Errors
     /// Why the rig must not run by the wall clock.

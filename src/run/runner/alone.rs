@@ -14,8 +14,8 @@ use yieldwall_link::LinkOutbox;
 pub const ANNOUNCED: Duration = Duration::from_millis(50);
 
 impl<P: Place + ?Sized> Runner<P> {
-    /// Listens for another master, and the first time for long, before anything is sent that could disturb it. What comes
-    /// meanwhile says nothing of what comes after the reset.
+    /// Listens for another master before it sends anything that could disturb one; the first time for long. Frames from that time
+    /// are not evidence about the time after the reset.
     pub(super) fn make_sure_to_be_alone(&mut self) -> Result<(), RunError> {
         if self.has_listened {
             // Since the network was left.

@@ -1,4 +1,4 @@
-//! What comes over the link, and when.
+//! Frames that come over the link, and their times.
 
 use std::time::Duration;
 
@@ -9,13 +9,13 @@ use yieldwall_fieldbus::canopen::Frame;
 use yieldwall_fieldbus::time::Time;
 use yieldwall_link::{Arrival, EthernetReceived, LinkOutbox, Packet, Received};
 
-/// How long lockstep listens before the first cycle, on the wall, to what the boot has made the devices say: there time goes
-/// so fast that the answers of a second device with the same node id could come after the drives were enabled.
+/// How long lockstep listens before the first cycle, in wall-clock time, for the devices' answers to the boot. In lockstep time
+/// goes so fast that the answers of a second device with the same node ID could come after the drives were enabled.
 const LISTEN: Duration = Duration::from_millis(250);
 /// Arrivals that are taken at one wake-up; more wait for the next one. Four cycles of the fullest bus are fewer.
 const ARRIVALS: usize = 256;
-/// Time on the wall between two looks at the link after which what has come meanwhile tells nothing of lockstep's time: the
-/// process was stopped, and devices that are left alone follow the wall.
+/// Wall-clock time between two looks at the link above which the frames in between say nothing about lockstep's time. The process
+/// was stopped meanwhile, and devices that are left alone follow the wall clock.
 const ABSENCE: Duration = Duration::from_millis(500);
 
 impl<P: Place + ?Sized> Runner<P> {

@@ -7,7 +7,7 @@ use yieldwall_motion::quantity::JointAngles;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MotionBound {
     bound_rad: f64,
-    /// What was asked of the joints when the rig came to run.
+    /// Commanded angles of the joints when the rig came to run.
     from: Option<JointAngles>,
     is_left: bool,
 }

@@ -18,7 +18,8 @@ const LOOK_UP: Duration = Duration::from_millis(100);
 /// How long the end of the run is listened to, on the wall: own last frames come back, and the devices answer.
 const FAREWELL: Duration = Duration::from_millis(50);
 
-/// What each drive is told when the network is left: that it no longer watches the master's heartbeat (1016h:1).
+/// Object and value that each drive gets when the master leaves the network: it then no longer watches the master's heartbeat
+/// (1016h:1).
 pub const END_OF_WATCH: (Address, u32) =
     (Address::new(objects::CONSUMER_HEARTBEAT.index, objects::CONSUMER_HEARTBEAT.sub), 0);
 
@@ -86,7 +87,7 @@ impl<P: Place + ?Sized> Runner<P> {
         Ok(())
     }
 
-    /// Has the cycles begin so many grid points ahead.
+    /// Makes the cycles begin so many grid points ahead.
     pub(super) fn begin(&mut self, ahead: u64) {
         let (now, period) = (self.now().0, self.period.as_nanos() as u64);
         // A segment has cycles since it was brought up, and they go on.
@@ -138,8 +139,8 @@ impl<P: Place + ?Sized> Runner<P> {
         }
     }
 
-    /// Has the drives no longer watch the master's heartbeat, which ends: they would enter that as an error (8130h). Only drives
-    /// without torque are told; heartbeats go on until they have answered.
+    /// Ends the drives' watch of the master's heartbeat before it stops; otherwise they would enter error 8130h. It writes only to
+    /// drives without torque. Heartbeats go on until the drives have answered.
     fn end_watch(&mut self) {
         if self.waits {
             // Time follows the wall from here on.

@@ -92,7 +92,7 @@ impl<P: Place + ?Sized> Runner<P> {
         }
     }
 
-    /// What both drives of a booted network say that they are.
+    /// Returns the identities of both drives of a booted network.
     ///
     /// # Errors
     /// As [`Runner::read`].

@@ -5,18 +5,19 @@ use crate::permit::{Bounds, Permit, Scope};
 use crate::place::{Place, VirtualPlace};
 
 impl Permit {
-    /// Without proof, for a reason that [`Permit::unproved`] tells: the drives may go on when their master dies. No command of the
-    /// program uses it. Who does has to keep the reason with what is recorded. It is of the present boot of the rig.
+    /// Creates a permit without proof, for a reason that [`Permit::unproved`] returns: the drives may go on when their master dies.
+    /// No command of the program uses it. A caller must keep the reason with its recordings. The permit belongs to the present boot
+    /// of the rig.
     pub fn without_proof<P: Place + ?Sized>(rig: &Runner<P>, why: &str) -> Self {
         Self::of(rig.boot, Scope::Whole(Some(why.to_owned())))
     }
 
-    /// What is proved.
+    /// Creates the permit of a proof.
     pub(crate) fn proved<P: Place + ?Sized>(rig: &Runner<P>) -> Self {
         Self::of(rig.boot, Scope::Whole(None))
     }
 
-    /// What is proved, within bounds that the drives were told.
+    /// Creates the permit of a proof, within bounds that the drives have as their limits.
     pub(crate) fn bounded<P: Place + ?Sized>(rig: &Runner<P>, bounds: Bounds) -> Self {
         Self::of(rig.boot, Scope::BringUp(bounds))
     }

@@ -54,7 +54,7 @@ impl From<NotProven> for Halt {
     }
 }
 
-/// What a step has found so far.
+/// Findings of a step so far.
 #[derive(Debug, Default)]
 pub(super) struct Found {
     pub(super) figure: Option<Figure>,
@@ -79,17 +79,17 @@ impl Found {
         }
     }
 
-    /// Whether the figure is beyond its limit. One that is no number is.
+    /// Whether the figure is beyond its limit, or not a number.
     pub(super) fn is_bad(&self) -> bool {
         self.figure.as_ref().is_some_and(Figure::is_bad)
     }
 }
 
-/// What a travel of a joint has shown.
+/// Record of a joint's travel.
 #[derive(Debug)]
 pub(super) struct Travel {
     pub(super) jogged: Jogged,
-    /// Angle in rad and torque in N m that the drive told, where the joint was led at its full rate.
+    /// Angle in rad and torque in N m as the drive reported them while the joint moved at its full rate.
     pub(super) torques: Vec<[f64; 2]>,
 }
 
@@ -100,7 +100,7 @@ impl Travel {
     }
 }
 
-/// What was done, once the torque limits were given back. That they were not is told with what went wrong before.
+/// Returns the result of a step, or the error of restoring the torque limits after it. If both failed, the error names both.
 pub(super) fn with_restored<T>(done: Result<T, Halt>, restored: Result<(), Halt>) -> Result<T, Halt> {
     match (done, restored) {
         (done, Ok(())) => done,
@@ -118,7 +118,7 @@ pub(super) struct Bench<'a> {
     pub(super) settling: u32,
     /// The drives that these have to be, if that is known.
     pub(super) wanted: Option<[DriveIdentity; 2]>,
-    /// What the drives say that they are.
+    /// Identities that the drives report.
     pub(super) drives: Option<[DriveIdentity; 2]>,
     /// Findings of the drill of the watchdogs.
     pub(super) drilled: Option<Drilled>,
@@ -175,7 +175,7 @@ impl<'a> Bench<'a> {
         if self.is_interrupted.load(Ordering::Relaxed) { Err(Halt::Interrupted) } else { Ok(()) }
     }
 
-    /// Has the rig idle for a time.
+    /// Lets the rig idle for a time.
     pub(super) fn idle(&mut self, time_s: f64, mut each: impl FnMut(&CycleRecord)) -> Result<(), Halt> {
         for _ in 0..self.cycles_in(time_s) {
             self.check_interrupt()?;

@@ -40,7 +40,7 @@ pub enum Step {
     Watchdogs,
     /// Does each link turn the way and as far as its encoder says?
     Rotation,
-    /// Does each motor make the torque that its drive tells, and the same everywhere?
+    /// Does each motor make the torque that its drive reports, at every angle?
     Motor,
     /// Has each joint as little friction as the rig file says?
     Friction,
@@ -86,7 +86,7 @@ impl Step {
         STEPS.into_iter().find(|step| step.name() == name)
     }
 
-    /// What is done, for a person who decides whether it may be done.
+    /// Describes what the step does, for the person who decides whether it may run.
     pub fn does(self) -> &'static str {
         match self {
             Step::Communication => "reads 1000h of each drive a thousand times, for 10 s at most; nothing is enabled",
@@ -138,10 +138,10 @@ impl Step {
     }
 }
 
-/// What was measured in a step, and how much of it is good.
+/// Measured value of a step, with its limit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
-    /// What it is.
+    /// Name of the measured quantity.
     pub what: Cow<'static, str>,
     /// How much.
     pub value: f64,
@@ -183,28 +183,28 @@ impl Verdict {
 /// A curve that a step has measured.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Curve {
-    /// What it is of.
+    /// Title of the curve.
     pub title: String,
-    /// What goes to the right, with its unit.
+    /// Quantity along the horizontal axis, with its unit.
     pub across: &'static str,
-    /// What goes up, with its unit.
+    /// Quantity along the vertical axis, with its unit.
     pub up: &'static str,
     /// The lines, by name.
     pub lines: Vec<(String, Vec<[f64; 2]>)>,
 }
 
-/// What a step has found.
+/// Findings of a step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StepReport {
-    /// Which one.
+    /// The step.
     pub step: Step,
     /// How it ended.
     pub verdict: Verdict,
-    /// What decided.
+    /// Figure that decided the result.
     pub figure: Option<Figure>,
     /// Why it failed or was skipped, and what to do next.
     pub reason: Option<String>,
-    /// What else was measured: name and value.
+    /// Further measured values: name and value.
     pub evidence: Vec<(String, String)>,
     /// Curves.
     pub curves: Vec<Curve>,
@@ -217,7 +217,7 @@ impl StepReport {
     }
 }
 
-/// Who is at the arm while it is commissioned, and does there what no drive can do.
+/// Person at the arm during commissioning, who does what no drive can do.
 pub trait Attendant {
     /// The permit for a small motion with little torque, of the present boot.
     ///
@@ -237,19 +237,20 @@ pub trait Attendant {
         drilled: &Drilled,
     ) -> Result<Option<String>, String>;
 
-    /// Looks where the link of a joint (0 the left one) is, to tell later by how much it has turned. Nothing is booted.
+    /// Records where the link of a joint (0: left) is, so that a later look gives the angle by which it has turned. Nothing is
+    /// booted.
     fn look(&mut self, place: &dyn Place, joint: usize);
 
     /// By how much that link has turned since, counter-clockwise, in rad; `None` if nobody looked. Nothing is booted.
     fn turned(&mut self, place: &dyn Place, joint: usize) -> Option<f64>;
 
-    /// Has the drives be switched off and on again; whether both were, for certain. Nothing is booted.
+    /// Lets the person switch the drives off and on again, and returns whether both certainly were. Nothing is booted.
     fn power_cycle(&mut self, rig: &config::Rig, place: &mut dyn Place) -> bool;
 
     /// Whether a drive that keeps its own torque limit may be moved with it; `text` says which limit it is. Nothing is booted.
     fn accepts_drive_limit(&mut self, text: &str) -> bool;
 
-    /// Has this force in N, in the base frame, pull at the tool until it is taken away by a force of zero; whether it does.
+    /// Lets this force in N, in the base frame, pull at the tool until a force of zero removes it. Returns whether the force pulls.
     fn pull(&mut self, place: &mut dyn Place, force: Force) -> bool;
 }
 
@@ -260,7 +261,7 @@ pub struct Commissioned {
     pub steps: Vec<StepReport>,
     /// The step in which a person has asked for the end, if one has; it and those behind it are skipped.
     pub interrupted_in: Option<Step>,
-    /// What the drives say that they are, if they were asked in a step.
+    /// Identities that the drives report, if a step asked for them.
     pub drives: Option<[DriveIdentity; 2]>,
     /// Findings of the drill of the watchdogs, if it was made.
     pub drilled: Option<Drilled>,
@@ -289,9 +290,9 @@ impl Commissioned {
     }
 }
 
-/// Takes the steps of a commissioning up to the first that fails, from where it is to begin; those before are skipped, but for
-/// [`Step::Identity`] where the drives have to be those of an earlier one. Whatever happens, no drive makes torque in the end, and torque
-/// limits are what they were. `told` gets each report when the step is over.
+/// Takes the steps of a commissioning from its first step up to the first that fails. Earlier steps are skipped, except
+/// [`Step::Identity`] if the drives must be those of an earlier commissioning. Whatever happens, in the end no drive makes torque
+/// and the torque limits are restored. `told` receives each report when its step is over.
 pub fn commission(
     runner: &mut Runner<dyn Place>,
     rig: &config::Rig,

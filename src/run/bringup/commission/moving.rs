@@ -26,7 +26,7 @@ const AWAY_RAD: f64 = 2e-3;
 const TURNED_PERCENT: f64 = 5.0;
 /// From this difference between both ways on it is play, %.
 const PLAY_PERCENT: f64 = 2.5;
-/// By how much a motor may make more or less torque than its drive tells, %.
+/// Largest permitted difference between a motor's torque and the torque that its drive reports, %.
 const MOTOR_PERCENT: f64 = 15.0;
 /// Friction may be so much more than what the rig file feeds forward; where that is none, this share of the rated torque.
 const FRICTION_FACTOR: f64 = 1.5;
@@ -289,8 +289,8 @@ impl Bench<'_> {
         }
     }
 
-    /// Turns each link without and with a known force at the tool. What the mean over both ways has changed by is what the force makes at
-    /// the joint, whatever the friction is.
+    /// Turns each link without and with a known force at the tool. Averaging over both directions cancels friction, so the change
+    /// of the mean is the force's torque at the joint.
     pub(super) fn motor(&mut self, found: &mut Found) -> Result<(), Halt> {
         let mut free_n_m = [0.0; 2];
         for (joint, free_n_m) in free_n_m.iter_mut().enumerate() {
@@ -312,7 +312,7 @@ impl Bench<'_> {
         Ok(())
     }
 
-    /// Judges what the torque of a joint has changed by, in N m: as the geometry has it, and as the drive tells it.
+    /// Compares a joint's change of torque in N m by the geometry with the one that the drive reports.
     fn judge_motor(
         &self,
         joint: usize,
@@ -345,7 +345,7 @@ impl Bench<'_> {
         Ok(())
     }
 
-    /// Of a pull along x and one along y the one that a joint feels more of, and the torque in N m by which its drive has to answer.
+    /// Returns the pull, along x or along y, that loads a joint more, and the torque in N m by which its drive has to answer.
     fn best_pull(&self, joint: usize) -> Result<(Force, f64), Halt> {
         let posture = self.runner.master().cycle().linkage().forward(self.angles());
         let posture = posture.map_err(|error| Halt::Failed(error.to_string()))?;
@@ -451,7 +451,7 @@ fn way(jogged: &Jogged, joint: usize) -> f64 {
     (jogged.to - jogged.from).to_array().get(joint).copied().unwrap_or_default()
 }
 
-/// Whether a joint was stopped because it does not follow, which more torque may mend.
+/// Whether a joint was stopped because it does not follow; more torque may help.
 fn is_too_weak(jogged: &Jogged) -> bool {
     match (jogged.ended, jogged.cause) {
         (Ended::Stopped, None) => jogged.state == State::Running,

@@ -21,13 +21,13 @@ const LISTENING_S: f64 = 1.0;
 const SETTLING_S: f64 = 0.3;
 /// A torque limit is looked at again after so long, s.
 const KEPT_S: f64 = 0.05;
-/// Share of the rated torque that a drive is told as its limit.
+/// Share of the rated torque that a drive gets as its limit.
 const LIMIT_SHARE: f64 = 0.25;
 /// Noise of each axis of force, as a share of the yield force: the admittance moves the tool by it.
 const NOISE_SHARE: f64 = 0.01;
 /// Share of the greatest force of the hand that the sensor may show at rest.
 const BIAS_SHARE: f64 = 0.1;
-/// What pulls at the tool, N.
+/// Force that pulls at the tool, N.
 pub(super) const PULL_N: f64 = 8.0;
 /// By how much what is felt of it may differ: in direction, degrees, and in size.
 const DIRECTION_DEG: f64 = 10.0;
@@ -98,7 +98,7 @@ impl Bench<'_> {
         Ok(())
     }
 
-    /// Asks both drives who they are. What they should be was asked by the boot.
+    /// Asks both drives for their identities. The boot has already checked them against the expected ones.
     pub(super) fn identity(&mut self, found: &mut Found) -> Result<(), Halt> {
         self.boot()?;
         let drives = self.runner.identities()?;
@@ -127,7 +127,7 @@ impl Bench<'_> {
         Ok(())
     }
 
-    /// Tells both drives a torque limit, looks whether they keep it, and gives back the one before.
+    /// Sets a torque limit in both drives, checks whether they keep it, and restores the limit before.
     pub(super) fn limits(&mut self, found: &mut Found) -> Result<(), Halt> {
         self.boot()?;
         self.note_drive_limits(found)?;
@@ -210,7 +210,7 @@ impl Bench<'_> {
         Ok(())
     }
 
-    /// What each drive holds of the objects that have to be neutral, or a failure that names the first that is not.
+    /// Returns the values of the objects that have to be neutral in each drive, or a failure that names the first that is not.
     fn left_there(&mut self, found: &mut Found) -> Result<[Vec<Option<Vec<u8>>>; 2], Halt> {
         self.boot()?;
         let limits = torque_limits_per_mille(self.rig).map_err(|error| Halt::Failed(error.to_string()))?;
@@ -362,7 +362,7 @@ impl Bench<'_> {
         Ok(())
     }
 
-    /// What is sensed while a force pulls at the tool.
+    /// Returns the sensed force while a force pulls at the tool.
     fn pulled(&mut self, force: Force) -> Result<Force, Halt> {
         self.check_interrupt()?;
         if !self.attendant.pull(&mut self.runner.place, force) {

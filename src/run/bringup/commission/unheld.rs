@@ -10,7 +10,7 @@ use yieldwall_config::FixtureLaw;
 use yieldwall_motion::guard::{Cause, Fault, State};
 use yieldwall_motion::quantity::{Force, TipPoint};
 
-/// How long the handle is left alone, s. What a wrong zero moves goes off within a second, or is too slow to be seen in a minute.
+/// How long the handle is left alone, s. A wrong zero makes it run off within a second, or is too small to show in a minute.
 const ALONE_S: f64 = 10.0;
 /// How long a fixture that leads the handle by itself may take before.
 const SETTLING_S: f64 = 3.0;
@@ -22,14 +22,14 @@ const SPEED_MM_PER_S: f64 = 5.0;
 const SPEED_OVER_S: f64 = 5e-3;
 /// So often the tool turns round that goes to and fro: one that is led to its place and goes beyond does so twice or three times.
 const TURNS: usize = 6;
-/// What goes so many times as far as it comes goes to and fro.
+/// Ratio of path to range above which a motion counts as to and fro.
 const PATHS: u32 = 4;
 /// A way back of this share of the whole is a turn.
 const TURN_SHARE: f64 = 0.25;
 /// Points of a curve.
 const CURVE_POINTS: usize = 2000;
 
-/// What is seen in a cycle.
+/// State of the handle in a cycle.
 #[derive(Clone, Copy, Debug)]
 struct HandleSample {
     time_s: f64,
@@ -47,7 +47,7 @@ struct Alone {
     seen: Vec<HandleSample>,
 }
 
-/// What becomes of a point.
+/// Motion of a point.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Way {
     /// How far it goes from where it began at most, mm.
@@ -63,7 +63,7 @@ struct Way {
 }
 
 impl Way {
-    /// Of points with their times in s.
+    /// Computes the motion of points with their times in s.
     fn of(points: &[(f64, TipPoint)]) -> Self {
         let Some((_, first)) = points.first() else { return Self::default() };
         let from: Vec<[f64; 2]> =
@@ -248,7 +248,7 @@ impl Bench<'_> {
         stopped.map_or(Ok(()), |stopped| Err(Halt::Failed(stopped)))
     }
 
-    /// What has stopped a rig that was left alone.
+    /// Returns the cause that stopped a rig that was left alone.
     fn stopped_alone(&self, alone: &Alone) -> Option<String> {
         match (alone.ended, alone.cause) {
             (Ended::Whole, _) => None,

@@ -1,5 +1,5 @@
-//! Whether drives that move their joints by themselves push and do not move them: what blocks a joint looks so, and an encoder that stands
-//! still. Position tells neither from a drive that rests.
+//! Watch for drives that home, push and do not move their joints. A blocked joint looks so, and so does a frozen encoder. The
+//! position alone distinguishes neither from a drive at rest.
 
 use super::NotHome;
 use crate::bringup::push::{Push, Stand};
@@ -14,16 +14,16 @@ use yieldwall_motion::guard::Device;
 /// How long a drive may be silent about its torque, s.
 const SILENT_S: f64 = 0.5;
 
-/// Looks at both joints, whose drives are asked for their torque by turns: a bus may have no room for both.
+/// Watch of both joints. It asks the two drives for their torque alternately, since a bus may have no room for both.
 pub(super) struct PushWatch {
     joints: [Watched; 2],
-    /// Which one is asked.
+    /// Joint whose drive is asked.
     turn: usize,
 }
 
 struct Watched {
     meter: TorqueMeter,
-    /// When it last told its torque, s.
+    /// Time of its last reported torque, s.
     told_s: f64,
     push: Push,
     /// How fast it goes, rad/s.
@@ -47,8 +47,8 @@ impl PushWatch {
         Ok(Self { joints: [of(0, Device::LeftDrive, left)?, of(1, Device::RightDrive, right)?], turn: 0 })
     }
 
-    /// Why neither joint may go on, `time_s` after the first one began: one is blocked, or nobody knows. `rests` tells which ones are to
-    /// rest.
+    /// Returns why neither joint may go on, `time_s` after the first one began: a joint is blocked, or its torque is unknown.
+    /// `rests` marks the joints that are to rest.
     ///
     /// Real-time: yes.
     pub(super) fn step(&mut self, runner: &mut Runner<dyn Place>, time_s: f64, rests: [bool; 2]) -> Option<NotHome> {

@@ -35,14 +35,14 @@ pub struct Repeated {
     pub stopped: Option<Jogged>,
     /// Joint with unknown shifts, 0 the left one, and the reason: the homing that showed it is the last.
     pub unknown: Option<(usize, NoShift)>,
-    /// By how much the reference of each joint has shifted from one homing to the next, rad: where home was found, in positions as they
-    /// were, less where it was found before.
+    /// Shift of each joint's reference from one homing to the next, rad: the new home, in positions before the reference was taken,
+    /// minus the previous home.
     pub shifts_rad: [Vec<f64>; 2],
 }
 
-/// Homes the joints of a plan `times` times as [`home`](fn@super::home), and leads them back between as [`jog`](fn@jog): each as far as it had
-/// gone the first time, at the rate of its homing. The network is booted for each, and `prove` gives the permit. `told` gets each homing
-/// when it is over. The first homing that does not end well is the last.
+/// Homes the joints of a plan `times` times as [`home`](fn@super::home). Between two homings it guides them back as
+/// [`jog`](fn@jog), each as far as it had gone the first time, at its homing rate. The network is booted for each homing, and
+/// `prove` gives the permit. `told` receives each homing when it is over. The first homing that does not end well is the last.
 ///
 /// # Errors
 /// As [`home`](fn@super::home) and [`jog`](fn@jog); if the rig cannot be booted, or may not be enabled.

@@ -1,8 +1,9 @@
 //! The positions of a joint that homes, and by how much they jump when its drive takes its reference.
 //!
-//! The joint goes at its rate when home is found: the line of the positions before, against the first one after, is what the reference has
-//! shifted by. A shift may be smaller than what the joint goes in a cycle. So the first jump, which is a great one of a drive that was switched
-//! on just now, shows how long before it says so (statusword, bit 12) the drive takes its reference, and later shifts are looked for there.
+//! The joint moves at its rate when home is found. The shift of the reference is the first position after the jump against the line
+//! through the positions before it. A shift may be smaller than the travel in a cycle. So the first jump, which is large if the
+//! drive was just switched on, shows how long before statusword bit 12 the drive takes its reference. Later shifts are looked for
+//! at the same distance from that bit.
 
 /// Positions before the jump through which the line is laid, and how many of them have to be there.
 const BEFORE: usize = 10;
@@ -10,7 +11,7 @@ const LEAST_BEFORE: usize = 6;
 /// So many cycles beside the expected one a drive may take its reference.
 const BESIDE: usize = 1;
 
-/// What a drive told while it homed.
+/// Positions that a drive reported while it homed.
 #[derive(Debug, Default)]
 pub(super) struct HomingTrace {
     /// Its position in each cycle, counts; none where it has not come.
@@ -27,7 +28,7 @@ impl HomingTrace {
         Self { counts: Vec::with_capacity(cycles as usize), ..Self::default() }
     }
 
-    /// Takes what the drive has told in a cycle, `missed` cycles after the one before.
+    /// Takes the drive's report of a cycle, `missed` cycles after the one before.
     ///
     /// Real-time: yes.
     pub(super) fn take(&mut self, counts: Option<i64>, missed: u32, is_found: bool, has_jumped: bool) {
@@ -50,8 +51,8 @@ impl HomingTrace {
         Some(self.found_at? as isize - self.jumped_at? as isize)
     }
 
-    /// By how much the reference has shifted, counts, of a drive that takes it so many cycles before it says so: where home is found now,
-    /// in positions as they were, less where it was found before. `None` if positions are missing there.
+    /// Returns the shift of the reference in counts, for a drive that takes it so many cycles before it reports it. The shift is
+    /// the new home, in positions before the jump, minus the previous home. `None` if positions are missing there.
     pub(super) fn shift_counts(&self, lead: isize) -> Option<f64> {
         let at = usize::try_from(self.found_at? as isize - lead).ok()?;
         let from = at.checked_sub(BEFORE + BESIDE)?;

@@ -17,7 +17,7 @@ const CARRIER: f64 = 10.0 * DEG;
 const EXCITATION_SHARE: f64 = 0.5;
 /// A travel comes up to its rate in so long, s, and down.
 const RAMP_S: f64 = 0.1;
-/// What the loop has to forget of that, s: the integral takes over dry friction.
+/// Time that the loop needs to forget the ramp, s: the integral takes over dry friction.
 const FORGETS_S: f64 = 0.2;
 /// A joint rests so long between two travels, s. One whose encoder stands still just short of its target is pushed on more and more meanwhile.
 const REST_S: f64 = 0.05;
@@ -34,7 +34,7 @@ const STEP_S: f64 = 0.02;
 const BEFORE_STEP_S: f64 = 0.05;
 const BEHIND_STEP_S: f64 = 0.25;
 
-/// What is recorded in a part of a course.
+/// Content of a part of a course.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Shows {
     /// A travel at one of [`RATES`].
@@ -48,7 +48,7 @@ pub(super) enum Shows {
 /// A part of a course that is looked at.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Part {
-    /// What it shows.
+    /// Content.
     pub(super) shows: Shows,
     /// Whether the joint goes away from where the course began.
     pub(super) is_away: bool,
@@ -63,7 +63,7 @@ pub(super) struct Part {
 pub(super) struct Course {
     /// How far from where it begins, rad.
     pub(super) offsets_rad: Vec<f64>,
-    /// What is looked at.
+    /// Parts that are evaluated.
     pub(super) parts: Vec<Part>,
     /// The excitation.
     pub(super) excitation: Excitation,
@@ -132,8 +132,8 @@ impl Course {
         self.parts.push(Part { shows, is_away, from, count });
     }
 
-    /// A travel, and what comes on top of it, by the cycle since the full rate was reached and whether that was left again; the first cycle
-    /// at the full rate, and how many.
+    /// Adds a travel with an extra motion on top. `extra` depends on the cycle since the full rate was reached, and on whether that
+    /// rate was left again. Returns the first cycle at the full rate, and the number of these cycles.
     fn travel(&mut self, direction: f64, rate: f64, extra: impl Fn(usize, bool) -> f64) -> (usize, usize) {
         let mut carrier = self.offsets_rad.last().copied().unwrap_or_default();
         let (ramp, cruise) = (self.cycles(RAMP_S), self.cruise(rate));

@@ -1,4 +1,4 @@
-//! What the force sensor says of a tool that is shaken.
+//! Readings of the force sensor while the tool is shaken.
 
 use super::course::Shows;
 use super::parts::{Sample, Trace};
@@ -10,13 +10,13 @@ use yieldwall_motion::identification::{BEHIND, Handle, MOST_SHIFTS, NotIdentifie
 pub(super) struct Felt {
     /// By the measured angles, m.
     tip_m: [f64; 2],
-    /// Of the last sample, in the base frame, before any filter of this program and with all that the handle adds, N.
+    /// Force of the last sample in N, in the base frame: before any filter of this program, with all that the handle adds.
     force_n: [f64; 2],
     /// Whether the sensor says that its sample is good.
     is_good: bool,
 }
 
-/// What was felt along a course; not a number where the linkage cannot be at the angles.
+/// Returns the readings along a course; not a number if the linkage cannot be at the angles.
 pub(super) fn felt(samples: &[Sample], cycle: &Cycle) -> Vec<Felt> {
     let (linkage, sensing) = (cycle.linkage(), cycle.sensing());
     let calibration = sensing.calibration();

@@ -1,12 +1,13 @@
-//! One joint led to and fro, to identify its loop.
+//! One joint guided to and fro, to identify its loop.
 //!
 //! ```text
 //! boot, permit with bounds -> Course -> lead_to() in each cycle -> reference, angle, torque, force -> Parts -> identification -> JointLoop
 //! ```
-//! The course is one enabling: slow travels at five rates, travels with an excitation on top, travels with a step. The other joint is held. In
-//! torque mode the torque is what this program sets. In the other modes the drive closes the loop, and is asked for its torque (6077h)
-//! beside the cycles: that shows friction. It does not show inertia: a drive that draws straight lines between set-points makes a torque that
-//! goes up and down within each cycle, of which one moment is told. A joint that does not follow is tried again with more torque, after another boot.
+//! The course is one enabling: slow travels at five rates, travels with an excitation on top, travels with a step. The other joint
+//! is held. In torque mode the torque is the one that this program commands. In the other modes the drive closes the loop, and the
+//! runner asks it for its torque (6077h) beside the cycles: that shows friction. It does not show inertia. A drive that draws
+//! straight lines between set-points makes a torque that rises and falls within each cycle, and reports one moment of it. If a
+//! joint does not follow, it is tried again with more torque, after another boot.
 
 mod course;
 mod felt;
@@ -139,12 +140,13 @@ pub struct LoopTraced {
 /// Gives the permit to move a booted rig within bounds.
 pub type Prove<'a> = &'a mut dyn FnMut(&mut Runner<dyn Place>, &config::Rig, Bounds) -> Result<Permit, NotProven>;
 
-/// Boots, leads a joint along its course, stops the rig, and identifies the joint from that; again with more torque where it does not
-/// follow. A fault at either drive takes the torque off both in the same cycle. The torque limits stay lowered until the next boot.
+/// Boots, guides a joint along its course, stops the rig, and identifies the joint. If the joint does not follow, it tries again
+/// with more torque. A fault at either drive takes the torque off both in the same cycle. The torque limits stay lowered until the
+/// next boot.
 ///
 /// # Errors
-/// If the rig cannot be booted or enabled, may not be, or a person asks for the end before the joint is led; [`RunError::WayBlocked`] if
-/// the joint is not free either way.
+/// If the rig cannot be booted, or cannot or may not be enabled. If a person asks for the end before the joint moves.
+/// [`RunError::WayBlocked`] if the joint is not free in both directions.
 pub fn tune_loop(
     runner: &mut Runner<dyn Place>,
     rig: &config::Rig,

@@ -14,7 +14,7 @@ use yieldwall_motion::identification::{
 use yieldwall_motion::quantity::JointAngles;
 use yieldwall_motion::sensing::RawSample;
 
-/// What is known of a joint in one cycle.
+/// Data of a joint in one cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Sample {
     pub(super) reference_rad: f64,
@@ -28,15 +28,15 @@ pub(super) struct Sample {
     pub(super) force: Option<RawSample>,
 }
 
-/// What was recorded along a course.
+/// Recording along a course.
 pub(super) struct Trace<'a> {
     pub(super) course: &'a Course,
     pub(super) samples: &'a [Sample],
-    /// What the force sensor said in the same cycles.
+    /// Readings of the force sensor in the same cycles.
     pub(super) felt: &'a [Felt],
     /// Samples before which a cycle is missing.
     pub(super) skipped: &'a [usize],
-    /// Torques that the drive has told: the sample at which it was asked, and N m.
+    /// Torques that the drive reported: the sample at which it was asked, and N m.
     pub(super) told: &'a [[f64; 2]],
     pub(super) period_s: f64,
 }
@@ -51,7 +51,7 @@ impl Trace<'_> {
         })
     }
 
-    /// What the drive has told in a part, by the sample of the part.
+    /// Returns the drive's reports in a part, by the sample of the part.
     fn told(&self, part: &Part) -> impl Iterator<Item = [f64; 2]> {
         let (from, to) = (part.from as f64, (part.from + part.count) as f64);
         self.told.iter().filter(move |[at, _]| (from..to).contains(at)).map(move |[at, torque]| [at - from, *torque])
@@ -65,7 +65,7 @@ impl Trace<'_> {
         })
     }
 
-    /// What it shows of a joint.
+    /// Identifies the joint from the recording.
     pub(super) fn identified(&self, joint: usize, pose: JointAngles, is_told: bool, torque_n_m: f64) -> JointLoop {
         let follows = self.follows();
         let dynamics = if is_told { Err(NotIdentified::InDrive) } else { self.dynamics() };

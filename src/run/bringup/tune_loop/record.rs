@@ -1,4 +1,4 @@
-//! What was identified of a rig on a bus, kept for the next runs with its configuration.
+//! Identified values of a rig on a bus, kept for the next runs with its configuration.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use crate::proof::fnv1a;
 use yieldwall_config as config;
 use yieldwall_record::trusted;
 
-/// What was identified of a joint, as far as its loop goes.
+/// Identified values of a joint, as far as its loop is concerned.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JointFound {
     /// Mean inertia over the travel, kg m^2.
@@ -35,7 +35,8 @@ pub struct ForceFound {
 }
 
 impl ForceFound {
-    /// Of what was identified of joints the older one; none if the sensor felt too little of a handle at all of them.
+    /// Returns the older of the forces identified at the joints, or `None` if the sensor felt too little of the handle at all
+    /// joints.
     pub fn of(joints: &[&JointLoop]) -> Option<Self> {
         let found = joints.iter().filter_map(|joint| joint.handle.as_ref().ok());
         let oldest = found.max_by(|one, other| one.between_s[1].total_cmp(&other.between_s[1]))?;
@@ -44,7 +45,7 @@ impl ForceFound {
 }
 
 impl JointLoop {
-    /// What counts for the loop, if this program closes it and all of that was identified.
+    /// Returns the values that matter for the loop, if this program closes it and all of them were identified.
     pub fn found(&self) -> Option<JointFound> {
         let (Ok(dynamics), Ok(friction)) = (&self.dynamics, &self.friction) else { return None };
         Some(JointFound {
@@ -86,7 +87,7 @@ pub struct LoopUnreadable {
 }
 
 impl MeasuredLoop {
-    /// What was measured with this rig; the age of its force where that was identified.
+    /// Creates the record of a rig's identified joints, with the age of its force if that was identified.
     pub fn new(rig: &config::Rig, joints: [JointFound; 2], force: Option<ForceFound>) -> Self {
         let force = force.map(|found| MeasuredForce { sensor: sensor(rig), found });
         Self { configuration: configuration(rig), joints, force, version: env!("CARGO_PKG_VERSION").to_owned() }
@@ -107,7 +108,7 @@ impl MeasuredLoop {
         Ok(path)
     }
 
-    /// What is on record of a rig; `None` if nothing is.
+    /// Loads the record of a rig; `None` if there is no record.
     ///
     /// # Errors
     /// If there is a record that cannot be read.

@@ -14,14 +14,15 @@ pub trait Person {
     /// By how much that link has turned since, counter-clockwise, in rad; `None` if nobody looked.
     fn turned(&mut self, joint: usize) -> Option<f64>;
 
-    /// Switches the drives off and on again; whether both were. `restarted` tells which of them have, and hears them only while it is asked,
-    /// a few times a second.
+    /// Switches the drives off and on again, and returns whether both were. `restarted` returns which drives have restarted. It
+    /// hears them only while it is called, a few times a second.
     fn power_cycle(&mut self, restarted: &mut dyn FnMut() -> [bool; 2]) -> bool;
 
     /// Whether a drive that keeps its own torque limit may be moved with it; `text` says which limit it is.
     fn accepts_drive_limit(&mut self, text: &str) -> bool;
 
-    /// Has this force in N, in the base frame, pull at the tool, or with a force of zero no more; whether it does.
+    /// Lets this force in N, in the base frame, pull at the tool, or removes it if the force is zero. Returns whether the force
+    /// pulls.
     fn pull(&mut self, force: Force) -> bool;
 }
 

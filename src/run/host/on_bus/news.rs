@@ -1,4 +1,4 @@
-//! What the thread of the cycle tells whoever waits for it.
+//! Messages from the thread of the cycle to the caller.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,7 +9,7 @@ use crate::commission::StepReport;
 use crate::{BootSteps, BootWatch, Finding, Homed, Wrenches};
 use yieldwall_bus::Waiting;
 
-/// How long the boot waits before anybody is told.
+/// How long the boot waits before it is reported.
 const QUIET: Duration = Duration::from_secs(1);
 
 /// One piece of it.
@@ -21,19 +21,19 @@ pub enum News {
     Step(&'static str),
     /// It is shown that the drives stop by themselves, and the rig is enabled next.
     Proved,
-    /// What one watchdog of the drives did in a drill.
+    /// Reaction of one watchdog of the drives in a drill.
     Found(Finding),
     /// The joints were homed once, well or not.
     Homed(Homed),
     /// A step of a commissioning is over.
     Stepped(Box<StepReport>),
-    /// What the force sensor has shown within the last while, which began so many s after the first.
+    /// Readings of the force sensor within the last interval, which began so many s after the first.
     Sensed(f64, Box<Wrenches>),
-    /// What the boot waits for, if that has taken a while; nothing once it is over.
+    /// Reason why the boot waits, if it has waited for a while; `None` once it is over.
     Waiting(Option<String>),
 }
 
-/// Tells what every boot waits for, and ends it when a person asks for the end.
+/// Reports why a boot waits, and ends it when a person asks for the end.
 pub(super) fn boot_watch(news: Sender<News>, is_interrupted: Arc<AtomicBool>) -> BootWatch {
     let mut was_told = false;
     let mut steps = BootSteps::default();

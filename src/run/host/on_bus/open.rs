@@ -71,7 +71,7 @@ pub fn open_buses(
     Ok(Interfaces::new(SocketCans::new(links), segment))
 }
 
-/// What a master wants of a bus: process data, and the rest.
+/// Returns a master's filters on a bus: for process data, and for all other frames.
 pub(super) fn filters(setup: &MasterSetup, bus: BusId) -> (Vec<CobFilter>, Vec<CobFilter>) {
     let mut process = vec![CobFilter::only(cob::SYNC)];
     let mut nodes: Vec<u8> = setup.drives.iter().filter(|drive| drive.bus == bus).map(|drive| drive.node_id).collect();

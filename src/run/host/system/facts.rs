@@ -13,14 +13,14 @@ const GOOD_CLOCKS: [&str; 4] = ["tsc", "kvm-clock", "arch_sys_counter", "hyperv_
 /// Longest text of the kernel that is shown.
 const LONGEST: usize = 60;
 
-/// What was read. `None` is what could not be read: it is unknown, and not fine.
+/// Facts about a computer. `None` means that a value could not be read: it is unknown, and not fine.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ComputerFacts {
     /// Release of the kernel.
     pub release: Option<String>,
     /// Kernel and sleep.
     pub readiness: Readiness,
-    /// Governors of the processors' frequency, and how many processors have each; empty where the kernel tells none.
+    /// Governors of the processors' frequency, and how many processors have each; empty if the kernel reports none.
     pub governors: BTreeMap<String, usize>,
     /// The processors that are kept free of other work, as the kernel lists them; empty for none.
     pub isolated: Option<String>,

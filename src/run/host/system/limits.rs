@@ -1,4 +1,4 @@
-//! What this process may have of real time.
+//! Limits of this process for real time.
 
 use std::io;
 use std::thread;
@@ -8,7 +8,7 @@ use rustix::process::{Resource, getrlimit};
 use super::scheduler::{PRIORITY, Refusal, lock_memory, run_first};
 use yieldwall_link::checkup::Check;
 
-/// What this process may have, and what it gets when it asks as the loop does.
+/// Limits of this process, and the priority and memory that it gets when it asks as the loop does.
 #[derive(Debug)]
 pub struct Limits {
     /// Greatest real-time priority that may be asked for without a privilege (RLIMIT_RTPRIO); `None` for no limit.

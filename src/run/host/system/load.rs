@@ -49,7 +49,7 @@ impl Load {
         Ok(())
     }
 
-    /// What it is, for a person and for the record.
+    /// Returns a description of the load, for a person and for the record.
     pub fn told(&self) -> String {
         let Self { processors, has_disk, .. } = self;
         let disk = if *has_disk { "and one that writes to the disk" } else { "and none that writes to the disk" };

@@ -1,4 +1,4 @@
-//! Interrupt coalescing of a network card: how long it holds received frames back before it tells the computer.
+//! Interrupt coalescing of a network card: how long it holds received frames back before it interrupts the computer.
 #![allow(unsafe_code)]
 
 use std::io;
@@ -20,9 +20,9 @@ const ETHTOOL: u32 = 0x8946;
 /// How long a card holds frames back.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Coalescing {
-    /// Time in us after a frame was received before the computer is told.
+    /// Time in us from the reception of a frame to the interrupt.
     pub receive_us: u32,
-    /// Time in us after a frame was sent before the computer is told.
+    /// Time in us from the sending of a frame to the interrupt.
     pub transmit_us: u32,
     /// Whether the card chooses both times by itself.
     pub is_adaptive: bool,
@@ -34,7 +34,7 @@ pub enum CardError {
     /// There is no such card.
     #[error("there is no network card of that name")]
     Missing,
-    /// The driver does not tell.
+    /// The driver does not report it.
     #[error("the driver does not tell")]
     Untold,
     /// The system refuses.
@@ -57,10 +57,10 @@ struct Card {
     rest: [u8; 16],
 }
 
-/// Asks a card.
+/// Returns the interrupt coalescing of a card.
 ///
 /// # Errors
-/// Why it does not tell.
+/// Why the card does not report it.
 pub fn coalescing(name: &str) -> Result<Coalescing, CardError> {
     let mut card = Card { name: [0; LONGEST_NAME], request: std::ptr::null_mut(), rest: [0; 16] };
     let is_name = !name.is_empty() && name.len() < LONGEST_NAME && !name.contains('\0');

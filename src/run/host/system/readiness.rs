@@ -1,4 +1,4 @@
-//! What this computer says of itself that decides how soon it reacts: its kernel, its sleep, and who handles interrupts.
+//! Facts about this computer that decide how soon it reacts: its kernel, its sleep states, and the handlers of interrupts.
 
 use std::fs::{self, File};
 use std::io::Read;
@@ -11,7 +11,7 @@ use yieldwall_link::checkup::Check;
 /// Share of the cycle that waking up from an idle state may take: the bound of tier A for a late wake-up.
 const WAKING_SHARE: u32 = 10;
 
-/// What was read. `None` is what could not be read: it is unknown, and not fine.
+/// Facts that were read. `None` means that a value could not be read: it is unknown, and not fine.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Readiness {
     /// Whether the kernel is PREEMPT_RT.

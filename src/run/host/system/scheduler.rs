@@ -8,7 +8,7 @@ use rustix::mm::{MlockAllFlags, mlockall};
 /// Priority of the loop under SCHED_FIFO: above the kernel's interrupt threads (50), below its watchdogs (99).
 pub const PRIORITY: i32 = 80;
 
-/// What this computer did not grant.
+/// Request that this computer did not grant.
 #[derive(Debug, thiserror::Error)]
 pub enum Refusal {
     /// No real-time priority.
@@ -33,7 +33,7 @@ pub fn lock_memory() -> Result<(), Refusal> {
     mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(|error| Refusal::Memory(error.into()))
 }
 
-/// Has the calling thread run before every thread of a lower priority (SCHED_FIFO).
+/// Runs the calling thread before every thread of a lower priority (SCHED_FIFO).
 ///
 /// # Errors
 /// If the system refuses.
