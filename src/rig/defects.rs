@@ -1,4 +1,4 @@
-//! What is wrong with a machine from the day on which it was put together, as its parts are made.
+//! Defects of a machine since its assembly, by its parts.
 
 use super::error::RigError;
 use yieldwall_config as config;
@@ -9,11 +9,11 @@ use yieldwall_motion::quantity::{JointAngles, JointRates, JointTorques};
 /// Periods of a cogging torque in a turn of the joint.
 const COGGING_PERIODS: f64 = 100.0;
 
-/// What is wrong between the drives and the arm, and in the force sensor.
+/// Defects between the drives and the arm, and in the force sensor.
 #[derive(Clone, Debug)]
 pub(super) struct Defects {
     all: Vec<Defect>,
-    /// What the first channel of the force sensor shows too much, counts.
+    /// Offset of the force sensor's first channel, counts.
     bias_counts: i32,
     /// Angles of the joints when the machine was switched on: from there the encoders count wrongly.
     start: JointAngles,
@@ -49,7 +49,7 @@ pub(super) fn sensor_noise_counts(rig: &config::Rig, scene: &config::Scene) -> R
     Ok(noise.map(|noise_n| noise_n / n_per_count(rig)))
 }
 
-/// What hangs at the handle beside what the rig file says, kg.
+/// Returns the mass at the handle beyond the rig file's, kg.
 pub(super) fn hung_kg(scene: &config::Scene) -> Result<f64, RigError> {
     of_machine(scene, DefectKind::HeavyHandle).map(Option::unwrap_or_default)
 }
@@ -71,7 +71,7 @@ fn n_per_count(rig: &config::Rig) -> f64 {
 }
 
 impl Defects {
-    /// Those of a scene, of a machine that is switched on with its joints at these angles.
+    /// Creates the defects of a scene, for a machine that is switched on with its joints at these angles.
     pub(super) fn new(rig: &config::Rig, scene: &config::Scene, start: JointAngles) -> Result<Self, RigError> {
         let all = all(scene)?;
         let bias = all.iter().find(|defect| defect.kind == DefectKind::BiasedSensor);
@@ -84,7 +84,7 @@ impl Defects {
         self.all.is_empty()
     }
 
-    /// What the encoders say of the motion of the joints.
+    /// Returns the motion of the joints as the encoders report it.
     pub(super) fn measured(&self, angles: JointAngles, rates: JointRates) -> (JointAngles, JointRates) {
         let (mut angles, mut rates, start) = (angles.to_array(), rates.to_array(), self.start.to_array());
         for defect in &self.all {
@@ -129,7 +129,7 @@ impl Defects {
         torques.into()
     }
 
-    /// What the channels of the force sensor say.
+    /// Returns the counts of the force sensor's channels.
     pub(super) fn counts(&self, mut counts: [i32; 6]) -> [i32; 6] {
         counts[0] = counts[0].saturating_add(self.bias_counts);
         if self.all.iter().any(|defect| defect.kind == DefectKind::SwappedSensorAxes) {

@@ -12,18 +12,18 @@ use yieldwall_sim::AxisView;
 /// from the bus change that.
 const ASKING: Duration = Duration::from_millis(1);
 
-/// What a device elsewhere is asked for.
+/// Call of a device in another process.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Call {
     /// Simulated time.
     pub now: Time,
     /// Whether SYNC has come; otherwise something is due.
     pub is_sync: bool,
-    /// What it measures: angle in rad and rate in rad/s of a drive's joint, or six counts of the force sensor.
+    /// Measured values: angle in rad and rate in rad/s of a drive's joint, or six counts of the force sensor.
     pub felt: [f64; 6],
 }
 
-/// What it answers.
+/// Answer of the device.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Answer {
     /// Torque on the joint in N m; zero for the sensor.
@@ -94,7 +94,7 @@ impl<D> DeviceSlot<D> {
         }
     }
 
-    /// The same, to change it.
+    /// Returns the device that is simulated here, to change it.
     pub(super) fn local_mut(&mut self) -> Option<&mut D> {
         match self {
             DeviceSlot::Local(device) => Some(device),

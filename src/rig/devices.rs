@@ -44,7 +44,7 @@ fn model(scene: &config::Scene) -> Result<&config::SceneModel, RigError> {
     scene.model.as_ref().ok_or(RigError::NoModel("model"))
 }
 
-/// What a simulated drive does in a manner of its own.
+/// Returns the simulated behaviour in which a drive differs from others.
 fn manner(model: &config::DriveModel) -> DriveQuirks {
     let config::SdoServer { answer_ms, segments_only, lengths } = &model.sdo_server;
     DriveQuirks {
@@ -99,7 +99,7 @@ pub fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, se
     Ok(made)
 }
 
-/// What is special of a drive on CAN, or of its encoder.
+/// Applies the peculiarities of a drive on CAN, or of its encoder.
 fn prepare_on_can(
     rig: &config::Rig,
     scene: &config::Scene,
@@ -154,8 +154,9 @@ const LOOSE_HOME_SEED: [u64; 2] = [0x105e_0000_0000_0001, 0x105e_0000_0000_0002]
 /// Clocks of devices on EtherCAT differ by so much, in parts per billion.
 const DRIFTS_PPB: [i32; 3] = [12_000, -23_000, 31_000];
 
-/// The devices of a rig that are `here` on an EtherCAT segment, switched on, in the order of their positions; and the places of left
-/// drive, right drive and sensor in it. Clocks of devices drift apart where the master has a clock of its own.
+/// Returns the devices of a rig that are `here` on an EtherCAT segment, switched on, in the order of their positions. Also returns
+/// the positions of left drive, right drive and sensor in the segment. If the master has a clock of its own, the clocks of devices
+/// drift apart.
 ///
 /// # Errors
 /// If the rig is not on EtherCAT, or a profile is not that of a drive.
@@ -254,7 +255,7 @@ fn ethercat_drive(
     Ok(made)
 }
 
-/// What is special of a drive, or of its encoder.
+/// Applies the peculiarities of a drive, or of its encoder.
 fn prepare(
     rig: &config::Rig,
     scene: &config::Scene,

@@ -117,7 +117,7 @@ pub enum RigError {
     /// The fixture is of the impedance type.
     #[error("the fixture has to have the coupling `admittance`")]
     NoAdmittance,
-    /// A drive still makes torque after the rig was told to stop.
+    /// A drive still makes torque after the rig was commanded to stop.
     #[error("the rig did not stop within {waited_s} s: {state}")]
     NotStopped {
         /// How long it was waited for, in s.
@@ -130,7 +130,7 @@ pub enum RigError {
     NotEnabled {
         /// How long it was waited for, in s.
         waited_s: f64,
-        /// What the supervisor said.
+        /// State of the supervisor.
         state: String,
         /// The fault that kept it from being enabled, if one did.
         cause: Option<Cause>,
@@ -147,7 +147,7 @@ impl From<AssemblyError> for RigError {
     }
 }
 
-/// What goes wrong in a part of a rig goes wrong alike while it is assembled and while it runs.
+/// Errors in a part of a rig are the same while it is assembled and while it runs.
 macro_rules! as_in_assembly {
     ($($error:ty),*) => {
         $(impl From<$error> for RigError {

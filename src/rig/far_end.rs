@@ -23,7 +23,7 @@ pub(super) trait Wire {
     /// Takes a frame of a device: 0 the left drive, 1 the right drive, 2 the sensor.
     fn submit(&mut self, device: usize, now: Time, frame: Frame);
 
-    /// The same for a frame that can wait; whether there was room for it.
+    /// Takes a frame that can wait, and returns whether there was room for it.
     fn offer(&mut self, device: usize, now: Time, frame: Frame) -> bool;
 }
 
@@ -66,7 +66,7 @@ pub(super) trait Actuator: Device {
 
 /// A force sensor at the handle.
 pub(super) trait Transducer: Device {
-    /// What the channels read at this moment, in counts.
+    /// Sets the readings of the channels at this moment, in counts.
     fn measure(&mut self, now: Time, counts: [i32; 6]);
 }
 
@@ -175,8 +175,8 @@ pub(super) struct FarEnd<D = Option<Drive>, S = Option<ForceSensor>> {
 }
 
 impl FarEnd {
-    /// Everything switched off, the arm where the scene's hand starts. Of the devices on a segment those that are `here` are on it, whose
-    /// clocks drift unless a master in lockstep has them.
+    /// Creates everything switched off, with the arm where the scene's hand starts. Only the segment's devices that are `here` are
+    /// on it. Their clocks drift unless a master in lockstep controls them.
     pub(super) fn new(
         rig: &config::Rig,
         scene: &config::Scene,
@@ -299,7 +299,7 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
         Ok(())
     }
 
-    /// Has the devices of a segment measure before anything else happens.
+    /// Makes the devices of a segment measure before anything else happens.
     pub(super) fn begin_segment(&mut self) -> Result<(), RigError> {
         self.measure_joints();
         if let Some(line) = &mut self.line {

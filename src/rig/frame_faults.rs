@@ -1,4 +1,4 @@
-//! What is broken in the frames of a segment, on their way and back.
+//! Injected faults in the frames of a segment, on their way and back.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -11,7 +11,7 @@ use yieldwall_fieldbus::ethercat::frame::{self, Command, FrameWriter, Span};
 use yieldwall_fieldbus::ethercat::registers as register;
 use yieldwall_fieldbus::time::Time;
 
-/// Who sends frames that the master has not sent, and the number of their datagram.
+/// Source address of frames that the master has not sent, and the number of their datagram.
 const STRANGER: [u8; 6] = [0x02, 0, 0, 0, 0, 0x99];
 const STRANGE_INDEX: u8 = 0xee;
 /// Distance of foreign targets from the last own ones: in per mille of the rated torque, and in counts or counts per second.
@@ -25,7 +25,7 @@ const POSITIONS: u64 = 3;
 const REGISTERS: [(u16, u16); 3] =
     [(register::WATCHDOG_SYNC_MANAGER, 0), (register::WATCHDOG_DIVIDER, 0xffff), (register::STATION_ADDRESS, 0x1fff)];
 
-/// What acts on frames.
+/// Injections that act on frames.
 #[derive(Debug)]
 pub(super) struct FrameFaults {
     active: Vec<Injection>,

@@ -100,7 +100,7 @@ impl Line {
         self.sensor_mut().is_some_and(|sensor| sensor.next_deadline() <= now)
     }
 
-    /// What the channels of the sensor read at this moment, in counts.
+    /// Sets the readings of the sensor's channels at this moment, in counts.
     pub(super) fn measure_force(&mut self, now: Time, counts: [i32; 6]) {
         let counts = self.force.counts(now, counts);
         if let Some(sensor) = self.sensor_mut() {
@@ -121,7 +121,7 @@ impl Line {
         AxisView { torque_n_m, is_braked, ..view }
     }
 
-    /// Has the drives say what their time follows.
+    /// Sets the time base that the drives report.
     pub(super) fn set_clock(&mut self, clock: Clock) {
         let Self { segment, places, .. } = self;
         for place in places {
@@ -131,7 +131,7 @@ impl Line {
         }
     }
 
-    /// Has both drives be homed already, if their encoders are incremental.
+    /// Marks both drives as homed, if their encoders are incremental.
     pub(super) fn refer(&mut self) {
         let Self { segment, places, axes, .. } = self;
         for (place, axis) in places.iter().zip(axes) {
@@ -141,7 +141,7 @@ impl Line {
         }
     }
 
-    /// Has no clock of a device drift from now on.
+    /// Stops the drift of all device clocks from now on.
     pub(super) fn stop_drift(&mut self, now: Time) {
         self.segment.controllers_mut().for_each(|controller| controller.set_drift(now, 0));
     }
@@ -155,14 +155,14 @@ impl Line {
         }
     }
 
-    /// Has the sensor take its next sample at `next` and the others so long after one another.
+    /// Makes the sensor take its next sample at `next`, and the others at this period.
     pub(super) fn align_sensor(&mut self, next: Time, period: Duration) {
         if let Some(sensor) = self.sensor_mut() {
             sensor.set_clock(next, period);
         }
     }
 
-    /// Has the drives take so long to answer a mailbox.
+    /// Sets the time that the drives take to answer a mailbox request.
     pub(super) fn set_mailbox_time(&mut self, time: Duration) {
         for place in self.places.into_iter().take(SENSOR).flatten() {
             if let Some(controller) = self.segment.controller_mut(place) {

@@ -1,4 +1,4 @@
-//! What a joint's drive and the force sensor measure and make wrongly, because somebody wants it.
+//! Injected errors in what a joint's drive and the force sensor measure, and in the drive's torque.
 
 use nalgebra::Vector6;
 
@@ -14,7 +14,7 @@ pub(super) struct JointMisread(Vec<Stuck<f64>>);
 /// The channels of a force sensor, which may lie.
 #[derive(Debug)]
 pub(super) struct ForceMisread {
-    /// What its counts mean.
+    /// Calibration of the counts.
     calibration: Calibration,
     active: Vec<Stuck<[i32; 6]>>,
     /// When the scene began, in s.
@@ -46,7 +46,7 @@ impl JointMisread {
         self.0.clear();
     }
 
-    /// What the encoder says of the joint's motion in rad and rad/s.
+    /// Returns the joint's motion in rad and rad/s as the encoder reports it.
     pub(super) fn motion(&mut self, mut angle_rad: f64, mut rate_rad_per_s: f64) -> (f64, f64) {
         for active in &mut self.0 {
             match active.injection.kind {
@@ -58,7 +58,7 @@ impl JointMisread {
         (angle_rad, rate_rad_per_s)
     }
 
-    /// What the drive makes of the torque in N m that it means to make.
+    /// Returns the true torque in N m for the torque that the drive means to make.
     pub(super) fn torque_n_m(&self, torque_n_m: f64, state: cia402::State) -> f64 {
         let mut active = self.0.iter().map(|active| active.injection);
         let runaway = active.find(|injection| injection.kind == Kind::DriveRunaway);
@@ -82,7 +82,7 @@ impl ForceMisread {
         self.active.clear();
     }
 
-    /// What the channels say, in counts.
+    /// Returns the counts that the channels report.
     pub(super) fn counts(&mut self, now: Time, mut counts: [i32; 6]) -> [i32; 6] {
         let Self { calibration, active, scene_from_s } = self;
         for active in active {

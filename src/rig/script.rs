@@ -1,12 +1,12 @@
-//! Which injection begins and ends when.
+//! Schedule of injections.
 
 use yieldwall_config::injection::{Injection, Lasts};
 
-/// What waits for its moment, and what acts until its own.
+/// Injections that wait for their moment, and injections that act until their own.
 #[derive(Debug)]
 pub(super) struct Script {
     waiting: Vec<Injection>,
-    /// What lasts and has begun, in this order.
+    /// Lasting injections that have begun, in this order.
     acting: Vec<Injection>,
     /// When something begins or ends next, in s since the scene began.
     next_change_s: f64,
@@ -19,7 +19,7 @@ impl Default for Script {
 }
 
 impl Script {
-    /// Has an injection begin at its moment.
+    /// Schedules an injection for its moment.
     pub(super) fn add(&mut self, injection: Injection) {
         self.waiting.push(injection);
         // Whatever begins in a cycle finds its place.

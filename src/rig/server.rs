@@ -19,8 +19,8 @@ use yieldwall_sim::{Drive, ForceSensor};
 /// long for process data.
 pub(super) const GRACE: Duration = Duration::from_secs(2);
 
-/// Simulated time that a simulation in lockstep makes up for at once while it runs by itself. One that cannot keep up with the
-/// wall falls behind it, and does not become deaf. Free time never falls behind.
+/// Simulated time that a simulation in lockstep catches up at once while it runs by itself. If it cannot keep up with the wall
+/// clock, it falls behind but still receives. Free time never falls behind.
 pub(super) const LAG: Duration = Duration::from_millis(5);
 
 /// Step of simulated time.
@@ -34,7 +34,7 @@ const SHORTEST: Duration = Duration::from_nanos(1);
 pub struct DeviceServer {
     far: FarEnd<DeviceSlot<Drive>, DeviceSlot<ForceSensor>>,
     seed: u64,
-    /// Of the force sensor, where it is on.
+    /// Noise of the force sensor, while it is on.
     noise_counts: f64,
     pace: Pace,
     period: Duration,
@@ -49,7 +49,7 @@ pub struct DeviceServer {
     counts: Served,
 }
 
-/// What the devices took part in.
+/// Counters of the devices.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Served {
     /// SYNC messages.
@@ -130,22 +130,22 @@ impl DeviceServer {
         self.far.drives.iter_mut().filter_map(DeviceSlot::local_mut).for_each(|drive| drive.ignore(watchdog));
     }
 
-    /// Has both drives take so long from a reset to their boot-up message.
+    /// Sets the time that both drives take from a reset to their boot-up message.
     pub fn set_reset_time(&mut self, time: Duration) {
         self.far.drives.iter_mut().filter_map(DeviceSlot::local_mut).for_each(|drive| drive.set_reset_time(time));
     }
 
-    /// Has no hand take the tool, ever.
+    /// Keeps the hand from taking the tool, for good.
     pub fn take_hand_away(&mut self) {
         self.far.world.has_hand = false;
     }
 
-    /// Has both drives take so long to answer an SDO request.
+    /// Sets the time that both drives take to answer an SDO request.
     pub fn set_sdo_time(&mut self, time: Duration) {
         self.far.drives.iter_mut().filter_map(DeviceSlot::local_mut).for_each(|drive| drive.set_sdo_time(time));
     }
 
-    /// Has the state machine of a drive, 0 the left, ignore the controlword, or follow it again.
+    /// Makes the state machine of a drive, 0 the left, ignore the controlword, or follow it again.
     pub fn set_ignores_controlword(&mut self, drive: usize, ignores: bool) {
         let (place, axis) = self.far.seats.get(drive).copied().unwrap_or_default();
         let drive = self.far.drives.get_mut(place).and_then(DeviceSlot::local_mut);
@@ -235,7 +235,7 @@ impl DeviceServer {
         self.now
     }
 
-    /// What the devices took part in.
+    /// Returns the counters of the devices.
     pub fn counts(&self) -> Served {
         self.counts
     }
@@ -257,7 +257,7 @@ impl DeviceServer {
         self
     }
 
-    /// Has `peer` be a device that is not simulated here: 0 the left drive, 1 the right drive, 2 the sensor.
+    /// Attaches `peer` as a device that is not simulated here: 0 the left drive, 1 the right drive, 2 the sensor.
     pub fn attach(&mut self, device: usize, peer: Box<dyn Peer>) {
         match self.far.drives.get_mut(device) {
             Some(seat) => seat.attach(self.now, peer),
@@ -305,7 +305,7 @@ impl DeviceServer {
         Time(time.0 - time.0 % self.period.as_nanos() as u64)
     }
 
-    /// The same for what is to be done now.
+    /// Returns the simulated time up to which events are due now.
     fn due(&mut self, wall: Time) -> Time {
         let until = self.time_at(wall);
         // Up to the next thing that is due there is nothing to make up for.
@@ -318,15 +318,15 @@ impl DeviceServer {
         latest
     }
 
-    /// Simulated time at a moment of the wall, or the last period before something is due if that is sooner: up to there nothing happens,
-    /// so nothing is made up for. A heartbeat that counted from earlier would be missed.
+    /// Returns the simulated time at a moment of the wall clock, or the last period before the next event if that is sooner.
+    /// Nothing happens up to there, so there is nothing to catch up. A heartbeat that counted from earlier would be missed.
     fn quiet_until(&self, wall: Time) -> Time {
         let quiet = self.whole(Time(self.far.next_deadline().0.saturating_sub(1)));
         self.now.max(self.time_at(wall).min(quiet))
     }
 
-    /// Has all that is not at rest begin with the first SYNC: the clock of the sensor, and the noise on its samples. Before, a
-    /// sensor that is told to zero itself would take a noise with it that depends on when it is told.
+    /// Begins all that is not at rest with the first SYNC: the clock of the sensor, and the noise on its samples. With noise from
+    /// the start, the zero of a sensor would depend on the moment of its taring command.
     fn begin(&mut self, now: Time) {
         (self.far.world.noise, self.far.world.noise_counts) = (World::noise_from(self.seed), self.noise_counts);
         if let Some(sensor) = self.far.sensor.local_mut() {
@@ -334,7 +334,7 @@ impl DeviceServer {
         }
     }
 
-    /// Has time follow the wall from now on.
+    /// Makes time follow the wall clock from now on.
     fn run_on(&mut self, wall: Time) {
         if self.waits_since.take().is_some() {
             self.anchor = (wall, self.now);

@@ -1,4 +1,4 @@
-//! What a drill keeps from the simulated drives.
+//! Frames that a drill keeps from the simulated drives.
 
 use super::error::RigError;
 use yieldwall_config as config;
@@ -10,7 +10,7 @@ use yieldwall_fieldbus::time::Time;
 use yieldwall_run::Finding;
 use yieldwall_run::assembly::device_buses;
 
-/// What keeps frames of the master from the drives of an embedded rig, and notes when these stop.
+/// Filter that keeps frames of the master from the drives of an embedded rig, and notes when these stop.
 #[derive(Debug)]
 pub(super) struct Silence {
     watchdog: Watchdog,
@@ -37,7 +37,7 @@ impl Silence {
         Ok(Self { watchdog, set_points, repeated: [None; 2], is_on: false, last: Time(0), stopped_at: [None; 2] })
     }
 
-    /// What the devices get of a frame of the master.
+    /// Returns the frame that the devices get for a frame of the master.
     pub(super) fn pass(&mut self, now: Time, frame: Frame) -> Option<Frame> {
         let drive = self.set_points.iter().position(|own| *own == (frame.bus(), frame.id()));
         let is_watched = match self.watchdog {
@@ -96,7 +96,7 @@ impl Silence {
         self.stopped_at.iter().any(Option::is_none)
     }
 
-    /// What was found.
+    /// Returns the finding.
     pub(super) fn finding(&self) -> Finding {
         Finding {
             watchdog: self.watchdog,

@@ -21,7 +21,7 @@ use yieldwall_sim::standard_normal;
 pub(super) enum Body {
     /// The arm with its inertia and friction.
     Arm(Arm),
-    /// No arm: the joints are where the drives were told to be.
+    /// No arm: the joints are at the commanded positions of the drives.
     Ideal(Ideal),
 }
 
@@ -170,9 +170,9 @@ pub(super) struct World {
     pub(super) hand_from_s: f64,
     pub(super) grip: Grip,
     pub(super) pushes: Vec<Push>,
-    /// What pulls at the tool beside the hand, as a weight over a pulley does; it holds also a tool that nobody holds.
+    /// Force at the tool besides the hand's, as of a weight over a pulley; it acts even if nobody holds the tool.
     pub(super) weight: Force,
-    /// What is wrong with the machine.
+    /// Defects of the machine.
     pub(super) defects: Defects,
     /// Mass on the hand's side of the force sensor, kg: a part of the tool's own.
     pub(super) handle_kg: f64,
@@ -369,12 +369,12 @@ impl World {
         Ok((posture, Truth { tip: position, velocity, force }, acceleration))
     }
 
-    /// What the force sensor carries, N: the force of the hand, less what accelerates the handle between both.
+    /// Returns the force in the sensor, N: the force of the hand, less the force that accelerates the handle between both.
     fn carried_n(&self, truth: &Truth, acceleration: Vector2<f64>) -> Vector2<f64> {
         truth.force.0 - acceleration * self.handle_kg
     }
 
-    /// What the force sensor's channels read at `now`, in counts; notes the truth of this moment.
+    /// Returns the readings of the force sensor's channels at `now`, in counts; notes the true state of this moment.
     pub(super) fn feel(&mut self, now: Time) -> Result<[i32; 6], RigError> {
         let (posture, truth, acceleration) = self.present(now)?;
         self.truth = truth;

@@ -13,7 +13,7 @@ const PHASES: u32 = 17;
 /// Share of a cycle by which an age has to be beyond what the rig file says to be another one.
 const OLDER_CYCLES: f64 = 0.05;
 
-/// What frames that wait on a bus may do to the samples of a sensor whose clock is its own, which the masses leave out.
+/// Effect of frames that wait on a bus on the samples of a sensor with its own clock. The computed masses leave this effect out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UnevenSamples {
     /// The sensor sends by its clock, and SYNC waits for its frames: then the drives sample and act late.
@@ -22,7 +22,7 @@ pub enum UnevenSamples {
     SampleMissed,
 }
 
-/// Which of the two can happen on the rig's bus; `None` where SYNC has the sample taken.
+/// Returns which of the two effects can happen on the rig's bus; `None` if SYNC triggers the sample.
 pub fn uneven_samples(rig: &config::Rig) -> Option<UnevenSamples> {
     match rig.sensor.protocol {
         config::SensorProtocol::Canopen { .. } => (!is_sampled_at_sync(rig)).then_some(UnevenSamples::SampleMissed),
@@ -38,8 +38,8 @@ pub fn is_sampled_at_sync(rig: &config::Rig) -> bool {
         && *rig.sensor.sample_rate_hz == f64::from(SYNC_RATE_HZ)
 }
 
-/// The way of the force, with the oldest samples that the sensor's clock can have the cycle use: where frames decide which one that
-/// is, for the shortest and for the longest ones.
+/// Returns the force paths with the oldest samples that the sensor's clock can make the cycle use. If frames decide which sample
+/// that is, it returns one path for the shortest and one for the longest frames.
 pub(super) fn outers(rig: &config::Rig) -> Result<Vec<Outer>, RigError> {
     let period_s = period_s(rig);
     let interval_s = rig.sensor.sample_rate_hz.get().recip();
@@ -68,9 +68,10 @@ pub(super) fn outers(rig: &config::Rig) -> Result<Vec<Outer>, RigError> {
     Ok(samplings.into_iter().map(outer).collect())
 }
 
-/// How long after the end of SYNC a sample of a sensor on plain CAN may be taken that its cycle still uses, s, with the shortest and with
-/// the longest frames: stuff bits are as the data are. Negative if it has to be taken before SYNC. In the regular course of the bus: a
-/// heartbeat that makes one sample late now and then does not count.
+/// Returns the latest moment after the end of SYNC, in s, at which a sensor on plain CAN may take a sample that the same cycle
+/// still uses. It returns one value for the shortest and one for the longest frames, since the number of stuff bits depends on the
+/// data. A negative value means before SYNC. The values hold for the regular course of the bus: they ignore a heartbeat that makes
+/// one sample late now and then.
 fn latest_samples_s(rig: &config::Rig) -> Result<[f64; 2], RigError> {
     let bus = bus_id(rig, &rig.sensor.bus)?;
     let (setup, conditions) = bus_plan(rig)?;
@@ -127,8 +128,8 @@ pub fn believed_age_s(rig: &config::Rig) -> Result<[f64; 2], RigError> {
         .fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], [low, high]| [least.min(low), most.max(high)]))
 }
 
-/// By how much the force may be older than the rig file has it, s; 0 where what was identified does not contradict the file, and where the
-/// force is younger.
+/// Returns by how much the force may be older than in the rig file, s. It is 0 if the identified age does not contradict the file,
+/// and if the force is younger.
 ///
 /// # Errors
 /// As [`believed_age_s`].
@@ -136,7 +137,7 @@ pub fn later_s(rig: &config::Rig, force: &ForceFound) -> Result<f64, RigError> {
     later_between_s(rig, force).map(|[_, most]| most)
 }
 
-/// The same from the least to the most: an older force does not ask for more mass everywhere.
+/// Returns the least and the most by which the force may be older, s: an older force does not ask for more mass everywhere.
 pub(super) fn later_between_s(rig: &config::Rig, force: &ForceFound) -> Result<[f64; 2], RigError> {
     let [least, most] = believed_age_s(rig)?;
     let [low, high] = force.between_s;

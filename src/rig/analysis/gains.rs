@@ -23,8 +23,9 @@ pub fn has_margins(margins: &Margins, (gain_db, phase_deg): (f64, f64)) -> bool 
         && margins.phase_deg >= phase_deg
 }
 
-/// The stiffest gains, three digits each, with which a rig in torque mode has [`PROPOSED_MARGINS`] at every pose of `found`, without
-/// viscous friction: the rig's own at another bandwidth, or of a usual shape, whichever are stiffer. `None` if there are none.
+/// Returns the stiffest gains, of three digits each, with which a rig in torque mode has [`PROPOSED_MARGINS`] at every pose of
+/// `found`, without viscous friction. Candidates are the rig's own gains at another bandwidth and gains of a usual shape; the
+/// stiffer set wins. `None` if there are none.
 pub fn proposed_gains(rig: &config::Rig, found: &PoseMargins) -> Option<Tuned> {
     let (own, _) = gains(&rig.control)?;
     let is_wanted = |margins: &Margins| has_margins(margins, PROPOSED_MARGINS);

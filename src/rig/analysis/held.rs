@@ -56,8 +56,8 @@ pub struct HeldMasses {
 /// Limits of drives that close a loop of their own, which the masses leave out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DriveLimits {
-    /// Force of the hand in N from which a virtual mass has the drives ask for more than the torque limit, at the worst pose: in a cycle the
-    /// rate of the target changes by `F T/M`, to which the drives answer with `B F T/(M lever)`.
+    /// Force of the hand in N above which a virtual mass makes the drives exceed the torque limit, at the worst pose. In a cycle
+    /// the rate of the target changes by `F T/M`, to which the drives answer with `B F T/(M lever)`.
     pub saturating_n: f64,
     /// Torque in N m that one count of the target asks for, `2 pi/counts B/T`; `None` in velocity mode.
     pub count_n_m: Option<f64>,
@@ -111,7 +111,7 @@ pub fn unmodelled(scene: &config::Scene) -> Vec<String> {
     tracking.into_iter().chain(defects).collect()
 }
 
-/// What the virtual coupling of an impedance device bears, the hand off.
+/// Limits of an impedance device's virtual coupling, with the hand off.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coupled {
     /// Whether the configured spring and damper are stable.
@@ -145,12 +145,12 @@ pub fn stiffer(hand: &Grip, stiffness_n_per_m: f64) -> Grip {
     Grip { stiffness_n_per_m, damping_n_s_per_m: hand.damping_n_s_per_m * ratio.sqrt(), ..*hand }
 }
 
-/// The stable virtual masses with each hand over the poses along a rig's surface, and whether `configured_kg` is one. `None`
-/// where the gains are none of the command mode.
+/// Returns the stable virtual masses with each hand over the poses along a rig's surface, and whether `configured_kg` is one.
+/// `None` if the gains do not belong to the command mode.
 ///
-/// In torque mode the servo is that of the rig, with its inertia and viscous feed-forward, and the arm is the feed-forward's
-/// model where there is one; in velocity and position mode the servo is that of the simulated drives and the arm the simulated one. Elastic gears
-/// of the scene are counted. Dry friction and limits of the torque are left out, and [`unmodelled`].
+/// In torque mode the servo is the rig's own, with its inertia and viscous feed-forward, and the arm is the feed-forward's model if
+/// there is one. In velocity and position mode the servo is the one of the simulated drives, and the arm the simulated one. Elastic
+/// gears of the scene are included. Dry friction, torque limits and [`unmodelled`] effects are left out.
 ///
 /// # Errors
 /// If the arm cannot be built, does not reach a pose or is singular there; numbers out of range.
@@ -164,9 +164,9 @@ pub fn held_masses(
     held.holdings(hands, configured_kg).map(Some)
 }
 
-/// The same in torque mode with what was identified of the joints: their delay, and the arm as both of
-/// [`identified_models`] have it, while the model of the file is fed forward; and with the force as old as it may be, at least and at most, by
-/// what was identified of it, where that is older than the file has it. `None` in the other modes.
+/// Returns the stable virtual masses in torque mode with the identified values of the joints: their delay, and both models of the
+/// arm from [`identified_models`]. The model of the file is fed forward. If the identified age of the force exceeds the age in the
+/// file, the masses hold for its least and its greatest value. `None` in the other modes.
 ///
 /// # Errors
 /// As [`held_masses`].
@@ -392,7 +392,7 @@ fn pose_at(
     })
 }
 
-/// What the coupling of a device bears with a factor of `reserve` to spare; `None` for an admittance.
+/// Returns the limits of a device's coupling with a factor of `reserve` to spare; `None` for an admittance.
 ///
 /// # Errors
 /// Numbers out of range.

@@ -12,10 +12,10 @@ use yieldwall_run::assembly::{linkage, period_s, plant_mass};
 /// Least inertia that a motor is taken to have, kg m^2, where the model's links alone already have more than was identified.
 const LEAST_MOTOR_KG_M2: f64 = 1e-3;
 
-/// Models of the arm with the identified inertia at the poses at which it was identified.
+/// Returns models of the arm with the identified inertia at the poses at which it was identified.
 ///
-/// Two numbers do not say what of the arm is heavier than the rig file's model has it, so there are two models: the difference turns with
-/// the motors, the same at each pose; and as much of it as can be is a mass at the tool.
+/// Two numbers do not show which part of the arm is heavier than in the rig file's model, so there are two models. In the first the
+/// difference turns with the motors, the same at each pose. In the second, as much of it as possible is a mass at the tool.
 ///
 /// # Errors
 /// If the linkage cannot be at a pose.

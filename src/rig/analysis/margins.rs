@@ -71,8 +71,8 @@ fn poses_along(rig: &config::Rig, surface: &config::Surface, poses: usize) -> Ve
     }
 }
 
-/// Every corner of an outline, and points along its edges, none farther from the next than a share of the whole. Of an
-/// outline with more corners than poses every so many.
+/// Returns every corner of an outline and points along its edges, with distances of at most a share of the whole. If an outline has
+/// more corners than poses, it returns only some corners, evenly spaced.
 fn along(outline_m: &[Vector2<f64>], is_closed: bool, poses: usize) -> Vec<Vector2<f64>> {
     let corners: Vec<_> = outline_m.iter().copied().step_by(outline_m.len().div_ceil(poses).max(1)).collect();
     let ends = corners.iter().skip(1).chain(corners.first().filter(|_| is_closed));
@@ -106,7 +106,7 @@ pub fn pose_margins(rig: &config::Rig) -> Result<Option<PoseMargins>, RigError> 
     margins_of(rig, &[model], viscous, delay_cycles(rig)?)
 }
 
-/// The same for each of these models of the arm, with this viscous friction of the joints in N m s/rad, and this delay.
+/// Returns the margins for each of these models of the arm, with this viscous friction of the joints in N m s/rad, and this delay.
 pub(super) fn margins_of(
     rig: &config::Rig,
     models: &[MassModel],

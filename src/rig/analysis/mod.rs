@@ -1,5 +1,5 @@
-//! What can be said of a rig before it runs: the margins of its own loop, gains that leave wanted ones, and the virtual masses that its
-//! hands can hold.
+//! Analysis of a rig before it runs: the margins of its own loop, gains that give the wanted margins, and the virtual masses that
+//! its hands can hold.
 
 mod force_age;
 mod gains;

@@ -1,4 +1,4 @@
-//! What makes a virtual mass stable that is not, tried in the rig's own linear model.
+//! Remedies for an unstable virtual mass, tried in the rig's own linear model.
 
 use super::force_age::is_sampled_at_sync;
 use super::held::{Held, HeldMasses, held_masses, stiffer};
@@ -17,7 +17,7 @@ pub enum Remedy {
     SampleRate(f64),
     /// Another control period, us.
     Period(u32),
-    /// The same hand with more damping, N s/m.
+    /// More damping of the hand, N s/m.
     Damping(f64),
     /// A softer hand, damped to the same degree, N/m.
     Stiffness(f64),
@@ -64,8 +64,8 @@ impl Remedy {
     }
 }
 
-/// What was tried and makes `mass_kg` stable with this hand where it is not: of each kind the least change, as far as there is one.
-/// Those of the rig come first.
+/// Returns the remedies that make `mass_kg` stable with this hand if it is not: the least change of each kind, if there is one.
+/// Changes of the rig come first.
 ///
 /// # Errors
 /// As [`held_masses`].

@@ -19,7 +19,7 @@ pub enum LinesError {
         /// Why.
         source: io::Error,
     },
-    /// What is there is no file: reading a pipe may never end.
+    /// The path is not a regular file: reading a pipe may never end.
     #[error("{} is not a regular file", path.display())]
     NoFile {
         /// Its name.

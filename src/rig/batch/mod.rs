@@ -1,5 +1,5 @@
-//! Many computations that know nothing of one another, each addressed by a number: over threads, and kept on disk as they
-//! finish, so that what was interrupted goes on where it stood.
+//! Many independent computations, each addressed by a number. They run on several threads and are stored on disk as they finish, so
+//! that an interrupted batch resumes.
 
 mod lines;
 mod shard;

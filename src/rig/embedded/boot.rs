@@ -105,12 +105,13 @@ impl EmbeddedRig {
         }
     }
 
-    /// Switches everything on, boots the network, tells the drives how little torque they may make, enables them, leads the joints and
-    /// stops, as [`bringup::jog`](fn@bringup::jog). No hand takes the tool. `each` gets the record of every cycle in which the joints are guided.
+    /// Switches everything on, boots the network, lowers the torque limits of the drives, enables them, guides the joints and
+    /// stops, as [`bringup::jog`](fn@bringup::jog). No hand takes the tool. `each` receives the record of every cycle in which the
+    /// joints are guided.
     ///
     /// # Errors
-    /// [`RigError::Boot`] if a node is missing or is not what it should be, and if the simulated arm cannot go on; what kept the joints from
-    /// being led is inside.
+    /// [`RigError::Boot`] if a node is missing or is not the expected one, and an error if the simulated arm cannot go on. The
+    /// result itself names the reason if the joints could not be guided.
     pub fn jog(
         &mut self,
         rig: &config::Rig,
@@ -140,8 +141,8 @@ impl EmbeddedRig {
         Ok(jogged)
     }
 
-    /// Switches everything on, boots the network for homing, tells the drives how little torque they may make, enables them and has each find
-    /// its reference, as [`bringup::home`](fn@bringup::home). No hand takes the tool.
+    /// Switches everything on, boots the network for homing, lowers the torque limits of the drives, enables them and lets each
+    /// find its reference, as [`bringup::home`](fn@bringup::home). No hand takes the tool.
     ///
     /// # Errors
     /// As [`EmbeddedRig::jog`].
@@ -283,7 +284,7 @@ impl EmbeddedRig {
         Ok(())
     }
 
-    /// Has the drives be homed already, if they have to be.
+    /// Marks the drives as homed, if they need homing.
     fn refer(&mut self) {
         self.drives_mut().for_each(Drive::refer);
         self.place_mut().far.line.iter_mut().for_each(Line::refer);
@@ -337,7 +338,7 @@ impl EmbeddedRig {
         }
     }
 
-    /// Has the master find and configure the devices, up to the exchange of process data, and proves anew.
+    /// Lets the master find and configure the devices, up to the exchange of process data, and proves anew.
     pub(super) fn start_network(&mut self) -> Result<(), RigError> {
         self.place_mut().begin_boot();
         let booted = self.runner.boot();

@@ -26,7 +26,7 @@ fn braked(file: &str, closed_if: BitState) -> (config::Rig, config::Scene) {
     (rig, scene)
 }
 
-/// What was seen of one drive on CAN with each of its RPDOs: controlword, whether its brake is released, and its last statusword.
+/// Observations of one drive on CAN with each of its RPDOs: controlword, whether its brake is released, and its last statusword.
 type Seen = Arc<Mutex<Vec<(u16, bool, u16)>>>;
 
 fn watch(machine: &mut EmbeddedRig, closed_if: BitState) -> Seen {

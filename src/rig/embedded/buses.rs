@@ -66,7 +66,7 @@ impl Buses {
         })
     }
 
-    /// Has the master send a frame on its bus.
+    /// Lets the master send a frame on its bus.
     pub(super) fn submit_own(&mut self, now: Time, frame: Frame) {
         self.submit(MASTER, now, frame);
     }
@@ -76,13 +76,13 @@ impl Buses {
         self.buses.iter_mut().flatten().for_each(|bus| bus.clear(MASTER));
     }
 
-    /// Has what is in the master's port of the buses that `is_held` names wait, or leave from `now` on.
+    /// Holds the frames in the master's port on the buses that `is_held` names, or releases them from `now` on.
     pub(super) fn hold(&mut self, now: Time, is_held: impl Fn(BusId) -> bool) {
         let buses = BusId::all().zip(&mut self.buses).filter_map(|(which, bus)| Some((which, bus.as_mut()?)));
         buses.for_each(|(which, bus)| bus.hold(MASTER, now, is_held(which)));
     }
 
-    /// What has happened on each so far; `None` for a segment.
+    /// Returns the counters of each bus so far; `None` for a segment.
     pub(super) fn counters(&self) -> impl Iterator<Item = Option<&BusCounters>> {
         self.buses.iter().map(|bus| bus.as_ref().map(VirtualBus::counters))
     }
@@ -110,7 +110,7 @@ impl Buses {
         }
     }
 
-    /// Has somebody who is not of the rig send a frame.
+    /// Lets a node outside the rig send a frame.
     pub(super) fn submit_foreign(&mut self, now: Time, frame: Frame) {
         self.submit(STRANGER, now, frame);
     }

@@ -15,7 +15,7 @@ const AROUND_FRAME: u64 = 8 + 4 + 12;
 const FRAMES: usize = 256;
 const BITS: u64 = 8;
 
-/// Frames with the moments at which they are somewhere. What was taken out is used again, so that nothing is allocated.
+/// Frames with the moments at which they are somewhere. Buffers of removed frames are used again, so that nothing is allocated.
 #[derive(Debug, Default)]
 pub(super) struct Frames {
     waiting: VecDeque<(Time, Vec<u8>)>,
@@ -59,14 +59,14 @@ impl Frames {
 /// The cable between the master and the first device of a segment. Frames leave one behind the other.
 #[derive(Debug)]
 pub(super) struct Cable {
-    /// What has not begun to leave.
+    /// Frames that have not begun to leave.
     pub(super) outward: Frames,
-    /// What is on its way back, or comes from nowhere.
+    /// Frames on their way back, and injected frames.
     pub(super) inward: Frames,
     free_at: Time,
     pub(super) faults: FrameFaults,
     counters: BusCounters,
-    /// What is broken in the master's interface.
+    /// Faults of the master's interface.
     broken: Vec<Injection>,
 }
 
@@ -83,7 +83,7 @@ impl Cable {
         }
     }
 
-    /// Has the master send a frame; whether its interface takes any.
+    /// Lets the master send a frame, and returns whether its interface accepts it.
     pub(super) fn send(&mut self, now: Time, bytes: &[u8]) -> bool {
         if self.broken.iter().any(|active| matches!(active.kind, Kind::SendFailed | Kind::InterfaceDown)) {
             return false;
@@ -107,7 +107,7 @@ impl Cable {
         self.outward.next().min(self.inward.next()).min(self.faults.next_back())
     }
 
-    /// What has gone over it, the time that a frame takes as bits.
+    /// Returns the counters of the cable; bits stand for the time that a frame takes.
     pub(super) fn counters(&self) -> &BusCounters {
         &self.counters
     }

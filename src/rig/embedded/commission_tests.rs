@@ -20,7 +20,7 @@ const RIGS: [&str; 5] = [
     "paper-ethercat-can-sensor.yaml",
 ];
 
-/// What became of it, and what has to be looked at afterwards.
+/// Outcome of a commissioning, and the state of the machine afterwards.
 struct Done {
     commissioned: Commissioned,
     states: [cia402::State; 2],
@@ -34,7 +34,7 @@ fn commissioned(file: &str, defects: &[Defect], injections: &[Injection]) -> Don
     until(file, defects, injections, u64::MAX)
 }
 
-/// The same, with a person who asks for the end after so many cycles.
+/// Commissions with a person who asks for the end after so many cycles.
 fn until(file: &str, defects: &[Defect], injections: &[Injection], cycles: u64) -> Done {
     let loaded = config::load_rig(config::builtin(file)).unwrap();
     let (rig, mut scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
@@ -288,7 +288,7 @@ proptest! {
     }
 }
 
-/// One that goes on has the same drives, or nothing moves.
+/// A resumed commissioning has the same drives, or nothing moves.
 #[test]
 fn a_commissioning_goes_on_with_the_same_drives_alone() {
     let loaded = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap();

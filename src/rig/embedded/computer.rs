@@ -27,11 +27,11 @@ pub(super) struct Computer {
     stop_is_requested: bool,
     /// Whether the next cycle panics.
     panics: bool,
-    /// What waits for it.
+    /// Frames that wait for the process.
     waiting: VecDeque<Received>,
-    /// What it has not taken yet.
+    /// Frames that the process has not taken yet.
     inbox: VecDeque<Arrival>,
-    /// The same of a segment: what waits for it, and what it has not taken.
+    /// Frames of a segment: those that wait for the process, and those that it has not taken.
     waiting_ethernet: Frames,
     ethernet: Frames,
     /// Grid point of the cycle that it runs.
@@ -92,7 +92,7 @@ impl Computer {
         self.waiting_ethernet.clear();
     }
 
-    /// What the process does in the cycle that begins at a grid point.
+    /// Returns the behaviour of the process in the cycle that begins at a grid point.
     pub(super) fn begin_cycle(&mut self, now: Time, grid: Time) -> Process {
         let mut lateness = Lateness::default();
         let (mut is_stopped, mut is_suspended) = (false, false);
@@ -177,7 +177,7 @@ impl Computer {
         self.ethernet.take(Time::NEVER, |time, bytes| give(time, bytes)).flatten()
     }
 
-    /// An interface tells of itself.
+    /// Reports an error of an interface.
     pub(super) fn tell(&mut self, time: Time, bus: BusId, error: ErrorFrame) {
         self.inbox.push_back(Arrival { time, bus, what: Received::Error(error) });
     }

@@ -10,7 +10,7 @@ use yieldwall_config::injection::{Defect, DefectKind};
 use yieldwall_motion::identification::NotIdentified;
 use yieldwall_run::{ForceFound, JointLoop, LoopPlan};
 
-/// What is identified of a joint with these defects, and the root mean square of the force that the cycle had meanwhile, N.
+/// Identifies a joint with these defects. Also returns the root mean square of the force in the cycles meanwhile, N.
 fn found(loaded: &config::Loaded<config::Rig>, joint: usize, seed: u64, defects: &[Defect]) -> (JointLoop, f64) {
     let (rig, mut scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
     scene.defects = defects.iter().map(|defect| (*defect).into()).collect();

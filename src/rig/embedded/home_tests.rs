@@ -39,7 +39,7 @@ fn rig(
     (rig, scene)
 }
 
-/// What becomes of homing; the true angles at the end, and how far each link went at most.
+/// Returns the outcome of homing, the true angles at the end, and the largest travel of each link.
 fn homed(
     (rig, scene): &(config::Rig, config::Scene),
     joints: [bool; 2],

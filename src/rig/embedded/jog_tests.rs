@@ -16,7 +16,7 @@ fn jog(by: [f64; 2], rate: f64) -> Jog<'static> {
     Jog { by: JointAngles::from(by), keys: None, limits, settling: 20, is_metered: false }
 }
 
-/// What becomes of a jog, with something broken and something looked at in every cycle.
+/// Returns the outcome of a jog with an injection, and with a check in every cycle.
 fn jogged(
     file: &str,
     jog: &Jog<'_>,
@@ -105,7 +105,8 @@ fn after_a_jog_the_fixture_has_the_tool_again() {
     assert!(farthest > 0.01, "the hand leads it: {farthest}");
 }
 
-/// What becomes of a joint that keys lead by up to 0.1 rad to either side: `pressed` gets the time of each record and gives the key.
+/// Returns the outcome for a joint that keys guide by up to 0.1 rad to either side: `pressed` receives the time of each record and
+/// returns the key.
 fn led_by_keys(mut pressed: impl FnMut(f64) -> Option<Key> + Send + 'static) -> (Jogged, Vec<[f64; 2]>) {
     use std::sync::{Arc, Mutex};
     let (keys, ways) = (Arc::<Keys>::default(), Arc::<Mutex<Vec<[f64; 2]>>>::default());

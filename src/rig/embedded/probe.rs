@@ -10,7 +10,7 @@ use yieldwall_sim::can::Witness;
 /// not of the rig.
 pub const PORTS: [usize; 4] = [MASTER, DEVICES[0], DEVICES[1], DEVICES[2]];
 
-/// What is true of arm and hand and what no device tells.
+/// True state of arm and hand, which no device reports.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BodyTruth {
     /// Tool point at the last SYNC.
@@ -24,7 +24,7 @@ pub struct BodyTruth {
 }
 
 impl EmbeddedRig {
-    /// Has `witness` get the passage of every frame from now on.
+    /// Passes every frame's passage to `witness` from now on.
     pub fn set_witness(&mut self, witness: Witness) {
         self.place_mut().wires.buses.set_witness(witness);
     }
@@ -45,7 +45,7 @@ impl EmbeddedRig {
         self.start_network()
     }
 
-    /// Has the hand take the handle and begin its path at the next SYNC.
+    /// Makes the hand take the handle and begin its path at the next SYNC.
     pub fn take_handle(&mut self) {
         self.take_tool();
     }
@@ -55,7 +55,7 @@ impl EmbeddedRig {
         self.place().computer.is_dead()
     }
 
-    /// What is true of arm and hand.
+    /// Returns the true state of arm and hand.
     pub fn body_truth(&self) -> BodyTruth {
         let truth = &self.place().far.world.truth;
         let angles = match &self.place().far.world.body {

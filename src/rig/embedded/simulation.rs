@@ -28,21 +28,21 @@ use yieldwall_sim::can::Passage;
 /// Buses, devices, machine and computer, and what is broken of them.
 pub(super) struct Simulation {
     pub(super) wires: InjectableBuses,
-    /// That of the segment, with the segment's bus.
+    /// Cable of the segment, with the segment's bus.
     pub(super) cable: Option<(BusId, Cable)>,
     pub(super) far: FarEnd<Option<InjectableDrive>, Option<InjectableSensor>>,
     pub(super) computer: Computer,
     pub(super) script: Script,
     pub(super) tap: Option<Tap>,
-    /// What a drill keeps from the devices.
+    /// Frames that a drill keeps from the devices.
     pub(super) silence: Option<Silence>,
-    /// What was true when the drives on a segment sampled what the present cycle reads.
+    /// True state when the drives on a segment sampled the values that the present cycle reads.
     sampled: Option<world::Truth>,
     period: Duration,
     /// How long before a cycle begins the drives sample what it reads.
     sampled_before: Duration,
     pub(super) now: Time,
-    /// What the last cycle asked of the joints: without an arm they are there one SYNC later.
+    /// Angles that the last cycle commanded: without an arm the joints are there one SYNC later.
     target_angles: Option<JointAngles>,
     /// Why it cannot go on.
     pub(super) failure: Option<RigError>,
@@ -105,7 +105,7 @@ impl Simulation {
         self.tell_link_events();
     }
 
-    /// Has the master's interfaces tell what is wrong with them.
+    /// Reports the faults of the master's interfaces.
     fn tell_link_events(&mut self) {
         let Self { wires, computer, now, .. } = self;
         for (bus, event) in wires.link_events() {
@@ -159,7 +159,7 @@ impl Simulation {
         Ok(())
     }
 
-    /// Has the next frame that is due on the cable go on; whether one was.
+    /// Passes the next frame that is due on the cable on, and returns whether there was one.
     fn pass_cable(&mut self, now: Time) -> Result<bool, RigError> {
         let Self { cable, far, computer, silence, tap, .. } = self;
         let Some((bus, cable)) = cable else { return Ok(false) };

@@ -18,7 +18,7 @@ pub(super) fn rig(text: &str) -> config::Loaded<config::Rig> {
     config::load_rig(config::Source::memory("rig.yaml", text.to_owned())).unwrap()
 }
 
-/// What becomes of an identification, with something broken and something looked at in every cycle.
+/// Returns the outcome of an identification with an injection, and with a check in every cycle.
 fn traced(
     loaded: &config::Loaded<config::Rig>,
     joint: usize,

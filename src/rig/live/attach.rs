@@ -1,13 +1,14 @@
-//! Devices of one arm in several processes: each hears and sends on the bus by itself, and meets the arm over a socket.
+//! Devices of one arm in several processes: each sends and receives on the bus by itself, and is connected to the arm over a
+//! socket.
 //!
 //! ```text
 //! the process with the arm                      a process with one device
 //! Call: time, SYNC or due, what it feels  --->  its frames up to that moment, then the device
 //!                                         <---  what it sends; then Answer: torque, state, when something is due
 //! ```
-//! The process with the arm tells the moments, so that all devices live on one clock; what a device measured up to a SYNC is on
-//! the bus before the others answer it. A device that does not answer within
-//! half a second, 5 s in lockstep, is gone for good, and its joint without torque.
+//! The process with the arm sets the moments, so that all devices share one clock. The measurements of a device up to a SYNC are on
+//! the bus before the other devices answer that SYNC. A device that does not answer within half a second, 5 s in lockstep, is
+//! removed for good, and its joint has no torque.
 
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
@@ -29,9 +30,9 @@ use yieldwall_sim::{Drive, ForceSensor};
 
 /// How long a device may take to answer by the wall clock ...
 const PATIENCE: Duration = Duration::from_millis(500);
-/// ... and in lockstep, where time waits for it. One that dies is noticed at once: its end of the socket is closed.
+/// ... and in lockstep, where time waits for it. The death of a device's process is noticed at once: its end of the socket is closed.
 const LOCKSTEP_PATIENCE: Duration = Duration::from_secs(5);
-/// How long a device waits for a SYNC of which it was told.
+/// How long a device waits for a SYNC that the arm has announced.
 const SYNC_PATIENCE: Duration = Duration::from_millis(20);
 /// Longest wait before the wish to end is looked at.
 const LOOK_UP: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
@@ -136,7 +137,7 @@ impl Entrance {
         Ok(Self { listener, patience })
     }
 
-    /// Seats those who have come. One that says nothing, or that is simulated here already, is sent away.
+    /// Admits the devices that have connected. A device that sends nothing, or that is simulated here already, is rejected.
     pub fn admit(&self, server: &mut DeviceServer) {
         while let Ok((mut stream, _)) = self.listener.accept() {
             let mut device = [0];
@@ -265,7 +266,7 @@ pub fn attach<L: CanLink + AsFd>(
     Ok(())
 }
 
-/// Has the device take what it has heard. What follows a SYNC waits until the arm has told of it.
+/// Makes the device take the frames that it has received. Frames after a SYNC wait until the arm has announced that SYNC.
 fn take<L: CanLink>(device: &mut Attached, link: &mut L, heard: &mut VecDeque<Frame>, now: Time, is_on: bool) {
     let mut out = LinkOutbox::new(link);
     while is_on && heard.front().is_some_and(|frame| frame.id() != cob::SYNC) {

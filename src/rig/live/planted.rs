@@ -36,7 +36,7 @@ pub struct PlantedLink<L> {
     link: L,
     node: NodeId,
     trouble: Trouble,
-    /// What comes next, beside what the link brings.
+    /// Next arrival besides the link's own.
     next: Option<Arrival>,
     is_off: bool,
 }
@@ -51,7 +51,7 @@ impl<L: CanLink> PlantedLink<L> {
         Self { link, node, trouble, next: None, is_off: false }
     }
 
-    /// What becomes of a frame of somebody else.
+    /// Returns the changed form of a frame from another node.
     fn changed(&mut self, arrival: Arrival, frame: Frame) -> Option<Arrival> {
         let is_own = is_of(&frame, self.node);
         let with = |what| Some(Arrival { what, ..arrival });

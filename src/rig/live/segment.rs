@@ -11,9 +11,9 @@ use yieldwall_link::{EthernetReceived, Received, SendError, Wires};
 /// Frames that are taken before the wish to end is looked at.
 const MOST_AT_ONCE: usize = 64;
 
-/// Serves a segment, and devices on CAN beside it, until `is_over` or an interface is removed. Of what came while the process was stopped, or
-/// could not run for a second, only NMT commands are taken. An interface that is down is waited for: the devices then hear nothing, as with
-/// the cable out. `between` is called now and then, at least twenty times a second.
+/// Serves a segment, and devices on CAN beside it, until `is_over` or an interface is removed. If the process was stopped, or could
+/// not run for a second, it takes only the NMT commands from that time. It waits for an interface that is down: the devices then
+/// receive nothing, as with an unplugged cable. `between` is called at least twenty times a second.
 ///
 /// # Errors
 /// If the simulated arm cannot go on, or there is no interface any more.

@@ -28,9 +28,9 @@ pub enum ServeError {
     Gone,
 }
 
-/// Switches the devices on that are simulated here and serves them. Of what came while the process was stopped, or could not
-/// run for a second, only NMT commands are taken. It serves until `is_over` or the interface is removed. An interface that is down is waited
-/// for: the devices then hear nothing, as on a cable that is out. `between` is called now and then, at least twenty times a second.
+/// Switches on the devices that are simulated here and serves them, until `is_over` or the interface is removed. If the process was
+/// stopped, or could not run for a second, it takes only the NMT commands from that time. It waits for an interface that is down:
+/// the devices then receive nothing, as with an unplugged cable. `between` is called at least twenty times a second.
 ///
 /// # Errors
 /// If the simulated arm cannot go on, or there is no interface any more.

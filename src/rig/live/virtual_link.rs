@@ -10,7 +10,7 @@ use yieldwall_fieldbus::time::Time;
 use yieldwall_link::{Arrival, CanLink, Received, SendError};
 use yieldwall_run::Pace;
 
-/// What a frame of eight bytes takes on a bus of 1 Mbit/s, rounded up.
+/// Time of a frame of eight bytes on a bus of 1 Mbit/s, rounded up.
 const FRAME: Duration = Duration::from_micros(130);
 
 /// A rig's simulated devices behind a link. Its time goes on only while somebody waits, and by what each frame takes.
@@ -23,7 +23,7 @@ pub struct VirtualLink {
     has_failed: bool,
 }
 
-/// What the devices send, a frame after the other.
+/// Frames that the devices send, one after the other.
 struct Wire<'a> {
     now: Time,
     arrivals: &'a mut VecDeque<Arrival>,

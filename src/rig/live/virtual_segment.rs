@@ -10,7 +10,7 @@ use yieldwall_fieldbus::time::Time;
 use yieldwall_link::{EthernetArrival, EthernetLink, EthernetReceived, SendError};
 use yieldwall_run::Pace;
 
-/// What a frame takes there and back: that of 100 bytes past three devices, rounded up.
+/// Time of a frame on its way there and back: 100 bytes past three devices, rounded up.
 const FRAME: Duration = Duration::from_micros(20);
 
 /// A rig's simulated devices behind a link. Its time goes on only while somebody waits, and by what each frame takes.

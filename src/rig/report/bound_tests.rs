@@ -32,7 +32,7 @@ const CYCLES: [(&str, Option<u32>); 7] = [
     ("paper-admittance-5ms.yaml", None),
     ("paper-admittance-10ms.yaml", None),
 ];
-/// What a passive hand does.
+/// Errands of a passive hand.
 const ERRANDS: [&str; 3] = ["free", "impact", "trace"];
 /// Radius in m of the circle of the shipped rigs.
 const CIRCLE_M: f64 = 0.12;

@@ -15,13 +15,13 @@ const SETTLING_S: f64 = 0.1;
 const TRACING_SPEED_M_PER_S: f64 = 0.1;
 /// A proxy slower than this, in m/s, rests: resting on the surface is not tracing it.
 const RESTING_SPEED_M_PER_S: f64 = 1e-3;
-/// A force above this share of R is at R but for rounding: the surface yields.
+/// Share of R above which a force counts as R, apart from rounding: the surface yields.
 const YIELDING_SHARE: f64 = 1.0 - 1e-6;
 /// Share of R up to which a force counts as pressing on the surface below the yield force.
 const PRESSED_SHARE: f64 = 0.95;
 
-/// What a rig that does not swing may give beyond the law, in J: what the arm's own momentum does to the hand while the servo
-/// stops it at a surface that holds the proxy. A rig that swings passes it within some periods.
+/// Energy beyond the law that a rig without oscillation may give, in J. At a surface that holds the proxy, the servo stops the arm,
+/// and the arm's momentum acts on the hand. An oscillating rig exceeds it within some periods.
 const EXCESS_BOUND_J: f64 = 0.02;
 
 /// One crossing of the surface by a proxy that came from off it, pushed by less than R.
@@ -36,10 +36,10 @@ pub struct Impact {
     pub speed_m_per_s: f64,
     /// Greatest distance of the proxy beyond the surface while the sensed force stays below R, in mm.
     pub depth_mm: f64,
-    /// The depth that the proxy's equation of motion gives for this speed and the mean normal force until it stopped,
-    /// in mm; `None` where the law does not apply (impedance type, or a hold).
+    /// Depth that the proxy's equation of motion predicts, in mm, for this speed and the mean normal force until the proxy stopped.
+    /// `None` if the law does not apply (impedance type, or a hold).
     pub predicted_depth_mm: Option<f64>,
-    /// The same for the least and the greatest normal force until it stopped: the law is for a constant force.
+    /// Predicted depth for the least and the greatest normal force until the proxy stopped: the law is for a constant force.
     pub predicted_range_mm: Option<[f64; 2]>,
     /// Greatest distance of the tool beyond the surface in the same time, in mm.
     pub tool_depth_mm: f64,
@@ -59,8 +59,8 @@ pub struct Measures {
     /// Share of the rows with a pressing force between F and 0.95 R, since the proxy came to lie on the surface, in
     /// which it lies there. `None` without such a row.
     pub on_surface_fraction_when_pressed: Option<f64>,
-    /// How often the proxy left the surface in such a row, pressed by more than F and less than 0.95 of the force at which
-    /// the surface yields on that side.
+    /// Number of times that the proxy left the surface in such a row while pressed. The push is above F and below 0.95 of the force
+    /// at which the surface yields on that side.
     pub unintended_releases: u32,
     /// RMS distance of the tool from the surface in steady tracing up to 0.1 m/s, in mm.
     pub tool_rms_tracing_mm: Option<f64>,
@@ -88,22 +88,24 @@ pub struct Measures {
     pub torque_limit_apart_s: Option<f64>,
     /// Greatest net work of the tool on the hand over any stretch of the run, in J.
     pub energy_rise_j: f64,
-    /// Work on the hand in one go beyond what the proxy held and moving surfaces brought, in J, forgotten within a second
-    /// ([`Excess`]), when it came nearest to its bound or furthest beyond; `None` where no mass holds energy (impedance type,
-    /// elastic law).
+    /// Largest energy burst into the hand beyond what the proxy held and moving surfaces brought, in J, forgotten within a second
+    /// ([`Excess`]). The value is the one nearest to its bound or furthest beyond it. `None` if no mass holds energy (impedance
+    /// type, elastic law).
     pub energy_excess_j: Option<f64>,
-    /// What the bound holds, in J: for the admittance type `energy_excess_j`, by the sum of 0.02 J, which the stop of an arm
-    /// may leave, the work of one count of the force sensor over the tool's way, and the most kinetic energy that the proxy
-    /// had until then, forgotten as fast; for the impedance type `energy_rise_j`, by `R^2 / (2 K)`.
+    /// Bound of the energy, in J. For the impedance type it bounds `energy_rise_j` and is `R^2 / (2 K)`. For the admittance type it
+    /// bounds `energy_excess_j` and is the sum of three terms:
+    /// - 0.02 J, which the stop of an arm may leave;
+    /// - the work of one count of the force sensor over the tool's travel;
+    /// - the largest kinetic energy that the proxy had until then, forgotten as fast.
     ///
-    /// The kinetic energy stands for moves: a tool that follows its proxy late by `lag` gives a hand that moves the mass by
-    /// the shortest jerk in the time `T` some `10 lag / T` of it beyond what the hand put in. A move does so once, a swing
-    /// anew in each of its halves.
+    /// The kinetic energy stands for moves. Let a hand move the mass with minimum jerk in the time `T`. A tool that follows its proxy late by `lag` then returns about
+    /// `10 lag / T` of that energy beyond the hand's own work. A move does so once, an
+    /// oscillation in each of its halves.
     pub energy_bound_j: f64,
 }
 
 impl Measures {
-    /// What the bound holds, in J: the most that was given to the hand in one go, less what the proxy held and what moving
+    /// Returns the energy that the bound limits, in J: the largest burst into the hand, less what the proxy held and what moving
     /// surfaces brought (admittance type).
     pub fn bounded_energy_j(&self) -> f64 {
         self.energy_excess_j.unwrap_or(self.energy_rise_j)
@@ -115,7 +117,7 @@ impl Measures {
     }
 }
 
-/// What the measures need to know of the fixture and the loop.
+/// Properties of the fixture and the loop that the measures need.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Context {
     /// Cycle time in s.
@@ -176,7 +178,7 @@ pub fn measure(trace: &Trace, context: &Context) -> Measures {
     }
 }
 
-/// Time in s in which a torque is at its limit, but for those within the window after one of `impacts`.
+/// Returns the time in s in which a torque is at its limit, except within the window after one of `impacts`.
 fn at_limit_s(trace: &Trace, context: &Context, limit_n_m: f64, impacts: &[Impact]) -> f64 {
     let is_at_limit = |row: &&Row| row.torques_n_m.iter().any(|torque| torque.abs() >= limit_n_m * (1.0 - 1e-9));
     let is_after =
@@ -275,8 +277,8 @@ struct Pressed {
     releases: u32,
 }
 
-/// Walks the contacts: from the second row in a row with the proxy on the surface (a single one is a landing in flight)
-/// until the push reaches 0.95 R, or points to the free side of a unilateral surface.
+/// Walks through the contacts. A contact begins with the second consecutive row with the proxy on the surface (a single row is a
+/// landing in flight). It ends when the push reaches 0.95 R, or points to the free side of a unilateral surface.
 fn pressed(trace: &Trace) -> Pressed {
     let mut pressed = Pressed { rows: 0, on: 0, releases: 0 };
     let mut in_contact = false;
@@ -358,7 +360,7 @@ fn work(trace: &Trace) -> Work {
     sums
 }
 
-/// What was given to the hand when it was most beyond what moves account for.
+/// Energy given to the hand when it was most beyond what moves account for.
 #[derive(Clone, Copy)]
 struct Given {
     /// Beyond what the proxy held and moving surfaces brought, in J.
@@ -367,7 +369,7 @@ struct Given {
     moved_j: f64,
 }
 
-/// What was given to the hand, counted from the begin each time the rig runs.
+/// Returns the energy given to the hand, counted anew each time the rig begins to run.
 fn given(trace: &Trace, context: &Context, mass_kg: f64) -> Given {
     let kept = (1.0 - context.period_s / EXCESS_FORGETTING_S).max(0.0);
     let mut most = Given { excess_j: 0.0, moved_j: 0.0 };

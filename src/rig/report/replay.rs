@@ -18,7 +18,7 @@ use yieldwall_run::assembly;
 
 const SCENE: &str = "scene.yaml";
 
-/// What a recording of a run with these documents says of it. Without a scene the rig has no simulation in it.
+/// Returns the description for a recording of a run with these documents. Without a scene the rig has no simulation in it.
 ///
 /// # Errors
 /// When a document cannot be written; no checked one cannot.
@@ -37,7 +37,7 @@ pub fn about(rig: &config::Rig, scene: Option<&config::Scene>, overrides: &Overr
     about_run(Machine::Rig(config::to_yaml(&effective)?), scene, profiles, overrides)
 }
 
-/// The same of an impedance device.
+/// Returns the description for a recording of an impedance device.
 ///
 /// # Errors
 /// As [`about`].
@@ -164,12 +164,12 @@ pub fn replay_any<R: Read>(recording: &mut Recording<R>) -> Result<Replay, Repla
     }
 }
 
-/// What another machine did is not to be compared.
+/// Refuses a damaged description: a replay of it would compare another machine.
 fn undamaged(about: &About) -> Result<&About, ReadError> {
     if about.is_damaged { Err(ReadError::DamagedDescription) } else { Ok(about) }
 }
 
-/// The same of the cycles of a rig, from the first one after the boot.
+/// Replays the cycles of a rig, from the first one after the boot.
 ///
 /// # Errors
 /// As [`replay_any`].
@@ -182,7 +182,7 @@ pub fn replay<R: Read>(reader: &mut Reader<R>) -> Result<Replay, ReplayError> {
     })
 }
 
-/// The same of the samples of an impedance device.
+/// Replays the samples of an impedance device.
 ///
 /// # Errors
 /// As [`replay_any`].

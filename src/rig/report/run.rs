@@ -18,7 +18,7 @@ use yieldwall_record::{AROUND_FAULT_S, DeviceRecord, ForceMeaning, Row, Trace};
 use yieldwall_run::{DriveError, Watch};
 use yieldwall_sim::can::BusCounters;
 
-/// What a caller may want to know while a scene runs.
+/// Progress of a scene for the caller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stage {
     /// Simulated time in s.
@@ -32,13 +32,13 @@ pub struct Stage {
 pub struct RunReport {
     /// The rows.
     pub trace: Trace,
-    /// What was measured on them.
+    /// Measures of the rows.
     pub measures: Measures,
     /// State of the supervisor at the end of the scene, before the rig was stopped.
     pub state: Option<State>,
     /// The fault that stopped the rig or that held it at the end, if one did.
     pub cause: Option<Cause>,
-    /// What went over all buses from switching on to the end.
+    /// Counters of all buses from switching on to the end.
     pub bus: Option<BusCounters>,
     /// Share of the scene's time in which bits were on each bus, at its bit rate, with the bus's name.
     pub bus_loads: Vec<(String, f64)>,
@@ -46,17 +46,17 @@ pub struct RunReport {
     pub started_at_s: Option<f64>,
     /// Time in s in which a fault held the reference at rest and cleared by itself.
     pub held_s: f64,
-    /// The same time by the fault that held it, in the order of the fault table.
+    /// Time in s for each fault that held the reference, in the order of the fault table.
     pub held_by: Vec<(Fault, f64)>,
     /// Faults that hold nothing, each with the number of cycles in which it was seen, from the boot to the end.
     pub counted: Vec<(Fault, u32)>,
     /// SDO downloads of somebody else to the rig's nodes.
     pub foreign_downloads: u32,
-    /// What was wrong with the devices of an EtherCAT segment, a line each.
+    /// Faults of the devices of an EtherCAT segment, a line each.
     pub segment: Vec<String>,
-    /// What the devices told by emergency messages, at most the last eight, the oldest first.
+    /// Emergency messages of the devices, at most the last eight, the oldest first.
     pub emergencies: Vec<EmergencyReport>,
-    /// What the drives said of the fault that stopped the rig.
+    /// Reports of the drives on the fault that stopped the rig.
     pub errors: Vec<DriveError>,
     /// Cycle time in s.
     pub period_s: f64,
@@ -74,7 +74,7 @@ impl RunReport {
     }
 }
 
-/// What may stand in place of what the files say.
+/// Values that replace those of the files.
 #[derive(Clone, Debug, Default)]
 pub struct Overrides {
     /// A fixture in place of the machine's.
@@ -83,7 +83,7 @@ pub struct Overrides {
     pub duration_s: Option<f64>,
     /// A seed in place of the scene's.
     pub seed: Option<u64>,
-    /// What is broken on the way, beside what the scene says.
+    /// Injections in addition to the scene's.
     pub faults: Vec<Injection>,
 }
 
@@ -168,7 +168,7 @@ pub fn run_rig(
     })
 }
 
-/// What was seen of a rig with this fixture: its trace, and the measures up to the fault that stopped it, if one did.
+/// Returns the trace of a rig with this fixture, and the measures up to the fault that stopped it, if one did.
 pub fn measured(rig: &config::Rig, fixture: &config::Fixture, seen: impl Into<RunLog>) -> (Trace, Measures) {
     let trace = trace(rig.rig.name.clone(), fixture, ForceMeaning::HandOnTool, seen);
     let is_torque = rig.rig.command_mode == config::CommandMode::Torque;
@@ -229,7 +229,7 @@ pub fn run_device(
     })
 }
 
-/// What the rows of an impedance device with this fixture show.
+/// Returns the trace and the measures of an impedance device with this fixture.
 pub fn measured_device(
     device: &config::ImpedanceDevice,
     fixture: &config::Fixture,

@@ -25,21 +25,23 @@ use yieldwall_sim::ethercat::{Segment, SimulatedDevice};
 /// Slack of moments in s, far below a cycle.
 const SLACK_S: f64 = 1e-9;
 
-/// What begins a period of lockstep, a bit each: SYNC on CAN, and the frame that reads process data.
+/// Events that begin a period of lockstep, a bit each: SYNC on CAN, and the frame that reads process data.
 const SYNC: u8 = 1;
 const READ: u8 = 2;
 
 /// The simulated drives and the force sensor of a rig on an EtherCAT segment, on one arm with a hand. The sensor may be on CAN.
 ///
-/// Without I/O, like every engine: frames and moments of the wall come in, and what comes back goes to a closure. Simulated time follows
-/// the wall. In lockstep it stands still from the frame that reads process data to the next one that reads the same, which is a period
-/// later, and follows the wall in whole periods before the first one, 2 s after the last one, when a master writes to all devices or asks a memory chip
-/// and after an NMT command; the clocks of devices do not drift then. A SYNC on CAN belongs to the same period as the frame that follows it. The hand takes the tool when all drives are in Operation Enabled, and lets go of it when none makes torque any more.
+/// The server does no I/O, like every engine: frames and wall-clock moments come in, and returning frames go to a closure.
+/// Simulated time follows the wall clock. In lockstep it stands still from a frame that reads process data to the next one that
+/// reads the same, which is a period later. It follows the wall clock in whole periods before the first such frame, 2 s after the last one, and after an NMT command. It also
+/// does when a master writes to all devices or asks a memory chip. The clocks of devices do not
+/// drift in lockstep. A SYNC on CAN belongs to the same period as the frame that follows it. The hand takes the tool when all
+/// drives are in Operation Enabled, and lets go of it when none makes torque any more.
 #[derive(Debug)]
 pub struct SegmentServer {
     far: FarEnd,
     seed: u64,
-    /// Of the force sensor, where it is on.
+    /// Noise of the force sensor, while it is on.
     noise_counts: f64,
     pace: Pace,
     period: Duration,
@@ -49,7 +51,7 @@ pub struct SegmentServer {
     anchor: (Time, Time),
     /// When process data were read last on the wall, while time waits for the next time.
     waits_since: Option<Time>,
-    /// What of [`SYNC`] and [`READ`] has come in this period, and whether a SYNC has since time waits.
+    /// Bits of [`SYNC`] and [`READ`] for the events of this period; `has_synced`: whether a SYNC has come since time waits.
     begun_by: u8,
     has_synced: bool,
     /// The logical address with whose reading a period begins.
@@ -60,7 +62,7 @@ pub struct SegmentServer {
     counts: SegmentServed,
 }
 
-/// What a segment took part in.
+/// Counters of a segment.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SegmentServed {
     /// Frames that came.
@@ -74,9 +76,9 @@ pub struct SegmentServed {
 }
 
 impl SegmentServer {
-    /// Devices that are switched on at this moment of the wall, the arm where the scene's hand starts. Of left drive, right drive and
-    /// sensor those that are `here` are on the segment; the joint of another drive is without torque. `seed` stands in place of the
-    /// scene's.
+    /// Switches the devices on at this moment of the wall clock, with the arm where the scene's hand starts. The left drive, right
+    /// drive and sensor are on the segment if they are `here`; the joint of another drive has no torque. `seed` replaces the
+    /// scene's seed.
     ///
     /// # Errors
     /// Where parts of the configuration do not fit together, and for a scene without an arm.
@@ -126,7 +128,7 @@ impl SegmentServer {
         })
     }
 
-    /// Has an injection begin at its moment, counted in simulated time from switching on.
+    /// Begins an injection at its moment, counted in simulated time from switching on.
     ///
     /// # Errors
     /// If it is not possible on a segment, or its target is not here.
@@ -146,7 +148,7 @@ impl SegmentServer {
         Ok(())
     }
 
-    /// Has a frame that came at this moment of the wall go through the segment; what comes back at once goes to `back`.
+    /// Passes a frame that came at this moment of the wall clock through the segment; frames that come back at once go to `back`.
     ///
     /// # Errors
     /// If the simulated arm cannot go on.
@@ -228,12 +230,12 @@ impl SegmentServer {
         Some(&mut self.far.line.as_mut()?.segment)
     }
 
-    /// Has no hand take the tool, ever.
+    /// Keeps the hand from taking the tool, for good.
     pub fn take_hand_away(&mut self) {
         self.far.world.has_hand = false;
     }
 
-    /// Has the drives take so long to answer a mailbox.
+    /// Sets the time that the drives take to answer a mailbox request.
     pub fn set_sdo_time(&mut self, time: Duration) {
         self.far.line.iter_mut().for_each(|line| line.set_mailbox_time(time));
     }
@@ -243,7 +245,7 @@ impl SegmentServer {
         self.now
     }
 
-    /// What the segment took part in.
+    /// Returns the counters of the segment.
     pub fn counts(&self) -> SegmentServed {
         self.counts
     }
@@ -281,9 +283,9 @@ impl SegmentServer {
         self.far.world.noise_counts = 0.0;
     }
 
-    /// Has all happen that is due before a frame that came at a moment of the wall. In lockstep one that has a mark begins a period, unless
-    /// it belongs to that of the other mark. The clock of a sensor on CAN and the noise begin with the first one, and again with the first
-    /// SYNC, up to which the boot lasts as long as the wall has it.
+    /// Processes all events before a frame that came at a moment of the wall clock. In lockstep a frame with a mark begins a
+    /// period, unless it belongs to the period of the other mark. The clock of a sensor on CAN and the noise begin with the first
+    /// such frame. They begin again with the first SYNC: until then the boot lasts as long as it does by the wall clock.
     fn advance_to_frame(&mut self, wall: Time, mark: Option<u8>) -> Result<(), RigError> {
         let Some(mark) = mark.filter(|_| self.pace == Pace::Lockstep) else {
             let until = self.due(wall);
@@ -351,7 +353,7 @@ impl SegmentServer {
         self.far.next_deadline().min(change)
     }
 
-    /// Has all that is due up to a moment happen at its moment, and the arm move up to there.
+    /// Processes all events up to a moment, each at its own moment, and moves the arm up to there.
     fn advance(&mut self, until: Time) -> Result<(), RigError> {
         while self.next_event() <= until {
             self.now = self.next_event().max(self.now);

@@ -1,4 +1,4 @@
-//! What devices on CAN send, until somebody takes it.
+//! Queue of the frames that devices on CAN send.
 
 use std::collections::VecDeque;
 

@@ -50,7 +50,7 @@ impl Bench {
         self.now = until;
     }
 
-    /// Sends a frame of datagrams: command, address, data. What comes back at once is kept.
+    /// Sends a frame of datagrams: command, address, data. It keeps the frames that come back at once.
     fn send(&mut self, datagrams: &[(Command, u32, &[u8])]) -> Vec<u8> {
         let mut buffer = [0; 1514];
         let mut writer = FrameWriter::new(&mut buffer, [0x10; 6]).unwrap();

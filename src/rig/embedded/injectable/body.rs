@@ -1,4 +1,4 @@
-//! What happens to arm and hand.
+//! Injections into arm and hand.
 
 use crate::world::{Body, Push, PushShape, World};
 use yieldwall_config::injection::{Injection, Kind};

@@ -18,7 +18,7 @@ use yieldwall_fieldbus::time::Time;
 use yieldwall_link::SendError;
 use yieldwall_sim::can::Passage;
 
-/// Buses whose frames may be lost or changed, on which strangers may send, and to which the master's interfaces may fail.
+/// Buses whose frames may be lost or changed, on which foreign nodes may send, and to which the master's interfaces may fail.
 #[derive(Debug)]
 pub(in crate::embedded) struct InjectableBuses {
     pub(in crate::embedded) buses: Buses,
@@ -45,7 +45,7 @@ impl InjectableBuses {
         })
     }
 
-    /// What an injection needs that the devices of this rig are not.
+    /// Returns the requirement of an injection that the devices of this rig do not meet.
     pub(in crate::embedded) fn needed(&self, injection: Injection) -> Option<&'static str> {
         needed(&self.participants, injection)
     }
@@ -73,7 +73,7 @@ impl InjectableBuses {
         }
     }
 
-    /// Has strangers send what belongs to the cycle that begins at `sync_at`.
+    /// Lets foreign nodes send the frames of the cycle that begins at `sync_at`.
     pub(in crate::embedded) fn begin_cycle(&mut self, sync_at: Time, period: Duration) {
         self.stranger.begin_cycle(sync_at, period, &self.participants, &mut self.held);
     }
@@ -99,7 +99,7 @@ impl InjectableBuses {
         }
     }
 
-    /// Has the master send a frame on its bus.
+    /// Lets the master send a frame on its bus.
     ///
     /// # Errors
     /// If its interface takes none.
@@ -116,7 +116,7 @@ impl InjectableBuses {
         self.interfaces.hears(&self.participants, frame.bus())
     }
 
-    /// What the master's interfaces tell of themselves in every cycle, with the number of the bus.
+    /// Returns the events of the master's interfaces in every cycle, with the number of the bus.
     pub(in crate::embedded) fn link_events(&self) -> impl Iterator<Item = (BusId, LinkEvent)> {
         let Self { participants, interfaces, .. } = self;
         let on_can = participants.iter().filter(|device| device.is_on_can());

@@ -30,7 +30,7 @@ const KINDS: [Kind; 12] = [
 #[derive(Debug)]
 pub(in crate::embedded) struct InjectableDrive {
     pub(in crate::embedded) drive: Drive,
-    /// Of the joint of each axis.
+    /// Wrong measurement of the joint of each axis.
     misread: [JointMisread; AXES],
 }
 

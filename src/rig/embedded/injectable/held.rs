@@ -18,7 +18,7 @@ struct Waiting {
 }
 
 impl Held {
-    /// Has a frame arrive at a moment as if it came from a port.
+    /// Makes a frame arrive at a moment as if it came from a port.
     pub(super) fn hold(&mut self, time: Time, from: usize, frame: Frame) {
         if self.0.len() < FRAMES {
             self.0.push(Waiting { time, from, frame });

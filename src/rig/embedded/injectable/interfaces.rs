@@ -5,7 +5,7 @@ use yieldwall_bus::LinkEvent;
 use yieldwall_config::injection::{Injection, Kind, Target};
 use yieldwall_fieldbus::canopen::BusId;
 
-/// What is broken in the master's interfaces. An injection acts on those to the buses of the devices that it names, or on all.
+/// Faults of the master's interfaces. An injection acts on the interfaces to the buses of the named devices, or on all.
 #[derive(Debug, Default)]
 pub(super) struct Interfaces(Vec<Injection>);
 
@@ -48,7 +48,7 @@ impl Interfaces {
         self.is_alone() || self.is_any_on(participants, bus, &[Kind::TransmitStalled, Kind::CableOut])
     }
 
-    /// What the interface to a bus tells of itself in every cycle.
+    /// Returns the event that the interface to a bus reports in every cycle.
     pub(super) fn event(&self, participants: &Participants, bus: BusId) -> Option<LinkEvent> {
         match () {
             () if self.is_any_on(participants, bus, &[Kind::BusOff]) => Some(LinkEvent::BusOff),

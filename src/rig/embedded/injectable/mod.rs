@@ -1,5 +1,4 @@
-//! What is broken on purpose: wrappers around the buses, the drives and the sensor, which are as if they were not there while
-//! nothing is injected.
+//! Injected faults: wrappers around the buses, the drives and the sensor. Without an injection they have no effect.
 //!
 //! ```text
 //! master <-> [interfaces] <-> virtual buses <-> [passage, strangers] <-> [drive | sensor] <-> arm and hand

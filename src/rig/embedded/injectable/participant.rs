@@ -1,4 +1,4 @@
-//! Who takes part in the traffic of a rig.
+//! Participants in the traffic of a rig.
 
 use std::time::Duration;
 
@@ -21,7 +21,7 @@ pub(super) struct Participant {
     can_be_invalid: bool,
 }
 
-/// What a device speaks.
+/// Protocol of a device.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Speaks {
     /// It is a CANopen node: its identifier and how often its heartbeat comes.
@@ -102,7 +102,7 @@ pub(super) fn is_set_point(frame: &Frame) -> bool {
     matches!(frame.id() >> 7, 4 | 6 | 8 | 10)
 }
 
-/// What an injection needs that these devices are not.
+/// Returns the requirement of an injection that these devices do not meet.
 pub(super) fn needed(participants: &Participants, injection: Injection) -> Option<&'static str> {
     let mut devices = participants.iter().enumerate().filter(|(at, _)| injection.target.has_device(*at));
     let is_plain = devices.clone().any(|(_, device)| matches!(device.speaks, Speaks::PlainCan));

@@ -1,4 +1,4 @@
-//! What becomes of a frame between the wire and its receivers.
+//! Injected faults of a frame between the wire and its receivers.
 
 use std::time::Duration;
 
@@ -32,7 +32,7 @@ struct Active {
     overtaken: Option<Frame>,
 }
 
-/// What a frame is to the target of an injection.
+/// Relation of a frame to the target of an injection.
 struct Relation {
     /// A device of the target has sent it ...
     is_from: bool,
@@ -78,7 +78,7 @@ impl Disturbance {
         }
     }
 
-    /// What receivers get now of a frame that was on the wire.
+    /// Returns the frame that receivers get now for a frame that was on the wire.
     pub(super) fn pass(
         &mut self,
         now: Time,
@@ -102,7 +102,7 @@ impl Disturbance {
 }
 
 impl Active {
-    /// What receivers get now of a frame, others of which may come later.
+    /// Returns the frame that receivers get now; others may come later.
     fn hold(&mut self, now: Time, from: usize, frame: Frame, relation: &Relation, held: &mut Held) -> Option<Frame> {
         if !relation.is_data {
             return Some(frame);
@@ -132,7 +132,7 @@ impl Active {
         Some(frame)
     }
 
-    /// What receivers get instead of a frame.
+    /// Returns the frame that receivers get instead of a frame.
     fn change(&self, frame: Frame, relation: &Relation, noise: &mut Xoshiro256PlusPlus) -> Option<Frame> {
         let Relation { is_from, is_data, is_heartbeat, is_to } = *relation;
         let is_set_point = is_to && is_set_point(&frame);

@@ -11,7 +11,7 @@ use yieldwall_fieldbus::time::Time;
 
 /// Heartbeat of another master, node 126.
 const SECOND_HEARTBEAT: u16 = 0x77e;
-/// Enable Operation, as somebody else's set-point tells it ...
+/// Enable Operation, as a foreign set-point carries it ...
 const ENABLE_OPERATION: u64 = 0x000f;
 /// ... and how far its target is from the last own one: 500 per mille of the rated torque in a frame of 4 bytes ...
 const FOREIGN_TORQUE_PER_MILLE: u64 = 500;
@@ -116,7 +116,7 @@ impl Stranger {
     }
 }
 
-/// What another master sends to all in a cycle, first of all a heartbeat and a reset.
+/// Sends the frames of another master in a cycle to all nodes, first of all a heartbeat and a reset.
 fn second_master(
     is_first: bool,
     sync_at: Time,
@@ -138,7 +138,7 @@ fn second_master(
     }
 }
 
-/// What another master sends in place of a set-point.
+/// Returns the frame that another master sends in place of a set-point.
 fn foreign(own: Frame) -> Frame {
     let target = own.bits() >> 16;
     let target = match own.len() {
@@ -148,7 +148,7 @@ fn foreign(own: Frame) -> Frame {
     Frame::from_bits(own.id(), target << 16 | ENABLE_OPERATION, own.len()).on_bus(own.bus())
 }
 
-/// Has a frame that comes once arrive now, for each CANopen node that is named.
+/// Makes a single frame arrive now, for each CANopen node that is named.
 pub(super) fn send_once(now: Time, injection: Injection, participants: &Participants, held: &mut Held) {
     for (at, device) in participants.iter().enumerate().filter(|(at, _)| injection.target.has_device(*at)) {
         let Some(node) = device.node() else { continue };

@@ -1,5 +1,5 @@
-//! The guard's bound of the energy on whole rigs: what a hand gets out of a moving mass or from a moving wall is no fault, what
-//! a loop that swings feeds it is one.
+//! The guard's energy bound on whole rigs. Energy from a moving mass or a moving wall is no fault; energy from an oscillating loop
+//! is one.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};

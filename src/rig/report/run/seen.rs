@@ -77,7 +77,7 @@ impl Default for RunLog {
 }
 
 impl From<Vec<Row>> for RunLog {
-    /// Of a machine without faults.
+    /// Creates the log of a machine without faults.
     fn from(rows: Vec<Row>) -> Self {
         Self { rows, ..Self::default() }
     }
