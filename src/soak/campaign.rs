@@ -10,7 +10,7 @@ use super::store::{Store, StoreError};
 use super::tally::SeedResult;
 use yieldwall_rig::batch::{self, Shard};
 
-/// What is run.
+/// Parameters of a campaign.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Campaign {
     /// The seeds.

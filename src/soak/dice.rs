@@ -10,7 +10,7 @@ use yieldwall_sim::share_of_one;
 #[derive(Clone, Debug)]
 pub(super) struct Dice(Xoshiro256PlusPlus);
 
-/// What a stream of draws is for.
+/// Purpose of a stream of draws.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u64)]
 pub(super) enum Purpose {
@@ -18,7 +18,7 @@ pub(super) enum Purpose {
     Rig = 1,
     /// The hand and its path.
     Hand = 2,
-    /// Which faults, and when.
+    /// Faults and their times.
     Faults = 3,
     /// The person at the rig.
     Operator = 4,

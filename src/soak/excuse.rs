@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use super::invariant::Invariant;
 
-/// A reason for which what does not hold is no violation. What is excused is counted, by invariant and reason.
+/// A reason why a broken invariant is no violation. Excuses are counted, by invariant and reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Excuse {
-    /// What is judged is falsified by an injection.
+    /// An injection falsifies the judged value.
     Falsified,
     /// Several faults at once: nobody can say which did what.
     SeveralAtOnce,
@@ -17,9 +17,9 @@ pub enum Excuse {
     SmallJump,
     /// A broken link had kept the set-point.
     Kept,
-    /// The drive told nothing in the cycle.
+    /// The drive reported nothing in the cycle.
     Untold,
-    /// The drive told two things in the cycle.
+    /// The drive reported twice in the cycle.
     ToldTwice,
     /// The drives are not enabled, and the target follows the joint.
     Follows,
@@ -104,7 +104,7 @@ impl Excuse {
         }
     }
 
-    /// What physically happens.
+    /// Describes the physical event.
     pub const fn text(self) -> &'static str {
         match self {
             Self::Falsified => "an injection falsifies what is judged, while it lasts and for 0.5 s",
@@ -156,7 +156,7 @@ impl Excused {
         }
     }
 
-    /// What was counted, by `name of the invariant` `name of the reason`.
+    /// Returns the counts, by `name of the invariant` `name of the reason`.
     pub(super) fn by_name(&self) -> BTreeMap<String, u64> {
         let named = |((invariant, excuse), times): (&(Invariant, Excuse), &u64)| {
             (format!("{} {}", invariant.name(), excuse.name()), *times)

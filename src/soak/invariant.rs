@@ -1,4 +1,4 @@
-//! What always holds, by name, and what is told when it does not.
+//! Invariants by name, and the report of a violation.
 
 use serde::{Deserialize, Serialize};
 
@@ -30,9 +30,9 @@ pub enum Invariant {
     Reaction,
     /// At most one set-point a SYNC, none that is stale.
     FreshSetPoint,
-    /// On a segment nothing is taken for told that was not in the reply to the frame of its cycle.
+    /// On a segment, a value counts as reported only if it was in the reply to the frame of its cycle.
     FreshInput,
-    /// The same seed twice gives the same.
+    /// Two runs of one seed give equal results.
     Repeatable,
     /// A counter that wraps changes nothing.
     WrappingCounters,
@@ -44,7 +44,7 @@ pub enum Invariant {
     BusLoad,
     /// Queues keep to their bounds.
     BoundedQueues,
-    /// No SYNC makes a drive act on the set-point of a stranger.
+    /// No SYNC makes a drive act on a foreign set-point.
     ForeignSetPoint,
     /// The drives stop by themselves when nobody commands them.
     Watchdog,
@@ -111,7 +111,7 @@ impl Invariant {
         }
     }
 
-    /// What it says.
+    /// Describes the invariant.
     pub const fn text(self) -> &'static str {
         match self {
             Self::MovesEnabled => "no set-point moves an axis unless both drives are in Operation Enabled",
@@ -146,13 +146,13 @@ impl Invariant {
 /// An invariant that did not hold.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Violation {
-    /// Which one.
+    /// The invariant.
     pub invariant: Invariant,
     /// Cycle since the boot.
     pub cycle: u32,
     /// Virtual time in s.
     pub time_s: f64,
-    /// What was seen.
+    /// Observed values.
     pub seen: String,
 }
 

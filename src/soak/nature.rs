@@ -1,4 +1,4 @@
-//! What the kinds of the catalogue mean for a judgement from outside.
+//! Meaning of the kinds of the catalogue for a judgement from outside.
 
 use super::observation::Falsified;
 use yieldwall_config::injection::{Ending, Injection, Kind, Lasts, Medium, Recovery};
@@ -9,7 +9,7 @@ const LINGERS_S: f64 = 0.5;
 /// Time in s within which the network reads all registers back that safety rests on.
 const HIDDEN_S: f64 = 1.0;
 
-/// What an injection falsifies.
+/// Returns the values that an injection falsifies.
 pub(super) fn falsifies(kind: Kind) -> Falsified {
     let none = Falsified::default();
     match kind {
@@ -88,7 +88,7 @@ pub(super) fn falsifies(kind: Kind) -> Falsified {
     }
 }
 
-/// The usual injection of its kind on a rig with this period. What is counted in cycles is said for 1 ms.
+/// Returns the usual injection of its kind on a rig with this period. Numbers of cycles are for a period of 1 ms and are scaled.
 pub(super) fn usual(kind: Kind, start_s: f64, period_s: f64) -> Injection {
     let injection = Injection::new(kind, start_s);
     let scale = period_s * 1e3;

@@ -1,4 +1,4 @@
-//! What is seen of one cycle from outside: frames on the wire, what the cycle says of itself, and the simulated truth.
+//! Observation of one cycle from outside: frames on the wire, the cycle's own report, and the simulated truth.
 //!
 //! Frames are decoded here by the literal layouts of the shipped profiles; nothing of the master or of the CANopen
 //! engines is used for it.
@@ -9,7 +9,7 @@ use super::segment::OnCableAt;
 use yieldwall_fieldbus::canopen::Frame;
 use yieldwall_motion::guard::{Fault, Request, State};
 
-/// Who put a frame on the wire.
+/// Sender of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sender {
     /// This program's master.
@@ -27,13 +27,13 @@ pub enum Sender {
 pub struct Sighting {
     /// End of the frame in ns since switching on.
     pub time_ns: u64,
-    /// Who put it on the wire; `None` for an arrival, of which nobody can tell.
+    /// Sender of the frame; `None` for an arrival, whose sender is unknown.
     pub sender: Option<Sender>,
     /// The frame.
     pub frame: Frame,
 }
 
-/// What the reference and the fixture did, as the cycle says.
+/// State of the reference and the fixture, as the cycle reports it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reported {
     /// Force of the hand on the tool as sensed, N.
@@ -60,7 +60,7 @@ pub struct Reported {
     pub outputs_missed: [bool; 2],
 }
 
-/// What only a simulation knows, at the moment of the computation.
+/// State that only a simulation knows, at the moment of the computation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Truth {
     /// Angles of the joints, rad.
@@ -77,14 +77,14 @@ pub struct Truth {
     pub drives: [cia402::State; 2],
 }
 
-/// What injected faults falsify while they last, so that a judgement over it has no meaning.
+/// Values that injected faults falsify while they last, so that a judgement over them has no meaning.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Falsified {
     /// The sensed force is not the hand's.
     pub force: bool,
     /// The reported angles are not the joints'.
     pub angles: bool,
-    /// The drives do not do what they are told.
+    /// The drives do not obey their commands.
     pub drives: bool,
     /// The hand shakes the tool faster than its force is sensed in step with the motion.
     pub hand: bool,
@@ -99,7 +99,7 @@ pub struct Falsified {
 }
 
 impl Falsified {
-    /// What either falsifies.
+    /// Joins the values that either falsifies.
     pub fn join(&mut self, other: Self) {
         self.force |= other.force;
         self.angles |= other.angles;
@@ -119,23 +119,24 @@ pub struct Observation {
     pub cycle: u32,
     /// Moment of its SYNC in ns since switching on.
     pub sync_ns: u64,
-    /// What the person asked for.
+    /// Request of the person.
     pub request: Request,
     /// The supervisor's state after it.
     pub state: State,
-    /// What led to the state.
+    /// Fault that led to the state.
     pub cause: Option<Fault>,
     /// Whether a cycle ran; if not, all but the frames and the truth is that of the last one.
     pub ran: bool,
     /// All frames on CAN since the computation before: first the set-points of the cycle before, then SYNC and what follows.
     pub frames: Vec<Sighting>,
-    /// The same on the cable of a segment: the output frame of the cycle before, the input frame, and the replies.
+    /// Events on the cable of a segment since the computation before: the output frame of the cycle before, the input frame, and
+    /// the replies.
     pub on_cable: Vec<OnCableAt>,
-    /// What the cycle says of itself.
+    /// The cycle's own report.
     pub reported: Reported,
-    /// What is true.
+    /// True state.
     pub truth: Truth,
-    /// What is falsified now.
+    /// Values that are falsified now.
     pub falsified: Falsified,
     /// Most frames that ever waited in one port of the bus.
     pub queue_high_water: usize,
@@ -182,7 +183,7 @@ impl Setpoint {
     }
 }
 
-/// What a drive tells: 6041h, 6064h.
+/// Report of a drive: 6041h, 6064h.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Status {
     /// Statusword.

@@ -7,12 +7,12 @@ use yieldwall_motion::guard::{Request, State};
 const IDLE_TOUCH: f64 = 2e-4;
 /// Shortest and longest time in s before a latched state is reset.
 const RESET_AFTER_S: [f64; 2] = [0.05, 0.25];
-/// The same before the rig is enabled.
+/// Shortest and longest time in s before the rig is enabled.
 const ENABLE_AFTER_S: [f64; 2] = [0.01, 0.1];
 /// Times that enabling may fail before the network is booted anew.
 const TRIES: u32 = 4;
 
-/// What the person does in a cycle.
+/// Action of the person in a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Act {
     /// A request with the next cycle, or none.
@@ -40,7 +40,7 @@ impl Operator {
         Self { dice, period_s, state: State::Lost, wait: 0, failures: 0 }
     }
 
-    /// What the person does, seeing `state`.
+    /// Returns the person's action in this `state`.
     pub(super) fn act(&mut self, state: State) -> Act {
         if state != self.state {
             self.failures = match state {

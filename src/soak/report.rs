@@ -1,4 +1,4 @@
-//! What many runs showed, as text and as tables for a page.
+//! Results of many runs, as text and as tables for a page.
 
 use std::fmt::Write;
 
@@ -141,7 +141,7 @@ fn violations(tally: &Tally) -> Vec<[String; 2]> {
     each.collect()
 }
 
-/// What did not hold and was excused, by invariant and reason.
+/// Returns the excused deviations, by invariant and reason.
 fn excuses(tally: &Tally) -> Table {
     let mut rows = vec![row(["did not hold", "excused", "times"])];
     for (name, times) in &tally.excused {

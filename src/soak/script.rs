@@ -1,4 +1,4 @@
-//! Which faults a seed brings, and when.
+//! Faults of a seed and their times.
 
 use std::fmt;
 use std::str::FromStr;
@@ -16,8 +16,8 @@ const TANGLE_EVERY: u64 = 4;
 const ENDING_SHARE: f64 = 0.3;
 /// Time in s from the begin of the scene to the first fault: the hand has taken the tool and moves.
 const FIRST_AFTER_S: f64 = 0.4;
-/// Time in s from the end of a fault to the next: the rig has stopped, and the person has reset and enabled it, if need
-/// be after booting the network anew.
+/// Time in s from the end of a fault to the next. Meanwhile the rig has stopped, and the person has reset and enabled it, after
+/// booting the network anew if needed.
 const APART_S: [f64; 2] = [0.9, 1.4];
 /// Time in s between faults of a tangle, on average.
 const TANGLE_APART_S: f64 = 0.25;
@@ -26,7 +26,7 @@ const MOST_LATE_CYCLES: f64 = 2.5;
 /// Time in s that the end of the process takes with all that follows.
 const ENDING_S: f64 = 0.3;
 
-/// What a seed brings.
+/// Injections of a seed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Script {
     /// The faults, by their start.
@@ -70,7 +70,7 @@ impl Script {
     }
 }
 
-/// Those that mean something on the buses of a machine.
+/// Returns the kinds that have a target on the buses of a machine.
 fn kinds(machine: &Machine, belongs: impl Fn(Kind) -> bool) -> impl Iterator<Item = Kind> {
     let all = CATALOGUE.iter().map(|row| row.kind);
     all.filter(|kind| !machine.targets(*kind).is_empty()).filter(move |kind| belongs(*kind))

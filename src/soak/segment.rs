@@ -1,4 +1,4 @@
-//! What is seen on the cable of an EtherCAT segment: the frames of a cycle and the replies to them.
+//! Observation of the cable of an EtherCAT segment: the frames of a cycle and the replies to them.
 //!
 //! Frames are decoded here by the literal layout of ETG.1000.4 and of the shipped profiles; nothing of the master or of the EtherCAT
 //! engines is used for it.
@@ -27,14 +27,14 @@ const LENGTH: u16 = 0x07ff;
 const CIRCULATING: u16 = 0x4000;
 const MORE: u16 = 0x8000;
 
-/// What passes on the cable.
+/// Event on the cable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OnCable {
     /// The input frame leaves: a cycle begins.
     Open,
-    /// The output frame leaves: what each drive is told.
+    /// The output frame leaves: the set-point of each drive.
     Outputs([Option<Setpoint>; 2]),
-    /// The input frame is back that left last: what each drive has told, where it has answered.
+    /// The last input frame is back: the report of each drive that has answered.
     Inputs([Option<Status>; 2]),
     /// The output frame is back that left last: whether each drive has taken what is in it.
     Taken([bool; 2]),
@@ -45,7 +45,7 @@ pub enum OnCable {
 pub struct OnCableAt {
     /// Time in ns since switching on.
     pub time_ns: u64,
-    /// What it is.
+    /// The event.
     pub what: OnCable,
 }
 
@@ -109,14 +109,14 @@ fn datagrams(bytes: &[u8]) -> Option<Vec<Datagram<'_>>> {
     }
 }
 
-/// Of both drives, what a datagram of `command` has for them: theirs are the first two.
+/// Returns the data for each drive in the datagrams of `command`: the drives' datagrams are the first two.
 fn of_drives<T>(all: &[Datagram<'_>], command: u8, of: impl Fn(&Datagram<'_>) -> T) -> [Option<T>; 2] {
     let mut theirs = all.iter().filter(|datagram| datagram.command() == command).map(of);
     [theirs.next(), theirs.next()]
 }
 
 impl Segment {
-    /// What a frame is that passes the master's end of the cable.
+    /// Classifies a frame that passes the master's end of the cable.
     pub(super) fn see(&mut self, bytes: &[u8]) -> Option<OnCable> {
         let all = datagrams(bytes)?;
         let has = |command| all.iter().any(|datagram| datagram.command() == command);

@@ -1,4 +1,4 @@
-//! What many runs showed together.
+//! Combined results of many runs.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use super::verdict::{Followed, ObservedFault};
 use yieldwall_config::injection::CATALOGUE;
 use yieldwall_motion::guard::fault::TABLE;
 
-/// What one seed gave, as it stands in a line of the results file.
+/// Result of one seed, as in a line of the results file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SeedResult {
     /// The seed.
@@ -42,9 +42,9 @@ pub struct SeedResult {
     pub peaks: Peaks,
     /// How often what did not hold was excused, by `invariant reason`: the names of [`super::Excuse`].
     pub excused: BTreeMap<String, u64>,
-    /// What did not hold.
+    /// Violations.
     pub violations: Vec<Violation>,
-    /// What replays the violations: arguments of `yieldwall soak`.
+    /// Arguments of `yieldwall soak` that replay the violations.
     pub replay: Option<String>,
 }
 
@@ -68,7 +68,7 @@ pub struct FaultTally {
     pub shown: u64,
     /// Reactions by their name.
     pub reactions: BTreeMap<String, u64>,
-    /// Of each reaction with a known begin: how often it took how many cycles, and the greatest bound.
+    /// Latencies of each reaction with a known begin: how often it took how many cycles, and the greatest bound.
     pub measured: BTreeMap<String, Latency>,
 }
 
@@ -101,7 +101,7 @@ impl Latency {
     }
 }
 
-/// What all runs showed; the same whatever the order in which they are added.
+/// Combined results of all runs, independent of the order in which they are added.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Tally {
     /// Seeds.

@@ -6,21 +6,23 @@ pub(super) const ROUNDING: f64 = 1e-9;
 /// bounded-motion: a target on the bus is a whole count, so that a step of two rounded targets is off by one at most.
 pub(super) const TARGET_COUNTS: f64 = 1.0;
 
-/// bounded-motion: the deceleration of a ramp, as a share of what is configured. It is `1.5 v / t` at its middle exactly; differences
-/// over one cycle stay below the peak, except in the cycle in which the ramp ends between two grid points: there
-/// two half steps fall together, so twice is allowed.
+/// bounded-motion: largest permitted deceleration of a ramp, as a share of the configured one. The deceleration is exactly `1.5 v /
+/// t` at the middle of the ramp. Differences over one cycle stay below that peak, except if the ramp ends between two grid points.
+/// In that cycle two half steps fall together, so twice is allowed.
 pub(super) const RAMP_SHARE: f64 = 2.0;
 
-/// bounded-motion: before both drives are enabled a position target moves nothing: it is where the joint is told to be, or predicted by
-/// its last rate, and an arm that nobody holds turns as fast as a hand pushes it. Up to so many times the greatest rate the guard
-/// takes that for motion; from there on for an encoder that has jumped, and the rig is not enabled.
+/// bounded-motion: before both drives are enabled a position target moves nothing. It equals the reported position of the joint, or
+/// the position predicted from its last rate. An arm that nobody holds turns as fast as a hand pushes it. Up to this multiple of
+/// the greatest rate the guard takes a change for motion. Above it the guard takes it for a jump of the encoder, and the rig is not
+/// enabled.
 pub(super) const TURNING_SHARE: f64 = 2.0;
 
 /// bounded-effort: torques on the bus are whole per mille of the rated torque, rounded.
 pub(super) const TORQUE_PER_MILLE: f64 = 1.0;
 
-/// passivity: share of the energy limit, at which the guard holds the rig, by which the guard may be mistaken: it multiplies a force
-/// and a motion that are a cycle apart. At 25 Hz, as fast as hands tremble here, and 4 ms that is 1 - cos(2 pi 25 0.004).
+/// passivity: permitted error of the guard as a share of the energy limit at which it holds the rig. The guard multiplies a force
+/// and a motion that are a cycle apart. For a hand that trembles at 25 Hz, the fastest here, and 4 ms that is 1 - cos(2 pi 25
+/// 0.004).
 pub(super) const GUARD_SHARE: f64 = 0.2;
 
 /// passivity: time in s over which the balance is forgotten, as the guard does: steps of sensor and encoder would add up for ever.
@@ -43,17 +45,17 @@ pub(super) const LANDED_M: f64 = 1e-9;
 /// comes-to-rest: a proxy that moves less in a cycle, in m, rests: below one unit in the last place of a coordinate.
 pub(super) const RESTING_STEP_M: f64 = 1e-15;
 
-/// comes-to-rest: cycles beyond the time in which friction stops the proxy: the difference that gives its speed is a cycle old, and
-/// the step in which it stops is not a whole one.
+/// comes-to-rest: additional cycles beyond the time in which friction stops the proxy. The difference that gives the proxy's speed
+/// is a cycle old, and the step in which it stops is not a whole one.
 pub(super) const RESTING_CYCLES: u32 = 3;
 
 /// starts-in-place: the first position target may differ by the rounding of one count.
 pub(super) const FIRST_TARGET_COUNTS: i64 = 1;
 
-/// wrapping-counters: the truth is taken at the computation, the measurement at SYNC: they differ by what a joint turns in between, at
-/// most twice its greatest rate times one period (the guard takes a faster encoder for one that has jumped), and by the counts of
-/// the encoder. An arm that nobody holds may turn faster under a hand of 200 N. Then they differ by no more than the joint truly
-/// turned from one computation to the next, since SYNC lies between the two.
+/// wrapping-counters: the truth is taken at the computation, the measurement at SYNC. They differ by the joint's turn in between
+/// and by the counts of the encoder. The turn is at most twice the joint's greatest rate times one period, since the guard takes a
+/// faster encoder for one that has jumped. An arm that nobody holds may turn faster under a hand of 200 N. Then they differ at most
+/// by the joint's true turn from one computation to the next, since SYNC lies between the two.
 pub(super) const MEASURED_COUNTS: f64 = 2.0;
 
 /// asked-for: cycles with set-points from a request for a reset to the reset edge: one low word, then the edge.
@@ -64,28 +66,27 @@ pub(super) const RESET_CYCLES: u32 = 2;
 /// drives take another 25 % of a cycle, in which the rig has stopped.
 pub(super) const BUS_SHARE: f64 = 1.0;
 
-/// bounded-queues: frames that may wait in one port: the master's two set-points, a heartbeat and SYNC, or what a node answers to SYNC
-/// with a heartbeat and an emergency, twice over: another SYNC may come in the same cycle.
+/// bounded-queues: frames that may wait in one port. The master's port holds two set-points, a heartbeat and SYNC; a node's port holds its answers to SYNC plus a heartbeat and an emergency. The number is doubled, since another SYNC may come in the same cycle.
 pub(super) const QUEUED_FRAMES: usize = 8;
 
 /// bounded-queues: SYNCs in a cycle beyond which the bus carries no more of what they ask for: queues grow as long as they come.
 pub(super) const SYNCS: usize = 2;
 
-/// Watchdog: cycles from the last set-point to the drives' own reaction: the deadline of the RPDO is five cycles, and the
-/// drive notices it with the next tick of its own clock.
+/// Watchdog: cycles from the last set-point to the drives' own reaction. The deadline of the RPDO is five cycles, and the drive
+/// notices it with the next tick of its own clock.
 pub(super) const WATCHDOG_CYCLES: u32 = 7;
 
 /// Watchdog: time in s that the drives' quick stop may take: from the greatest rate of a joint (6 rad/s) at the slowest
 /// deceleration that the profiles leave as delivered.
 pub(super) const QUICK_STOP_S: f64 = 0.5;
 
-/// Radius in m of the tool from the task's origin from which on an arm is far outside of where the rig promises to work
-/// (0.16 m): a hand has pushed it there while nobody held it.
+/// Distance in m of the tool from the task's origin above which an arm is far outside of the rig's promised workspace
+/// (0.16 m). A hand has pushed it there while nobody held it.
 pub(super) const FAR_M: f64 = 0.24;
 
-/// Speed in m/s above which an arm that the drives take over outside of where the rig promises to work was carried there by
-/// a hand, and is still on its way outward: at 1.2 m/s 60 N m take 15 mm to stop it. For as long as a quick stop may take
-/// ([`QUICK_STOP_S`]) what shows at the edge is the hand's doing, not the reference's.
+/// Speed in m/s above which a hand has carried the arm, if the drives take it over outside of the rig's promised workspace. The arm
+/// is then still on its way outward: at 1.2 m/s 60 N m take 15 mm to stop it. For as long as a quick stop may take
+/// ([`QUICK_STOP_S`]), motion at the edge is due to the hand, not to the reference.
 pub(super) const CARRIED_M_PER_S: f64 = 0.05;
 
 /// False alarm: cycles for which a time at the torque limit still shows in `force-implausible`. The guard's mean over so many
@@ -96,6 +97,6 @@ pub(super) const BALANCE_CYCLES: u32 = 20;
 /// held all the time has 50.
 pub(super) const LEAST_REACTIONS: usize = 10;
 
-/// reaction: cycles' worth of a joint's greatest rate from which on a jump of an encoder cannot be motion: the guard takes two for a
-/// jump, and the joint may turn by one the other way.
+/// reaction: jump of an encoder above which it cannot be motion, in cycles at the joint's greatest rate. The guard takes two
+/// cycles' worth for a jump, and the joint may turn by one the other way.
 pub(super) const JUMP_CYCLES: f64 = 3.0;

@@ -1,4 +1,4 @@
-//! Which fault did what: the changes of state of a run against what its injections had to bring about.
+//! Attribution of faults: the changes of state of a run against the required reactions to its injections.
 
 use serde::{Deserialize, Serialize};
 

@@ -98,8 +98,8 @@ pub struct Measures {
     /// - the work of one count of the force sensor over the tool's travel;
     /// - the largest kinetic energy that the proxy had until then, forgotten as fast.
     ///
-    /// The kinetic energy stands for moves. Let a hand move the mass with minimum jerk in the time `T`. A tool that follows its proxy late by `lag` then returns about
-    /// `10 lag / T` of that energy beyond the hand's own work. A move does so once, an
+    /// The kinetic energy stands for moves. Let a hand move the mass with minimum jerk in the time `T`. A tool that follows its
+    /// proxy late by `lag` then returns about `10 lag / T` of that energy beyond the hand's own work. A move does so once, an
     /// oscillation in each of its halves.
     pub energy_bound_j: f64,
 }

@@ -33,10 +33,10 @@ const READ: u8 = 2;
 ///
 /// The server does no I/O, like every engine: frames and wall-clock moments come in, and returning frames go to a closure.
 /// Simulated time follows the wall clock. In lockstep it stands still from a frame that reads process data to the next one that
-/// reads the same, which is a period later. It follows the wall clock in whole periods before the first such frame, 2 s after the last one, and after an NMT command. It also
-/// does when a master writes to all devices or asks a memory chip. The clocks of devices do not
-/// drift in lockstep. A SYNC on CAN belongs to the same period as the frame that follows it. The hand takes the tool when all
-/// drives are in Operation Enabled, and lets go of it when none makes torque any more.
+/// reads the same, which is a period later. It follows the wall clock in whole periods before the first such frame, 2 s after the
+/// last one, and after an NMT command. It also does when a master writes to all devices or asks a memory chip. The clocks of
+/// devices do not drift in lockstep. A SYNC on CAN belongs to the same period as the frame that follows it. The hand takes the tool
+/// when all drives are in Operation Enabled, and lets go of it when none makes torque any more.
 #[derive(Debug)]
 pub struct SegmentServer {
     far: FarEnd,

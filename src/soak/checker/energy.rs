@@ -1,4 +1,4 @@
-//! What the rig gives the hand and what it takes.
+//! Energy that the rig gives to the hand and takes from it.
 
 use nalgebra::Vector2;
 
@@ -23,7 +23,7 @@ pub(super) struct Energy {
     held_j: f64,
     /// By how much the sums may be off, at most: force and way are known once a cycle, J.
     quadrature_j: f64,
-    /// Whether the stretch has already passed its bound: told once.
+    /// Whether the stretch has already passed its bound, which is reported once.
     is_told: bool,
 }
 

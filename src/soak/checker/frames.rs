@@ -1,4 +1,4 @@
-//! What is seen on the wire: who is commanded to do what, and when.
+//! Frames on the wire: senders, commands and their times.
 
 use super::super::excuse::Excuse;
 use super::super::invariant::Invariant;
@@ -35,24 +35,24 @@ struct Sent {
     has_waited: bool,
 }
 
-/// What the frames of the last cycles said.
+/// Content of the frames of the last cycles.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Frames {
     /// When a set-point of somebody else ended, ns, after which the master has sent none that stops the drive.
     foreign_ns: [Option<u64>; 2],
-    /// What the drives told last.
+    /// Last reports of the drives.
     told: [Option<Status>; 2],
-    /// The same, as known at the last computation.
+    /// Reports of the drives as known at the last computation.
     known: [Option<Status>; 2],
-    /// What a second one after SYNC told: of two after a cycle without any nobody knows which is the late one.
+    /// Second reports after SYNC: if two reports follow a cycle without any, the frames do not show which of them is late.
     told_also: [Option<Status>; 2],
-    /// Joints that told something between SYNC and the last computation.
+    /// Joints that reported something between SYNC and the last computation.
     is_fresh: [bool; 2],
     /// The set-points since the last SYNC.
     sent: [Option<Sent>; 2],
     /// Whether nothing was sent between the last two SYNCs: what comes next may have waited.
     had_gap: [bool; 2],
-    /// What the last set-points were, those before the last SYNC.
+    /// The last set-points before the last SYNC.
     before: [Option<Setpoint>; 2],
     /// SYNC of the cycle that computed them, ns.
     before_ns: u64,
@@ -66,7 +66,7 @@ pub(super) struct Frames {
     resets: u32,
     had_reset: [bool; 2],
     state: State,
-    /// Nodes whose last SDO request came from a stranger, one bit each.
+    /// Nodes whose last SDO request came from a foreign node, one bit each.
     answers_stranger: u128,
     /// Bits of the rig's own frames since the last SYNC.
     bits: u64,
@@ -79,7 +79,7 @@ pub(super) struct Frames {
 }
 
 impl Frames {
-    /// What is seen until the computation, and what it then knows.
+    /// Checks the frames up to the computation, and notes the state that the computation then knows.
     pub(super) fn check(
         &mut self,
         limits: &Limits,
@@ -97,7 +97,7 @@ impl Frames {
         self.state = seen.state;
     }
 
-    /// What is seen on the wire; which joints told something after SYNC.
+    /// Evaluates the frames on the wire, and returns which joints reported something after SYNC.
     pub(super) fn watch(
         &mut self,
         limits: &Limits,
@@ -147,7 +147,8 @@ impl Frames {
         has_told
     }
 
-    /// The same on the cable of a segment: whether a cycle has begun, and which joints have told something since.
+    /// Evaluates the frames on the cable of a segment, and returns whether a cycle has begun and which joints have reported
+    /// something since.
     fn watch_cable(
         &mut self,
         limits: &Limits,
@@ -189,7 +190,7 @@ impl Frames {
         (has_begun, has_told)
     }
 
-    /// What drives have not taken of the output frame by now they do not take any more.
+    /// Marks outputs as missed that a drive has not taken by now: it does not take them any more.
     fn note_not_taken(&mut self) {
         self.missed = self.taken.take().map_or([false; 2], |taken| taken.map(|is_taken| !is_taken));
     }
@@ -236,7 +237,7 @@ impl Frames {
         });
     }
 
-    /// foreign-set-point. Of what ends after SYNC was due, the master knows nothing when it sends it.
+    /// foreign-set-point. If a foreign frame ends after SYNC was due, the master does not know it when it sends SYNC.
     fn watch_strangers(
         &mut self,
         limits: &Limits,
@@ -268,7 +269,8 @@ impl Frames {
         }
     }
 
-    /// Whether the frame belongs to the rig's own load in bus-load. An emergency does not, nor does what a node answers a stranger.
+    /// Whether the frame belongs to the rig's own load in bus-load. An emergency does not, nor does a node's answer to a foreign
+    /// node.
     fn is_own_load(&mut self, sighting: &Sighting) -> bool {
         let id = sighting.frame.id();
         let node = 1_u128 << (id & 0x7f);
@@ -442,25 +444,25 @@ impl Frames {
 }
 
 impl Sent {
-    /// By the first that each told after SYNC.
+    /// Whether both drives were enabled by the first report of each after SYNC.
     fn knew_both_enabled(&self) -> bool {
         self.known.iter().all(|status| status.is_some_and(|status| status.is_enabled()))
     }
 
-    /// By any that each told: of two, the one that the master took may be the second.
+    /// Whether both drives were enabled by any report of each: of two reports, the master may have taken the second.
     fn was_told_both_enabled(&self) -> bool {
         let is_enabled = |status: &Option<Status>| status.is_some_and(|status| status.is_enabled());
         self.known.iter().zip(&self.known_also).all(|(first, second)| is_enabled(first) || is_enabled(second))
     }
 
-    /// Of a target that moves nothing, since no drive was said to be enabled: whether it is the told position. `None` for
-    /// one that moves.
+    /// Whether a target sent while no drive reports that it is enabled equals the reported position. `None` for a target that moves
+    /// a joint.
     fn follows(&self, joint: usize) -> Option<bool> {
         let is_there = || self.away(joint).is_some_and(|away| away <= tolerance::FIRST_TARGET_COUNTS);
         (!self.was_told_both_enabled()).then(is_there)
     }
 
-    /// How far the position target is from the told position, counts; `None` if the drive had told none.
+    /// Returns the distance of the position target from the reported position, counts; `None` if the drive had reported none.
     fn away(&self, joint: usize) -> Option<i64> {
         let told = [self.known[joint], self.known_also[joint]];
         let away =

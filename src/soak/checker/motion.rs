@@ -1,4 +1,4 @@
-//! What the reference, the fixture and the arm do.
+//! Motion of the reference, the fixture and the arm.
 
 use nalgebra::Vector2;
 use yieldwall_motion::elementary;
@@ -13,7 +13,7 @@ use yieldwall_motion::guard::State;
 /// Radius in m from the task's origin beyond which the edge of the workspace lies, with some room.
 const EDGE_M: f64 = 0.18;
 
-/// What one cycle left behind.
+/// State after one cycle.
 #[derive(Clone, Copy, Debug)]
 struct Past {
     proxy: Vector2<f64>,
@@ -52,7 +52,7 @@ impl Quiet {
     }
 }
 
-/// What the last cycles showed of the motion.
+/// Motion in the last cycles.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Motion {
     past: Option<Past>,

@@ -1,4 +1,4 @@
-//! The checker finds each violation in a run that is sound but for one thing that was doctored.
+//! The checker finds each violation in a run that is sound except for one doctored value.
 
 use super::super::draw::{Machine, Shipped};
 use super::super::excuse::Excuse;
@@ -26,7 +26,7 @@ fn sound(file: &str) -> Run {
     sound_on(file, |rig| !Rig::is_on_ethercat(rig))
 }
 
-/// The same on buses of a kind.
+/// Returns a sound run on buses of a kind.
 fn sound_on(file: &str, is_meant: impl Fn(&Rig) -> bool) -> Run {
     let shipped = Shipped::load().unwrap();
     let play = |seed| {
@@ -58,7 +58,7 @@ impl Run {
         self.judged().0
     }
 
-    /// What was found, and how often `excuse` was counted for `invariant`.
+    /// Returns the violations, and how often `excuse` was counted for `invariant`.
     fn excused(&self, invariant: Invariant, excuse: Excuse) -> (Vec<Violation>, u64) {
         let (found, checker) = self.judged();
         let name = format!("{} {}", invariant.name(), excuse.name());
@@ -107,7 +107,7 @@ impl Run {
         sighting.frame = Frame::new(sighting.frame.id(), &data);
     }
 
-    /// What arrived from drive `joint` in cycle `at`, with another statusword.
+    /// Changes the statusword in the frame from drive `joint` in cycle `at`.
     fn change_statusword(&mut self, at: usize, joint: usize, word: u16) {
         self.change_status(at, joint, |data| data[..2].copy_from_slice(&word.to_le_bytes()));
     }
@@ -156,7 +156,7 @@ fn on_cable() -> Run {
 }
 
 impl Run {
-    /// What passed on the cable in cycle `at`, changed.
+    /// Changes the content of the cable in cycle `at`.
     fn change_on_cable(&mut self, at: usize, change: impl Fn(&mut OnCable)) {
         self.seen[at].on_cable.iter_mut().for_each(|passed| change(&mut passed.what));
     }
@@ -255,7 +255,8 @@ fn i2_a_target_that_leaps() {
     expect_found(&run, Invariant::BoundedMotion, at);
 }
 
-/// A drive that comes to Operation Enabled a cycle later is told twice where its joint is. A hand turns that by 9.4 rad/s.
+/// If a drive comes to Operation Enabled a cycle later, it gets the position of its joint twice. A hand turns that joint by 9.4
+/// rad/s.
 #[test]
 fn i2_a_target_that_follows_a_joint_before_the_drives_are_enabled() {
     let delayed = || {
@@ -324,7 +325,7 @@ fn i5_a_rig_that_pushes_the_hand() {
     assert!(found.iter().any(|found| found.invariant == Invariant::Passivity), "{found:?}");
 }
 
-/// What a servo that was stretched gives back is what the hand had put in, and no more.
+/// A stretched servo returns the energy that the hand had put in, and no more.
 #[test]
 fn i5_a_servo_that_takes_the_tool_back_to_the_proxy() {
     let has_given = |lowest: i32| {

@@ -13,7 +13,7 @@ const WITHIN_M: f64 = 0.13;
 const TOWARDS_EDGE_M: f64 = 0.30;
 /// Greatest mean speed in m/s of the aimed point on a calm leg; the peak of a minimum-jerk leg is 1.875 of it.
 const CALM_M_PER_S: f64 = 0.15;
-/// The same on a leg that is to end in an impact.
+/// Greatest mean speed in m/s of the aimed point on a leg that is to end in an impact.
 const FAST_M_PER_S: f64 = 0.5;
 /// Least time of a leg in s.
 const SHORTEST_S: f64 = 0.05;

@@ -24,7 +24,7 @@ pub const RIGS: [&str; 6] = [
 const ON_ETHERCAT: &str = "paper-ethercat.yaml";
 const ON_BOTH: &str = "paper-ethercat-can-sensor.yaml";
 
-/// On which buses a machine is, by turns of as many seeds as there are rigs.
+/// Buses of the machines in turn; each entry holds for as many seeds as there are rigs.
 const TURNS: [On; 7] = [On::Can, On::Segment, On::Both, On::Can, On::Segment, On::Can, On::Segment];
 
 /// On which buses drives and sensor are.

@@ -1,4 +1,4 @@
-//! What of a shipped rig is varied.
+//! Variation of a shipped rig.
 
 use std::f64::consts::TAU;
 use yieldwall_motion::elementary;
@@ -9,8 +9,8 @@ use yieldwall_config as config;
 use yieldwall_motion::linkage::FiveBar;
 use yieldwall_motion::quantity::TipPoint;
 
-/// Counts from the wrap of the 32-bit counter within which an encoder is set, if it is to wrap: a tenth of what the arm
-/// turns through in the working disc.
+/// Distance from the wrap of the 32-bit counter, in counts, within which an encoder starts that is to wrap. It is a tenth of the
+/// arm's travel in the working disc.
 const NEAR_WRAP_COUNTS: f64 = 10_000.0;
 /// The half of the range of a 32-bit counter.
 const HALF_RANGE_COUNTS: f64 = 2_147_483_648.0;
@@ -80,10 +80,9 @@ pub(super) fn vary_devices(dice: &mut Dice, rig: &mut config::Rig) -> bool {
     wraps
 }
 
-/// How truly the machine is modelled. The step of the plant is coarser than in the shipped scenes where the drives do
-/// not divide the cycle themselves: the loop that this program closes has no dynamics faster than its own cycle, and the
-/// arm's friction is exact at any step.
-/// Noise is drawn in counts of the shipped sensor, of which one is `counts` counts of this one.
+/// Varies the accuracy of the machine's model. If the drives do not divide the cycle themselves, the plant's step is coarser than
+/// in the shipped scenes. The loop that this program closes has no dynamics faster than its own cycle, and the arm's friction is
+/// exact at any step. Noise is drawn in counts of the shipped sensor; one of them is `counts` counts of this sensor.
 pub(super) fn vary_model(dice: &mut Dice, rig: &config::Rig, scene: &mut config::Scene, counts: f64) {
     let Some(model) = &mut scene.model else { return };
     model.plant_step_us = match rig.rig.command_mode {

@@ -35,7 +35,7 @@ pub(super) struct Clock {
     pub(super) scene_from_ns: u64,
     /// Whether the force sensor has noise, as every real one. Without it a hand at rest looks like a converter that hangs.
     is_noisy: bool,
-    /// What a joint turns in a cycle at most, rad.
+    /// Largest turn of a joint in a cycle, rad.
     pub(super) turn_rad: f64,
 }
 

@@ -1,4 +1,4 @@
-//! What a change of state is taken for, by events that were made up.
+//! Verdicts on changes of state, from invented events.
 
 use super::super::draw::{Machine, Shipped};
 use super::super::excuse::Excuse;
@@ -34,7 +34,7 @@ fn stopping(time_s: f64, fault: Fault) -> Event {
     event(time_s, [State::Running, State::Stopping], Some(fault))
 }
 
-/// What is found of a rig that runs from the begin of the scene on.
+/// Returns the verdict on a rig that runs from the begin of the scene on.
 fn verdict(injections: &[Injection], events: Vec<Event>) -> Verdict {
     verdict_on(&machine(), injections, events)
 }
