@@ -18,10 +18,10 @@ const CYCLES_BETWEEN_ASKING: u32 = 50;
 const REFUSED_LIMIT_S: f64 = 1.5;
 /// How long a rig that refuses is asked again after a reset, s: by then it has forgotten the events of the last seconds.
 const REFUSED_AFTER_RESET_S: f64 = 5.0;
-/// Longest time that a stop may take beside the closing of brakes, s: the ramp, and the second that joints have to come to rest.
+/// Longest time that a stop may take apart from the closing of brakes, s: the ramp, and one second for the joints to come to rest.
 pub(crate) const STOP_LIMIT_S: f64 = 2.0;
 
-/// Cycles before the rig asks to be enabled: so many that the sensor's noise is known.
+/// Cycles before the rig asks to be enabled, enough to know the sensor's noise.
 pub fn settling_cycles(period: Duration, sample_period: Duration) -> u32 {
     let cycles_per_sample = sample_period.as_nanos().div_ceil(period.as_nanos().max(1)).clamp(1, 100_000);
     SAMPLES_BEFORE_ENABLING * cycles_per_sample as u32
@@ -112,7 +112,7 @@ impl Enabling {
         Self { refusals, limit: self.limit - self.refusals + refusals, ..self }
     }
 
-    /// Asks no earlier than after so many cycles.
+    /// Asks no earlier than after this number of cycles.
     #[must_use]
     pub fn not_before(self, cycles: u32) -> Self {
         Self { first: self.first.max(cycles), ..self }

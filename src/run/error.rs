@@ -96,7 +96,7 @@ pub enum RunError {
         /// Why it is none.
         why: NoZero,
     },
-    /// Something stopped the rig before a watchdog was tried: that says nothing of the watchdog.
+    /// The rig stopped for another reason before a watchdog was tried, so the result does not concern the watchdog.
     #[error("the rig was stopped before the watchdog on {} was tried{}", .watchdog.name(), because(.cause))]
     NotTried {
         /// The watchdog.
@@ -180,7 +180,7 @@ pub enum RunError {
         /// The device.
         which: Which,
     },
-    /// A drive that was homed looks for home one way alone, and its joint stands behind it. Nothing was enabled.
+    /// A drive that was homed looks for home in one direction only, and its joint is behind home. Nothing was enabled.
     #[error(
         "{} is homed, and its joint stands {:.2} deg behind home, which it looks for one way alone",
         .which.drive(""),
@@ -189,13 +189,13 @@ pub enum RunError {
     BehindHome {
         /// The device.
         which: Which,
-        /// By how much the joint stands beyond home, rad; the sign is that of its angle.
+        /// Distance of the joint beyond home, rad; the sign is that of its angle.
         by_rad: f64,
     },
     /// The linkage cannot be at the angles that the drives report.
     #[error("the linkage cannot be at the angles that the drives tell")]
     NoPosture,
-    /// The linkage does not go the way that the joints were to be led.
+    /// The linkage cannot follow the commanded travel of the joints.
     #[error(
         "the way leads too near a singularity or the edge of the workspace: {:.0} % of it is free", (100.0 * .share).floor()
     )]

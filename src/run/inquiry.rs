@@ -42,7 +42,7 @@ impl Asked {
         Self { error: DriveError { drive, code: None, register: None, statusword: None }, next: 0, is_pending: false }
     }
 
-    /// Takes an answer that has come, and asks for the next object; what the drive has said, once it has said all.
+    /// Takes an answer and asks for the next object. Returns the drive's report once it is complete.
     fn step(&mut self, master: &mut Master, now: Time, out: &mut impl Outbox) -> Option<DriveError> {
         if self.is_pending {
             let value = match master.networks().answer(self.error.drive) {
@@ -85,7 +85,7 @@ impl<P: Place + ?Sized> Runner<P> {
         self.error_watch = Some(watch);
     }
 
-    /// Whether somebody wants to know what drives say of a fault.
+    /// Whether the reports of drives on a fault are wanted.
     pub fn has_error_watch(&self) -> bool {
         self.error_watch.is_some()
     }
@@ -113,7 +113,7 @@ impl<P: Place + ?Sized> Runner<P> {
         self.inquiry = Inquiry(drives);
     }
 
-    /// Asks anew for what [`Runner::ask_for_errors`] has asked for: another fault may say something else.
+    /// Repeats the requests of [`Runner::ask_for_errors`]: the report on another fault may differ.
     pub fn forget_errors(&mut self) {
         self.inquiry = Inquiry::new();
     }

@@ -8,6 +8,6 @@ pub enum Pace {
     /// watchdogs act on a master that has died. The clock of a force sensor and its noise begin with the first SYNC, so that the
     /// moment of the boot does not matter.
     Lockstep,
-    /// Simulated time follows the wall. So does a rig, on the clock of its place.
+    /// Simulated time follows the wall clock. So does a rig, on the clock of its place.
     Free,
 }

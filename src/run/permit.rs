@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use yieldwall_config::Positive;
 use yieldwall_motion::guard::Request;
 
-/// How far the joints of a rig that has to rest may be led away, rad.
+/// How far the joints of a rig that has to rest may be guided away, rad.
 pub const REST_RAD: f64 = 0.02;
 
 /// One boot of one network, unlike every other one of this process.
@@ -26,7 +26,7 @@ impl Boot {
 /// How far and how hard a rig may be moved that is moved for the first time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
-    /// How far a joint may be led from where it was enabled, rad. Beyond it the rig is stopped along its ramp.
+    /// How far a joint may be guided from where it was enabled, rad. Beyond it the rig is stopped along its ramp.
     pub motion_rad: Positive,
     /// Most torque of each drive, N m. The rig's own limit counts where it is less.
     pub torque_n_m: Positive,
@@ -91,7 +91,7 @@ impl Permit {
         }
     }
 
-    /// How far a joint may be led from where the rig was enabled, rad; `None` as far as the rig file allows.
+    /// How far a joint may be guided from where the rig was enabled, rad; `None` as far as the rig file allows.
     pub fn motion_bound_rad(&self) -> Option<f64> {
         match &self.scope {
             Scope::Whole(_) => None,

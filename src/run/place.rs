@@ -23,7 +23,7 @@ pub enum Process {
     Dead,
 }
 
-/// A task for somebody at the arm. The network is left meanwhile.
+/// Task for a person at the arm. The network is left meanwhile.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Task {
     /// Let this force in N, in the base frame, pull at the tool, or remove it if the force is zero.
@@ -46,7 +46,7 @@ pub trait Place: Wires {
         Process::Runs
     }
 
-    /// Whether somebody has asked for a stop, once. Asked in virtual time alone.
+    /// Whether a person has asked for a stop; each request counts once. Only in virtual time.
     fn takes_stop(&mut self) -> bool {
         false
     }
@@ -85,7 +85,7 @@ pub trait Place: Wires {
         false
     }
 
-    /// The angles of the joints as somebody at a simulated arm sees them.
+    /// Returns the angles of the joints as a person at a simulated arm sees them.
     fn seen_angles(&self) -> Option<JointAngles> {
         None
     }

@@ -22,7 +22,7 @@ use yieldwall_fieldbus::objects::Address;
 use yieldwall_motion::guard::Device;
 use yieldwall_record::trusted;
 
-/// A drive as it says what it is.
+/// Identity of a drive, as the drive reports it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DriveIdentity {
     /// Node ID; `None` on a segment, where the serial number identifies the drive.
@@ -91,7 +91,7 @@ pub enum Proof {
 /// Why a rig may not be enabled.
 #[derive(Debug, Error)]
 pub enum NotProven {
-    /// The drives do not say what they are, or are simulated for another pace.
+    /// The drives do not report their identity, or are simulated for another pace.
     #[error(transparent)]
     Run(#[from] RunError),
     /// It is not shown that the drives stop by themselves.

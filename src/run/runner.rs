@@ -111,7 +111,7 @@ pub struct Runner<P: ?Sized> {
     pub(super) tared: Option<Tared>,
     /// Whether a person has confirmed the torque limits that drives keep by themselves.
     pub(super) accepts_drive_limits: bool,
-    /// Whether joints are led in place of the fixture, so that no force moves them.
+    /// Whether joints are guided in place of the fixture, so that no force moves them.
     pub(super) leads: bool,
     /// Whether each drive's profile is one of simulated drives.
     pub(super) has_simulated_profile: [bool; 2],
@@ -122,7 +122,7 @@ pub struct Runner<P: ?Sized> {
     /// Boot to which a permit must belong.
     boot: Boot,
     last: Option<Outputs>,
-    /// How far the rig may be led, if it was enabled for less than all.
+    /// How far the rig may be guided, if it was enabled for less than all.
     motion_bound: Option<MotionBound>,
     /// State of the process at the last grid point.
     pub(super) process: Process,
@@ -304,7 +304,7 @@ impl<P: Place + ?Sized> Runner<P> {
         }
     }
 
-    /// The fault that led to the present state.
+    /// Returns the fault that caused the present state.
     pub fn cause(&self) -> Option<Cause> {
         self.master.cause()
     }

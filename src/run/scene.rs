@@ -56,7 +56,7 @@ pub struct Played {
     pub ended: Ended,
     /// State of the supervisor before the rig was stopped.
     pub state: State,
-    /// The fault that led to it.
+    /// Fault that caused it.
     pub cause: Option<Cause>,
     /// Cycles between enabling and stopping, without those in which a fault had stopped the rig.
     pub cycles: u64,
@@ -155,7 +155,7 @@ impl<P: Place + ?Sized> Runner<P> {
         }
     }
 
-    /// Enables a booted rig after so many cycles of process data; one that does not come to run is stopped.
+    /// Enables a booted rig after this number of cycles of process data; a rig that does not come to run is stopped.
     ///
     /// # Errors
     /// If the permit is of another boot, the rig does not come to run, or a person asks for the end.
@@ -249,7 +249,7 @@ impl<P: Place + ?Sized> Runner<P> {
         }
     }
 
-    /// Runs cycles until both drives have said what is wrong with them, for half a second at most.
+    /// Runs cycles until both drives have reported their faults, for half a second at most.
     pub fn hear_errors(&mut self) {
         self.forget_errors();
         for _ in 0..self.cycles_in(ERRORS_LIMIT_S) {

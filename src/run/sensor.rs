@@ -35,7 +35,7 @@ pub struct Wrenches {
     greatest: Vector6<f64>,
     /// Samples with a channel at the end of its range.
     pub saturated: u64,
-    /// Samples of which the sensor says that they are not valid; they are in no other figure.
+    /// Samples that the sensor marks as invalid; no other figure includes them.
     pub invalid: u64,
 }
 

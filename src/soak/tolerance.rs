@@ -66,7 +66,9 @@ pub(super) const RESET_CYCLES: u32 = 2;
 /// drives take another 25 % of a cycle, in which the rig has stopped.
 pub(super) const BUS_SHARE: f64 = 1.0;
 
-/// bounded-queues: frames that may wait in one port. The master's port holds two set-points, a heartbeat and SYNC; a node's port holds its answers to SYNC plus a heartbeat and an emergency. The number is doubled, since another SYNC may come in the same cycle.
+/// bounded-queues: frames that may wait in one port. The master's port holds two set-points, a heartbeat and SYNC; a node's port
+/// holds its answers to SYNC plus a heartbeat and an emergency. The number is doubled, since another SYNC may come in the same
+/// cycle.
 pub(super) const QUEUED_FRAMES: usize = 8;
 
 /// bounded-queues: SYNCs in a cycle beyond which the bus carries no more of what they ask for: queues grow as long as they come.

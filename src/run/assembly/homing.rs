@@ -6,7 +6,7 @@ use yieldwall_bus::{AxisSetup, HomingOrder};
 use yieldwall_config as config;
 use yieldwall_drives::scaling::wrap;
 
-/// A joint that homes comes up to its rate in so long, s.
+/// Time in which a joint that homes comes up to its rate, s.
 pub const HOMING_COMES_UP_S: f64 = 0.2;
 
 /// How the positions of a drive are taken, near this angle in rad.

@@ -208,7 +208,7 @@ pub fn torque_servo(rig: &config::Rig) -> Result<TorqueServoParameters, Assembly
     })
 }
 
-/// All stages of the cycle. `fixture` stands in place of the rig's own.
+/// Returns all stages of the cycle. `fixture` replaces the rig's own.
 ///
 /// # Errors
 /// Where parts of the configuration do not fit together.
@@ -385,7 +385,7 @@ pub fn sample_period(rig: &config::Rig) -> Duration {
     Duration::from_secs_f64(rig.sensor.sample_rate_hz.get().recip())
 }
 
-/// Steps of the boot for the force sensor beside its process data.
+/// Returns the steps of the boot for the force sensor, except its process data.
 fn sensor_start(sensor: &config::Sensor) -> SensorStart {
     SensorStart { zeroes: sensor.protocol.zero_at_start(), counts_per_unit: sensor.counts_per_unit() }
 }

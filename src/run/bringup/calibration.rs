@@ -1,4 +1,5 @@
-//! Measurements with somebody at the arm and nothing enabled: known forces that pull at the tool, and known points that it is led to.
+//! Measurements by a person at the arm, with nothing enabled: known forces that pull at the tool, and known points to which the
+//! person guides it.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 

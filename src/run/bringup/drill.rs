@@ -220,7 +220,7 @@ fn watch_until(runner: &mut Runner<dyn Place>, moment: Time, drives: &mut [Watch
     }
 }
 
-/// Takes what the link holds, and what the drives that are asked say.
+/// Takes the frames of the link, and the answers of the drives that are asked.
 fn watch(runner: &mut Runner<dyn Place>, drives: &mut [Watched; 2]) {
     while let Some(arrival) = runner.place.receive() {
         let time = runner.time_of(&arrival);

@@ -43,7 +43,7 @@ pub struct HomePlan {
     rate_rad_per_s: [f64; 2],
     /// Angle of each joint at home, rad.
     home: JointAngles,
-    /// 1 for a joint that finds home on its way and comes to rest behind it, 0 for one that stands.
+    /// 1 for a joint that finds home on its way and comes to rest behind it, 0 for a joint that does not move.
     slides: [f64; 2],
     /// Direction in which each joint looks for home, if its method looks one way alone: 1 or -1.
     one_way: [Option<f64>; 2],
@@ -102,13 +102,13 @@ pub enum NotHome {
     NotBegun,
     /// It took too long, s.
     TooLong(f64),
-    /// It says that home was found, and not that its position refers to it.
+    /// The drive reports that home was found, but not that its position refers to it.
     NotReferenced,
-    /// It stands elsewhere than at home, by its position: by so much, rad.
+    /// By its position, the joint is not at home; distance in rad.
     Elsewhere(f64),
     /// This joint, 0 the left one, went farther than it may, by so much, rad.
     TooFar(usize, f64),
-    /// The drive of this joint pushes with so much torque, N m, and its position stands still.
+    /// The drive of this joint pushes with this torque, N m, and its position does not change.
     Blocked(usize, f64),
     /// The drive of this joint no longer reports its torque (6077h).
     Silent(usize),
@@ -138,7 +138,7 @@ pub struct Homed {
     pub ended: Ended,
     /// State of the supervisor before the rig was stopped.
     pub state: State,
-    /// The fault that led to it.
+    /// Fault that caused it.
     pub cause: Option<Cause>,
     /// The joint that did not find its reference, 0 the left one, and the reason.
     pub failed: Option<(usize, NotHome)>,

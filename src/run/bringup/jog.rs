@@ -15,7 +15,7 @@ use yieldwall_motion::guard::{Cause, State};
 use yieldwall_motion::quantity::JointAngles;
 use yieldwall_record::CycleRecord;
 
-/// Time at the targets, s. A joint whose encoder stands still just short of its target is pushed on more and more meanwhile.
+/// Time at the targets, s. If an encoder freezes just short of its target, the controller pushes the joint more and more meanwhile.
 const REST_S: f64 = 0.05;
 /// Time that a way may take beyond its rate and its acceleration, s.
 const PATIENCE_S: f64 = 1.0;
@@ -27,7 +27,7 @@ const AHEAD_PERIODS: f64 = 2.0;
 pub struct Jog<'a> {
     /// Way of each joint from where it is, rad; with keys the greatest, to either side. A joint with a way of zero holds.
     pub by: JointAngles,
-    /// Keys of a person who leads the joints; a joint rests [`Keys::HOLDS_S`] after the last one.
+    /// Keys of a person who guides the joints; a joint rests [`Keys::HOLDS_S`] after the last key.
     pub keys: Option<&'a Keys>,
     /// Rate and acceleration.
     pub limits: LeadLimits,
@@ -44,7 +44,7 @@ pub struct Jogged {
     pub ended: Ended,
     /// State of the supervisor before the rig was stopped.
     pub state: State,
-    /// The fault that led to it.
+    /// Fault that caused it.
     pub cause: Option<Cause>,
     /// Time from enabling to the end, s.
     pub time_s: f64,
@@ -52,7 +52,7 @@ pub struct Jogged {
     pub from: JointAngles,
     /// Angles measured at the end, rad.
     pub to: JointAngles,
-    /// Greatest distance of each measured angle from where it was led, rad.
+    /// Greatest distance of each measured angle from the commanded one, rad.
     pub deviation: JointAngles,
 }
 
@@ -60,7 +60,7 @@ pub struct Jogged {
 enum Way<'a> {
     /// To these targets, then the end.
     To(JointAngles),
-    /// As keys say, as far as [`Jog::by`] to either side.
+    /// By keys, at most [`Jog::by`] to either side.
     Keys { led: Led<'a>, from: JointAngles, is_over: bool },
 }
 
@@ -205,7 +205,7 @@ fn led(
     Ok(Jogged { ended, state, cause, time_s, from, to, deviation: deviation.into() })
 }
 
-/// Runs cycles of process data before joints are led, so that it is known where they are.
+/// Runs cycles of process data before joints are guided, so that their positions are known.
 pub(super) fn idle_before_lead(
     runner: &mut Runner<dyn Place>,
     cycles: u32,

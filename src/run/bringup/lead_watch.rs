@@ -12,7 +12,7 @@ use yieldwall_motion::cycle::LeadLimits;
 use yieldwall_motion::guard::JointCommand;
 use yieldwall_record::CycleRecord;
 
-/// By which share of its rate a joint that is led steadily may be led faster or slower.
+/// Largest deviation from a joint's rate that still counts as steady, as a share of that rate.
 const STEADY: f64 = 0.01;
 
 /// Torque (6077h) that a drive reported while its joint was guided.
@@ -24,7 +24,7 @@ pub struct ToldTorque {
     pub angle_rad: f64,
     /// The torque, N m.
     pub torque_n_m: f64,
-    /// Whether the joint was led at its full rate then.
+    /// Whether the joint was guided at its full rate then.
     pub is_steady: bool,
 }
 
@@ -43,9 +43,9 @@ struct Watched {
     push: Push,
     /// Meter of a drive that is asked.
     meter: Option<TorqueMeter>,
-    /// Where it was when it was asked, rad, and whether it was led at its full rate.
+    /// Angle of the joint when its drive was asked, rad, and whether the joint was guided at its full rate.
     asked: (f64, bool),
-    /// Where it was led last, rad.
+    /// Last commanded angle, rad.
     led_rad: Option<f64>,
 }
 

@@ -1,4 +1,4 @@
-//! Whether a joint is pushed and does not move: what blocks it looks so, and an encoder that stands still.
+//! Watch for a joint that is pushed and does not move. A blocked joint looks so, and so does a frozen encoder.
 
 /// Share of its torque limit from which on a drive counts as pushing.
 const PUSHES: f64 = 0.9;
@@ -13,7 +13,7 @@ const MOVES: f64 = 0.5;
 /// A joint that is slower does not move either, rad/s.
 const CREEPS: f64 = 2e-3;
 
-/// A joint that is so near to where it is led is there, rad.
+/// Distance from its target within which a joint counts as there, rad.
 const NEAR_RAD: f64 = 3e-4;
 
 /// When a joint was where, and where it was to be.
@@ -94,7 +94,7 @@ impl Push {
         self.moving_n_m / f64::from(self.moved.max(1))
     }
 
-    /// Whether the joint has stood for so long while its drive made so much.
+    /// Whether the joint has stood for this time while its drive made this torque.
     fn stands(&mut self, now: Stand, torque_n_m: f64, most_n_m: f64, most_s: f64) -> bool {
         if torque_n_m.abs() < most_n_m {
             self.since = None;

@@ -37,7 +37,7 @@ pub(super) struct TorqueMeter {
 }
 
 impl TorqueMeter {
-    /// A meter at the drive of a joint that takes so many samples at most.
+    /// Creates a meter at the drive of a joint, for at most this number of samples.
     pub(super) fn new(rig: &config::Rig, joint: usize, most: u32) -> Result<Self, RunError> {
         let drive = rig.drives.get(joint).zip(Device::DRIVES.get(joint).copied());
         let (drive, device) = drive.ok_or(AssemblyError::NoJoint(joint))?;

@@ -31,7 +31,7 @@ use yieldwall_motion::guard::fault::FaultRow;
 
 pub use status::state_name;
 
-/// What a fault or a code stands for.
+/// Meaning of a fault or a code.
 ///
 /// `Display` prints what a message has room for: code, meaning and cause. What to do next goes with the message as its help.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -40,9 +40,9 @@ pub struct Explanation {
     pub what: &'static str,
     /// The code in hexadecimal as devices show it, such as `8130h`; `None` of a fault of the rig.
     pub code: Option<String>,
-    /// Short name, such as `heartbeat-lost`. Of a vendor's table it is what a file says.
+    /// Short name, such as `heartbeat-lost`; for a vendor's table the name in its file.
     pub name: Cow<'static, str>,
-    /// What it says.
+    /// Text of the meaning.
     pub meaning: Cow<'static, str>,
     /// What usually lies behind it.
     pub cause: Cow<'static, str>,
@@ -162,7 +162,7 @@ pub fn al_status(code: AlStatusCode) -> Option<Explanation> {
     })
 }
 
-/// A statusword (6041h): its state, and what its other bits say.
+/// A statusword (6041h): its state, and the meaning of its other bits.
 pub fn statusword(word: u16) -> Explanation {
     let word = Statusword(word);
     let row = status::row(word.state());

@@ -9,7 +9,7 @@ pub(super) struct StateText {
     pub(super) next: &'static str,
 }
 
-/// Bits of a statusword that say something beside its state, with what they say.
+/// Bits of a statusword with a meaning besides the state, and their texts.
 const BITS: [(u16, &str); 7] = [
     (Statusword::VOLTAGE_ENABLED, "the power stage has voltage"),
     (Statusword::WARNING, "warning"),

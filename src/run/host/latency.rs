@@ -106,8 +106,8 @@ impl Latency {
     }
 }
 
-/// Wakes up every `period` for so many cycles, and sends one frame each time if there is a link; `now` is the clock of the
-/// metronome. `each` is shown what there is after every wake-up, on the thread that measures, and says whether to go on.
+/// Wakes up every `period` for this number of cycles, and sends one frame each time if there is a link. `now` is the clock of the
+/// metronome. `each` receives the result so far after every wake-up, on the thread that measures, and returns whether to go on.
 pub fn measure_latency<L: CanLink, M: Metronome>(
     metronome: &mut M,
     now: impl Fn() -> Time,

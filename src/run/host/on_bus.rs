@@ -116,7 +116,7 @@ pub struct Terms {
     pub evidence: Evidence,
     /// Whether nothing is sent unless this computer grants real-time priority and locked memory.
     pub needs_realtime: bool,
-    /// Whether the rig runs also if this computer has not proved the timing that it asks for. A recording has to say so.
+    /// Whether the rig runs even if this computer has not proved the required timing. A recording has to note it.
     pub ignores_latency: bool,
     /// Whether the rig runs also if a bus with arbitration cannot keep its cycle.
     pub ignores_bus_budget: bool,
@@ -184,7 +184,7 @@ pub struct HostedRun<T = Played> {
     pub errors: Vec<DriveError>,
     /// Faults that held nothing, each with the number of cycles in which it was seen.
     pub counted: Vec<(Fault, u32)>,
-    /// SDO downloads of somebody else to the rig's nodes.
+    /// SDO downloads of foreign nodes to the rig's nodes.
     pub foreign_downloads: u32,
     /// Faults of the devices of an EtherCAT segment, a line each.
     pub segment: Vec<String>,
@@ -449,7 +449,8 @@ impl RigOnBus<BringUp> {
         })
     }
 
-    /// Measures forces that somebody has pull at the tool, as [`bringup::pulls`](fn@bringup::pulls), on a thread of its own; nothing is enabled.
+    /// Measures forces that a person applies to the tool, as [`bringup::pulls`](fn@bringup::pulls), on a thread of its own; nothing
+    /// is enabled.
     ///
     /// # Errors
     /// If there is no such thread; what kept the sensor from being measured is in the outcome.

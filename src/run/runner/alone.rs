@@ -54,7 +54,7 @@ impl<P: Place + ?Sized> Runner<P> {
         }
     }
 
-    /// Fails if somebody else was heard who is a master.
+    /// Returns an error if another master was heard.
     pub(super) fn check_alone(&mut self) -> Result<(), RunError> {
         match self.master.networks().phase() {
             Phase::Failed(BootError { failure: BootFailure::OtherMaster { heard, has_sent }, .. }) => {

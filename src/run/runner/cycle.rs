@@ -13,7 +13,7 @@ use yieldwall_motion::cycle::{Outputs, Timing};
 use yieldwall_motion::guard::Request;
 use yieldwall_record::{CycleRecord, Moment, Standstill};
 
-/// How long lockstep waits for the process data of a cycle, on the wall ...
+/// How long lockstep waits for the process data of a cycle, in wall-clock time ...
 const PATIENCE: Duration = Duration::from_secs(1);
 /// ... and for those of a device that already let it wait in vain.
 const IMPATIENCE: Duration = Duration::from_millis(2);
@@ -97,13 +97,13 @@ impl<P: Place + ?Sized> Runner<P> {
         Some(record)
     }
 
-    /// The grid point so many periods after another one. The grid follows the clock of a segment.
+    /// Returns the grid point after this number of periods. The grid follows the clock of a segment.
     pub(crate) fn after(&self, grid: Time, periods: u32) -> Time {
         let next = grid + self.period * periods;
         Time(next.0.saturating_add_signed(self.master.networks().grid_shift_ns()))
     }
 
-    /// Whether a rig was led farther than its permit allows.
+    /// Whether a rig was guided farther than its permit allows.
     pub(crate) fn is_led_away(&self) -> bool {
         self.motion_bound.is_some_and(|bound| bound.is_left())
     }

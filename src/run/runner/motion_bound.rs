@@ -3,7 +3,7 @@
 use yieldwall_motion::guard::State;
 use yieldwall_motion::quantity::JointAngles;
 
-/// How far the joints of a rig may be led from where it came to run.
+/// How far the joints of a rig may be guided from where it came to run.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MotionBound {
     bound_rad: f64,
@@ -26,7 +26,7 @@ impl MotionBound {
         }
     }
 
-    /// Whether a joint was led farther.
+    /// Whether a joint was guided farther.
     pub(super) fn is_left(self) -> bool {
         self.is_left
     }

@@ -15,7 +15,7 @@ use yieldwall_motion::guard::Device;
 
 /// Longest time between two calls of a [`BootWatch`](super::BootWatch).
 const LOOK_UP: Duration = Duration::from_millis(100);
-/// How long the end of the run is listened to, on the wall: own last frames come back, and the devices answer.
+/// How long the runner listens at the end of the run, in wall-clock time: its own last frames come back, and the devices answer.
 const FAREWELL: Duration = Duration::from_millis(50);
 
 /// Object and value that each drive gets when the master leaves the network: it then no longer watches the master's heartbeat
@@ -27,7 +27,7 @@ impl<P: Place + ?Sized> Runner<P> {
     /// Resets, configures and starts the rig's nodes, up to the exchange of process data. Nothing is enabled, and permits of
     /// earlier boots are void.
     ///
-    /// The first time it listens before that, on the wall in both paces, and sends nothing if there is another master.
+    /// The first time it listens before that, in wall-clock time in both paces, and sends nothing if there is another master.
     ///
     /// # Errors
     /// If there is another master, a node is missing or is not what it should be, nothing can be sent, or the watch asks for the
@@ -87,7 +87,7 @@ impl<P: Place + ?Sized> Runner<P> {
         Ok(())
     }
 
-    /// Makes the cycles begin so many grid points ahead.
+    /// Makes the cycles begin this number of grid points ahead.
     pub(super) fn begin(&mut self, ahead: u64) {
         let (now, period) = (self.now().0, self.period.as_nanos() as u64);
         // A segment has cycles since it was brought up, and they go on.

@@ -18,9 +18,9 @@ use yieldwall_motion::guard::Device;
 use yieldwall_motion::quantity::JointAngles;
 use yieldwall_record::CycleRecord;
 
-/// How fast joints are led, rad/s: 6 degrees in a second.
+/// Rate at which joints are guided, rad/s: 6 degrees in a second.
 pub(super) const RATE: f64 = 6.0 * std::f64::consts::PI / 180.0;
-/// A joint comes up to its rate in so long, s.
+/// Time in which a joint comes up to its rate, s.
 const COMES_UP_S: f64 = 0.2;
 
 /// Why a step does not go on.
@@ -284,7 +284,7 @@ impl<'a> Bench<'a> {
         with_restored(done, restored)
     }
 
-    /// Boots, leads a joint by an angle with no more than this torque, and stops it. The torque limits are given back.
+    /// Boots, guides a joint by an angle with at most this torque, and stops it. Then it restores the torque limits.
     pub(super) fn travel(
         &mut self,
         joint: usize,

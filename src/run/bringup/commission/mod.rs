@@ -26,11 +26,12 @@ use yieldwall_motion::quantity::Force;
 pub enum Step {
     /// Do the drives answer, always?
     Communication,
-    /// Are they what the rig file says, and two?
+    /// Do both drives have the identity in the rig file, and are there two?
     Identity,
     /// Does a drive keep its torque limit?
     Limits,
-    /// Has somebody else left something in a drive that adds to its set-points or cuts them, and does it come back after a power cycle?
+    /// Has another program left a value in a drive that adds to its set-points or cuts them, and does it come back after a power
+    /// cycle?
     Parameters,
     /// Does the force sensor rest when nobody touches the handle?
     SensorRest,
@@ -38,11 +39,11 @@ pub enum Step {
     SensorAxes,
     /// Do the drives stop by themselves when their master falls silent?
     Watchdogs,
-    /// Does each link turn the way and as far as its encoder says?
+    /// Does each link turn in the direction and by the angle that its encoder reports?
     Rotation,
     /// Does each motor make the torque that its drive reports, at every angle?
     Motor,
-    /// Has each joint as little friction as the rig file says?
+    /// Has each joint at most the friction of the rig file?
     Friction,
     /// Does the rig's own loop stay where it is when nobody holds the handle?
     Admittance,
@@ -64,7 +65,7 @@ pub const STEPS: [Step; 11] = [
 ];
 
 impl Step {
-    /// Its name, as it stands in reports.
+    /// Returns the name of the step for reports.
     pub fn name(self) -> &'static str {
         match self {
             Step::Communication => "communication",

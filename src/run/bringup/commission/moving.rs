@@ -16,13 +16,13 @@ pub(super) const ROTATION_RAD: f64 = 4.0 * std::f64::consts::PI / 180.0;
 pub(super) const TRAVEL_RAD: f64 = 8.0 * std::f64::consts::PI / 180.0;
 /// How far a joint may go beyond its way, rad. A reference is stopped at 0.02; an arm that is stopped still slides.
 pub(super) const BEYOND_RAD: f64 = 0.05;
-/// How far the reference may be led beyond the way, rad.
+/// How far the reference may be guided beyond the travel, rad.
 pub(super) const LED_BEYOND_RAD: f64 = 0.02;
 /// Shares of the rated torque with which a joint is tried to be moved, one after the other: with little torque nothing runs away far.
 pub(super) const TORQUE_SHARES: [f64; 5] = [0.1, 0.15, 0.22, 0.33, 0.5];
 /// A joint that has gone so far the other way runs away, rad.
 const AWAY_RAD: f64 = 2e-3;
-/// By how much a link may turn more or less than its encoder says, %.
+/// Largest difference between the turn of a link and the one that its encoder reports, %.
 const TURNED_PERCENT: f64 = 5.0;
 /// From this difference between both ways on it is play, %.
 const PLAY_PERCENT: f64 = 2.5;

@@ -19,7 +19,7 @@ const MOST_UNANSWERED: u32 = 5;
 /// How long the force sensor is listened to, s, after it has settled.
 const LISTENING_S: f64 = 1.0;
 const SETTLING_S: f64 = 0.3;
-/// A torque limit is looked at again after so long, s.
+/// Time after which a torque limit is checked again, s.
 const KEPT_S: f64 = 0.05;
 /// Share of the rated torque that a drive gets as its limit.
 const LIMIT_SHARE: f64 = 0.25;
@@ -32,7 +32,7 @@ pub(super) const PULL_N: f64 = 8.0;
 /// By how much what is felt of it may differ: in direction, degrees, and in size.
 const DIRECTION_DEG: f64 = 10.0;
 const SIZE_SHARE: f64 = 0.1;
-/// Share of it below which nothing is felt, and a direction says nothing.
+/// Share of the pull below which nothing is felt and the direction is meaningless.
 const FELT_SHARE: f64 = 0.1;
 
 /// Objects that no boot writes, whether each is a limit of torque, and what it does. The others add to set-points and have to be 0.
@@ -188,7 +188,8 @@ impl Bench<'_> {
         Ok(())
     }
 
-    /// Reads what adds to set-points and what cuts them, and again after a power cycle: what is left there by somebody else acts each time.
+    /// Reads the objects that add to set-points or cut them, and again after a power cycle: values left there by another program
+    /// act each time.
     pub(super) fn parameters(&mut self, found: &mut Found) -> Result<(), Halt> {
         let before = self.left_there(found)?;
         self.runner.leave();

@@ -12,15 +12,16 @@ use yieldwall_motion::quantity::{Force, TipPoint};
 
 /// How long the handle is left alone, s. A wrong zero makes it run off within a second, or is too small to show in a minute.
 const ALONE_S: f64 = 10.0;
-/// How long a fixture that leads the handle by itself may take before.
+/// Longest time before that for a fixture that moves the handle by itself, s.
 const SETTLING_S: f64 = 3.0;
 /// How far tool and reference may go, mm.
 const WAY_MM: f64 = 1.0;
 /// How fast the tool may go to and fro, as a root mean square, mm/s.
 const SPEED_MM_PER_S: f64 = 5.0;
-/// The speed is that over so long, s: steps of the encoders are none.
+/// Window of the root mean square, s: it hides the steps of the encoders.
 const SPEED_OVER_S: f64 = 5e-3;
-/// So often the tool turns round that goes to and fro: one that is led to its place and goes beyond does so twice or three times.
+/// Number of turns from which on the tool counts as moving to and fro: a tool that moves to its place and overshoots turns two or
+/// three times.
 const TURNS: usize = 6;
 /// Ratio of path to range above which a motion counts as to and fro.
 const PATHS: u32 = 4;

@@ -8,7 +8,7 @@
 /// Positions before the jump through which the line is laid, and how many of them have to be there.
 const BEFORE: usize = 10;
 const LEAST_BEFORE: usize = 6;
-/// So many cycles beside the expected one a drive may take its reference.
+/// Largest distance in cycles from the expected cycle in which a drive may take its reference.
 const BESIDE: usize = 1;
 
 /// Positions that a drive reported while it homed.
@@ -16,14 +16,14 @@ const BESIDE: usize = 1;
 pub(super) struct HomingTrace {
     /// Its position in each cycle, counts; none where it has not come.
     counts: Vec<Option<i64>>,
-    /// The first cycle in which it said that home is found.
+    /// First cycle in which the drive reported that home is found.
     found_at: Option<usize>,
     /// The first cycle in which its position had jumped.
     jumped_at: Option<usize>,
 }
 
 impl HomingTrace {
-    /// An empty one with room for so many cycles; what comes after them is not kept.
+    /// Creates an empty trace with room for this number of cycles; later cycles are not stored.
     pub(super) fn with_room(cycles: u32) -> Self {
         Self { counts: Vec::with_capacity(cycles as usize), ..Self::default() }
     }
@@ -46,7 +46,8 @@ impl HomingTrace {
         }
     }
 
-    /// How many cycles before it said that home is found the position jumped; `None` if it did not jump.
+    /// Returns the number of cycles from the jump of the position to the report that home is found; `None` if the position did not
+    /// jump.
     pub(super) fn lead(&self) -> Option<isize> {
         Some(self.found_at? as isize - self.jumped_at? as isize)
     }

@@ -1,4 +1,4 @@
-//! Where a joint is led while its loop is identified.
+//! Course of a joint while its loop is identified.
 
 use std::f64::consts::PI;
 
@@ -13,13 +13,14 @@ pub(super) const WAY_RAD: f64 = 12.0 * DEG;
 pub(super) const RATES: [f64; 5] = [20.0 * DEG, 13.7 * DEG, 9.4 * DEG, 6.3 * DEG, 4.1 * DEG];
 /// How fast the joint goes while it is excited or stepped, rad/s.
 const CARRIER: f64 = 10.0 * DEG;
-/// Greatest rate of the excitation, as a share of that: the joint never stands, even where its loop overshoots.
+/// Greatest rate of the excitation, as a share of the carrier: the joint never stops, even if its loop overshoots.
 const EXCITATION_SHARE: f64 = 0.5;
-/// A travel comes up to its rate in so long, s, and down.
+/// Time in which a travel comes up to its rate, and down, s.
 const RAMP_S: f64 = 0.1;
 /// Time that the loop needs to forget the ramp, s: the integral takes over dry friction.
 const FORGETS_S: f64 = 0.2;
-/// A joint rests so long between two travels, s. One whose encoder stands still just short of its target is pushed on more and more meanwhile.
+/// Rest of a joint between two travels, s. If an encoder freezes just short of its target, the controller pushes the joint more and
+/// more meanwhile.
 const REST_S: f64 = 0.05;
 /// Length of a record, s.
 const RECORD_S: f64 = 0.5;
@@ -58,7 +59,7 @@ pub(super) struct Part {
     pub(super) count: usize,
 }
 
-/// Where a joint is led in each cycle.
+/// Commanded angle of a joint in each cycle.
 #[derive(Clone, Debug)]
 pub(super) struct Course {
     /// How far from where it begins, rad.

@@ -12,7 +12,7 @@ pub(super) struct Felt {
     tip_m: [f64; 2],
     /// Force of the last sample in N, in the base frame: before any filter of this program, with all that the handle adds.
     force_n: [f64; 2],
-    /// Whether the sensor says that its sample is good.
+    /// Whether the sensor marks its sample as good.
     is_good: bool,
 }
 

@@ -62,7 +62,7 @@ const LOOK_CYCLES: u32 = 20;
 pub struct LoopPlan {
     /// Index of the joint, 0 the left one.
     pub joint: usize,
-    /// Most torque of each drive, N m; as little as it takes unless said.
+    /// Largest torque of each drive, N m; by default as little as needed.
     pub torque_n_m: Option<Positive>,
 }
 
@@ -81,7 +81,7 @@ pub struct Follows {
 /// The answer to a step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StepAnswer {
-    /// Time since the step in s, reference and measured angle as shares of the step, beside the travel that it is on.
+    /// Time since the step in s; reference and measured angle as shares of the step, without the travel beneath it.
     pub samples: Vec<[f64; 3]>,
     /// By how much the angle goes beyond the step, as a share of it.
     pub overshoot: f64,
@@ -123,7 +123,7 @@ pub struct LoopTraced {
     pub ended: Ended,
     /// State of the supervisor before the rig was stopped.
     pub state: State,
-    /// The fault that led to it.
+    /// Fault that caused it.
     pub cause: Option<Cause>,
     /// Time from enabling to the end, s.
     pub time_s: f64,

@@ -160,7 +160,7 @@ impl Trace<'_> {
             .collect()
     }
 
-    /// The mean of all steps, beside the travel before each.
+    /// Returns the mean of all steps, without the travel before each.
     fn step(&self) -> Option<StepAnswer> {
         let mut sums: Vec<[f64; 2]> = Vec::new();
         let (mut count, mut step_at) = (0.0, 0);
@@ -201,7 +201,7 @@ impl Trace<'_> {
     }
 }
 
-/// Whether a joint that travels stands, or turns back, for a moment: over 5 ms or two cycles its angle does not go on.
+/// Whether a travelling joint stops or turns back for a moment: its angle does not advance over 5 ms or two cycles.
 fn stands_somewhere(angles_rad: &[f64], period_s: f64) -> bool {
     const MOMENT_S: f64 = 5e-3;
     let cycles = ((MOMENT_S / period_s).round() as usize).max(2);

@@ -153,7 +153,7 @@ fn configuration(rig: &config::Rig) -> Value {
     configuration
 }
 
-/// All of a sensor that the age of its force depends on, beside what the delay of the loop does.
+/// Properties of a sensor on which the age of its force depends, apart from the delay of the loop.
 fn sensor(rig: &config::Rig) -> Value {
     json!({ "bus": rig.sensor.bus, "protocol": rig.sensor.protocol, "sample_rate_hz": rig.sensor.sample_rate_hz })
 }
