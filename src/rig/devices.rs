@@ -73,7 +73,7 @@ fn odd_objects(model: &config::DriveModel) -> Vec<OddObject> {
     model.objects.iter().map(odd).collect()
 }
 
-/// The simulated drive of a joint, switched off: of the model that the rig's simulation says, or else of that of the rig.
+/// Returns the simulated drive of a joint, switched off: the model in the rig's simulation, or else the rig's own.
 ///
 /// # Errors
 /// If its profile is not that of a drive.
@@ -307,7 +307,8 @@ fn axis_settings(
     Ok(Joints(all.collect::<Result<_, _>>()?))
 }
 
-/// The sensor on the segment, of the rig's model. It says itself how many counts are one N and one N m; the configuration has the same numbers.
+/// Returns the sensor on the segment, of the rig's model. It reports by itself the counts for one N and one N m; the configuration
+/// has the same numbers.
 fn force_torque_sensor(rig: &config::Rig) -> Result<ForceTorqueSensor, RigError> {
     let sensor = &rig.sensor;
     let profile = sensor.protocol.profile().ok_or(RigError::NoneOnEthercat)?;

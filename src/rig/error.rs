@@ -78,7 +78,7 @@ pub enum RigError {
         /// Its target.
         target: &'static str,
     },
-    /// The scene does not say what it simulates.
+    /// The scene does not name the part that it simulates.
     #[error("the scene has no `{0}`")]
     NoModel(&'static str),
     /// A point of the scene has another number of coordinates than the machine.

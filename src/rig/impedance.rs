@@ -12,7 +12,7 @@ use yieldwall_sim::point_mass::{PointMass, PointMassParameters};
 pub struct ImpedanceLoop(Fixture<Shape3, 3>);
 
 impl ImpedanceLoop {
-    /// A loop that begins at a reported position. `fixture` stands in place of the device's own.
+    /// Creates a loop that begins at a reported position. `fixture` replaces the device's own.
     ///
     /// # Errors
     /// Where the fixture cannot be built, or cannot begin there.

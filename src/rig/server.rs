@@ -40,9 +40,9 @@ pub struct DeviceServer {
     period: Duration,
     /// Simulated time.
     now: Time,
-    /// A moment of the wall, and the simulated time that it stands for.
+    /// A moment of the wall clock, and its simulated time.
     anchor: (Time, Time),
-    /// The last SYNC on the wall while time waits for the next one.
+    /// The last SYNC by the wall clock while time waits for the next one.
     waits_since: Option<Time>,
     /// The buses whose SYNC of this period has come, a bit each.
     synced: u8,
@@ -85,7 +85,7 @@ impl<O> Bus<'_, O> {
 }
 
 impl DeviceServer {
-    /// Devices that are switched off, the arm where the scene's hand starts. `seed` stands in place of the scene's.
+    /// Creates devices that are switched off, with the arm where the scene's hand starts. `seed` replaces the scene's.
     ///
     /// # Errors
     /// Where parts of the configuration do not fit together, and for a scene without an arm.
@@ -152,7 +152,7 @@ impl DeviceServer {
         drive.into_iter().for_each(|drive| drive.on_axis(axis, |drive| drive.set_ignores_controlword(ignores)));
     }
 
-    /// Switches all devices on at a moment of the wall.
+    /// Switches all devices on at a moment of the wall clock.
     pub fn switch_on(&mut self, wall: Time, out: &mut impl Outbox) {
         self.anchor = (wall, self.now);
         let buses = self.far.buses;
@@ -161,7 +161,7 @@ impl DeviceServer {
         }
     }
 
-    /// Takes a frame that the devices did not send themselves; `wall` is when it came, and not when somebody got round to it.
+    /// Takes a frame that the devices did not send themselves; `wall` is the time of its arrival, not of its processing.
     ///
     /// # Errors
     /// If the simulated arm cannot go on.
@@ -202,7 +202,7 @@ impl DeviceServer {
         Ok(())
     }
 
-    /// Lets everything happen that is due at a moment of the wall.
+    /// Processes all events that are due at a moment of the wall clock.
     ///
     /// # Errors
     /// If the simulated arm cannot go on.
@@ -214,7 +214,7 @@ impl DeviceServer {
         self.advance(until, out)
     }
 
-    /// The moment of the wall at which [`DeviceServer::poll`] has to be called again at the latest.
+    /// Returns the moment of the wall clock by which [`DeviceServer::poll`] has to be called again.
     pub fn next_deadline(&self) -> Time {
         match (self.waits_since, self.far.next_deadline()) {
             (Some(since), _) => since + GRACE,
@@ -291,7 +291,7 @@ impl DeviceServer {
         self.far.torques_n_m()
     }
 
-    /// Simulated time at a moment of the wall.
+    /// Returns the simulated time at a moment of the wall clock.
     fn time_at(&self, wall: Time) -> Time {
         if self.waits_since.is_some() {
             return self.now;

@@ -44,7 +44,7 @@ pub(super) struct Truth {
     pub(super) force: Force,
 }
 
-/// Time in which a hand that has taken the tool again leads it back to its path, in s.
+/// Time in which a hand that has taken the tool again returns it to its path, in s.
 const RETURN_S: f64 = 1.5;
 
 /// How the hand has the tool.
@@ -76,7 +76,7 @@ impl Grip {
     }
 }
 
-/// A force of the hand beside that of its path.
+/// Force of the hand besides that of its path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Push {
     pub(super) shape: PushShape,
@@ -295,7 +295,7 @@ impl World {
         }
     }
 
-    /// A person leads the tool of an arm that nobody holds to a point, and lets it rest there.
+    /// Makes a person guide the tool of an arm that nobody holds to a point, and let it rest there.
     ///
     /// # Errors
     /// If the linkage does not reach it.

@@ -9,7 +9,7 @@ use super::invariant::Invariant;
 pub enum Excuse {
     /// An injection falsifies the judged value.
     Falsified,
-    /// Several faults at once: nobody can say which did what.
+    /// Several faults at once, whose effects cannot be separated.
     SeveralAtOnce,
     /// A fault counted over a window of cycles, which an earlier injection has filled.
     EarlierInjection,
@@ -77,7 +77,7 @@ impl Excuse {
         Self::Unheld,
     ];
 
-    /// Its name, as it stands in reports.
+    /// Returns the name for reports.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Falsified => "falsified",

@@ -82,7 +82,7 @@ impl Invariant {
         Self::Simulation,
     ];
 
-    /// Its name, as it stands in reports.
+    /// Returns the name for reports.
     pub const fn name(self) -> &'static str {
         match self {
             Self::MovesEnabled => "moves-enabled",

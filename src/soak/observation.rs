@@ -88,7 +88,7 @@ pub struct Falsified {
     pub drives: bool,
     /// The hand shakes the tool faster than its force is sensed in step with the motion.
     pub hand: bool,
-    /// The arm is held or pushed by something beside the hand and the drives.
+    /// The arm is held or pushed by something other than the hand and the drives.
     pub arm: bool,
     /// SYNC or the computation do not come at their time, or not at all.
     pub timing: bool,

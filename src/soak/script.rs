@@ -8,9 +8,9 @@ use super::draw::Machine;
 use super::{Shipped, nature};
 use yieldwall_config::injection::{CATALOGUE, Injection, InjectionError, Kind, Lasts, Target};
 
-/// One seed in so many brings what is there from switching on.
+/// One seed in this many brings faults that are present from switching on.
 const BOOT_EVERY: u64 = 10;
-/// One seed in so many brings several faults at once.
+/// One seed in this many brings several faults at once.
 const TANGLE_EVERY: u64 = 4;
 /// Share of the seeds that end with the end of the process.
 const ENDING_SHARE: f64 = 0.3;
@@ -31,7 +31,7 @@ const ENDING_S: f64 = 0.3;
 pub struct Script {
     /// The faults, by their start.
     pub injections: Vec<Injection>,
-    /// Whether they may overlap: then nobody can say which of them did what.
+    /// Whether they may overlap; their effects then cannot be told apart.
     pub is_tangle: bool,
 }
 

@@ -8,7 +8,7 @@ use super::shrink::shrink;
 use super::tally::SeedResult;
 use yieldwall_motion::guard::fault::TABLE;
 
-/// One seed in so many is run twice.
+/// One seed in this many is run twice.
 const TWICE_EVERY: u64 = 16;
 
 /// Runs `seed` for `cycles` cycles, with its own script unless another is given. A violation comes with the shortest

@@ -28,12 +28,12 @@ use yieldwall_sim::can::BusCounters;
 /// Violations that are kept of one run: the first of each invariant, and not more than this.
 const MOST_VIOLATIONS: usize = 5;
 
-/// What is run.
+/// Parameters of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Course<'a> {
     /// The machine.
     pub machine: &'a Machine,
-    /// What is broken, and when.
+    /// Injections with their times.
     pub script: &'a [Injection],
     /// The seed of noise, tremor and the person.
     pub seed: u64,
@@ -52,9 +52,9 @@ pub struct Event {
     pub from: State,
     /// State after.
     pub to: State,
-    /// What led to it.
+    /// Fault that caused it.
     pub cause: Option<Fault>,
-    /// What had led to the state before.
+    /// Fault that had caused the state before.
     pub cause_before: Option<Fault>,
     /// Distance of the tool from the task's origin, m.
     pub radius_m: f64,
@@ -79,7 +79,7 @@ pub enum End {
     Broken,
 }
 
-/// What a run left.
+/// Result of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Play {
     /// How it ended.
@@ -98,18 +98,18 @@ pub struct Play {
     pub scene_from_ns: Option<u64>,
     /// Moment of SYNC of each cycle in ns since switching on. The cycles follow the reference clock of a segment, which is not the host's.
     pub(super) syncs_ns: Vec<u64>,
-    /// What did not hold.
+    /// Violations.
     pub violations: Vec<Violation>,
     /// The greatest values.
     pub peaks: Peaks,
-    /// What did not hold and was excused.
+    /// Excused deviations.
     pub(super) excused: Excused,
     /// Times that the network was booted anew.
     pub restarts: u32,
 }
 
 impl Play {
-    /// That of a run in which nothing happened.
+    /// Returns the result of a run in which nothing happened.
     pub(super) fn nothing() -> Self {
         Self {
             end: End::Broken,
@@ -175,7 +175,7 @@ pub fn play(course: &Course<'_>) -> Play {
     play_watched(course, |_| {})
 }
 
-/// The same; `watch` gets what was seen of every cycle.
+/// Plays the course; `watch` receives the observation of every cycle.
 pub fn play_watched(course: &Course<'_>, watch: impl FnMut(&Observation)) -> Play {
     let mut run = Run::new(course);
     let end = match run.all(watch) {
@@ -506,7 +506,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// What the injections of the present falsify.
+    /// Returns the values that the present injections falsify.
     fn falsified(&self) -> Falsified {
         let mut all = Falsified::default();
         // Before the scene only what is there from switching on acts.

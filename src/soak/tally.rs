@@ -34,7 +34,7 @@ pub struct SeedResult {
     pub restarts: u32,
     /// The injections and what followed.
     pub injections: Vec<Followed>,
-    /// The faults that led to something.
+    /// Faults with an effect.
     pub faults: Vec<ObservedFault>,
     /// How often each fault began to show.
     pub shown: BTreeMap<String, u32>,
@@ -61,7 +61,7 @@ pub struct InjectionTally {
     pub as_expected: u64,
 }
 
-/// How often a fault led to something, and how soon.
+/// How often a fault had an effect, and how soon.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct FaultTally {
     /// Times that it began to show.
@@ -75,7 +75,7 @@ pub struct FaultTally {
 /// Reaction times of one step of a fault.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Latency {
-    /// How often it took so many cycles.
+    /// How often the reaction took each number of cycles.
     pub cycles: BTreeMap<u32, u64>,
     /// Greatest bound in cycles over the rigs; rigs with other sample rates and periods have others.
     pub bound: u32,

@@ -1,4 +1,4 @@
-//! By how much a seen value may pass what an invariant says, and why. Nowhere else is there any slack.
+//! Tolerances: by how much an observed value may exceed an invariant's limit, and why. There are no other tolerances.
 
 /// Share by which a float may pass a limit that was computed from the same numbers in another order.
 pub(super) const ROUNDING: f64 = 1e-9;

@@ -39,7 +39,7 @@ pub struct Followed {
 pub struct ObservedFault {
     /// Name of the fault's row.
     pub name: String,
-    /// What was done.
+    /// Reaction.
     pub reaction: String,
     /// Cycles from the first observable sign to the reaction, where the injection says when that was.
     pub cycles: Option<u32>,
@@ -212,7 +212,7 @@ fn seen(fault: Fault, reaction: Reaction, measured: Option<(u32, u32)>) -> Obser
     }
 }
 
-/// What has to follow from an injection on a machine: on buses of both kinds, what follows on one of them.
+/// Required consequence of an injection on a machine; on buses of both kinds, the consequence on one of them.
 struct Wanted {
     faults: Vec<Fault>,
     endings: Vec<Ending>,

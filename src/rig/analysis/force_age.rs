@@ -1,4 +1,4 @@
-//! How old the force is that a cycle of a rig uses: by what the rig file says of sensor and bus, and by what was identified.
+//! Age of the force that a cycle of a rig uses, by the rig file's sensor and bus, and by identification.
 
 use crate::RigError;
 use yieldwall_bus::budget::{Budget, PlannedFrame, Use};
@@ -10,7 +10,7 @@ use yieldwall_sim::SYNC_RATE_HZ;
 
 /// Phases of a sensor's own clock that are looked at.
 const PHASES: u32 = 17;
-/// Share of a cycle by which an age has to be beyond what the rig file says to be another one.
+/// Share of a cycle by which an identified age has to exceed the rig file's to count as different.
 const OLDER_CYCLES: f64 = 0.05;
 
 /// Effect of frames that wait on a bus on the samples of a sensor with its own clock. The computed masses leave this effect out.

@@ -118,9 +118,9 @@ pub struct Coupled {
     pub is_stable: bool,
     /// Damping that the configured spring needs, N s/m, by the rule of thumb `K T/2`.
     pub damping_needed_n_s_per_m: f64,
-    /// Greatest stiffness in N/m beside the configured damping; `None` if none is stable.
+    /// Greatest stiffness in N/m at the configured damping; `None` if none is stable.
     pub greatest_stiffness_n_per_m: Option<f64>,
-    /// Greatest damping in N s/m beside the configured stiffness; `None` if none is stable.
+    /// Greatest damping in N s/m at the configured stiffness; `None` if none is stable.
     pub greatest_damping_n_s_per_m: Option<f64>,
 }
 
@@ -334,7 +334,7 @@ fn follower(rig: &config::Rig) -> Result<Option<(Follower, bool)>, RigError> {
     })
 }
 
-/// The arm with the tool at a point; `real` stands in place of the model that is known of it.
+/// Returns the arm with the tool at a point; `real` replaces the known model.
 fn pose_at(
     (rig, scene): (&config::Rig, &config::Scene),
     tool: Vector2<f64>,

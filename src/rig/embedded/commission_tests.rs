@@ -251,7 +251,7 @@ proptest! {
         }
     }
 
-    /// Whenever a person asks for the end: no torque, no lowered limit, and a report that says which steps are left.
+    /// Whenever a person asks for the end: no torque, no lowered limit, and a report that names the remaining steps.
     #[test]
     fn it_ends_when_it_is_asked_to(rig in 0usize..5, cycles in 0..60_000u64) {
         let done = until(RIGS[rig], &[], &[], cycles);

@@ -1,4 +1,4 @@
-//! The computer that runs the master: at times late, stopped or dead, because somebody wants it.
+//! The computer that runs the master: on request late, stopped or dead.
 
 use std::collections::VecDeque;
 use std::panic::resume_unwind;
@@ -127,7 +127,7 @@ impl Computer {
         if moment <= self.grid { self.lateness.sync } else { self.lateness.compute }
     }
 
-    /// The computation is done, and does not let it do anything else for so long from now.
+    /// Ends the computation, after which the computer does nothing else for this time from now.
     pub(super) fn computed(&mut self) -> Duration {
         let Lateness { computing, .. } = std::mem::take(&mut self.lateness);
         if std::mem::take(&mut self.panics) {

@@ -247,7 +247,8 @@ proptest! {
     }
 }
 
-/// A rig whose joints are homed so many times; the true angles of home after each, in the positions that the drive then has, rad.
+/// Homes the joints of a rig this many times. Returns the true angles of home after each, in the positions that the drive then has,
+/// rad.
 fn repeated(
     (rig, scene): &(config::Rig, config::Scene),
     (joints, times): ([bool; 2], u32),
@@ -400,7 +401,7 @@ proptest! {
     }
 }
 
-/// A machine with other links and zeros than its file says, whose tool is led to points of a plate.
+/// A machine with other links and zeros than in its file, whose tool a person guides to points of a plate.
 #[test]
 fn links_and_zeros_are_found_from_points() {
     use yieldwall_motion::identification::kinematics;

@@ -59,7 +59,7 @@ use yieldwall_sim::{Drive, ForceSensor};
 /// Master, virtual buses, simulated devices, arm and hand.
 ///
 /// [`EmbeddedRig::new`] assembles them, [`EmbeddedRig::enable`] boots the network and enables the drives, and every
-/// [`EmbeddedRig::run_cycle`] is one period of the rig. The same configuration and seed give the same frames.
+/// [`EmbeddedRig::run_cycle`] is one period of the rig. Equal configurations and seeds give equal frames.
 ///
 /// ```
 /// use yieldwall_config as config;
@@ -86,14 +86,14 @@ pub struct EmbeddedRig {
     sample_period: Duration,
     compute_at: Duration,
     enabling: Enabling,
-    /// Of the last boot.
+    /// Permit of the last boot.
     permit: Permit,
 }
 
 impl EmbeddedRig {
     /// A rig that is switched off, its arm where the scene's hand starts.
     ///
-    /// `fixture` stands in place of the rig's own, `seed` in place of the scene's.
+    /// `fixture` replaces the rig's own, `seed` the scene's.
     ///
     /// # Errors
     /// Where parts of the configuration do not fit together.
@@ -163,19 +163,19 @@ impl EmbeddedRig {
         self.drives_mut().for_each(|drive| drive.ignore(watchdog));
     }
 
-    /// Has the drives on CAN take so long from a reset to their boot-up message.
+    /// Sets the time that the drives on CAN take from a reset to their boot-up message.
     pub fn set_reset_time(&mut self, time: Duration) {
         self.drives_mut().for_each(|drive| drive.set_reset_time(time));
     }
 
-    /// Has both drives take so long to answer a request for an object.
+    /// Sets the time that both drives take to answer a request for an object.
     pub fn set_sdo_time(&mut self, time: Duration) {
         self.drives_mut().for_each(|drive| drive.set_sdo_time(time));
         self.place_mut().far.line.iter_mut().for_each(|line| line.set_mailbox_time(time));
     }
 
-    /// Has the force sensor take its next sample so long after the next SYNC is due, or on a segment the next SYNC0, and the others
-    /// by an exact clock, so that the phase between both is known. Nothing happens where SYNC is the sensor's clock.
+    /// Makes the force sensor take its next sample at this time after the next SYNC is due, or on a segment the next SYNC0. It
+    /// takes the others by an exact clock, so that the phase between both is known. It has no effect if SYNC is the sensor's clock.
     pub fn align_sensor(&mut self, after_sync: Duration) {
         let period = self.sample_period;
         let place = self.place();
@@ -185,7 +185,7 @@ impl EmbeddedRig {
         far.line.iter_mut().for_each(|line| line.align_sensor(next, period));
     }
 
-    /// Has no clock of a device on EtherCAT drift from now on.
+    /// Stops the drift of all device clocks on EtherCAT from now on.
     pub fn stop_drift(&mut self) {
         let Simulation { now, far, .. } = self.place_mut();
         far.line.iter_mut().for_each(|line| line.stop_drift(*now));
@@ -202,7 +202,7 @@ impl EmbeddedRig {
         self.place_mut().clear_injections();
     }
 
-    /// What a drill keeps from the devices.
+    /// Returns the filter by which a drill keeps frames from the devices.
     pub(super) fn silence_mut(&mut self) -> &mut Option<Silence> {
         &mut self.place_mut().silence
     }
@@ -215,12 +215,12 @@ impl EmbeddedRig {
         errors.into_iter().for_each(|errors| self.set_error_watch(errors));
     }
 
-    /// Has `tap` get every frame from now on.
+    /// Passes every frame to `tap` from now on.
     pub fn set_tap(&mut self, tap: Tap) {
         self.place_mut().tap = Some(tap);
     }
 
-    /// Has `observer` get the record of every cycle from now on, those of enabling and stopping included.
+    /// Passes the record of every cycle to `observer` from now on, including cycles of enabling and stopping.
     pub fn set_observer(&mut self, observer: Observer) {
         self.runner.set_observer(observer);
     }
@@ -244,12 +244,12 @@ impl EmbeddedRig {
         self.place().far.world.truth.tip
     }
 
-    /// Has `watch` follow every boot from now on.
+    /// Reports every boot to `watch` from now on.
     pub fn set_boot_watch(&mut self, watch: BootWatch) {
         self.runner.set_boot_watch(watch);
     }
 
-    /// Has `watch` be told what each drive says of a fault, from now on.
+    /// Passes each drive's report on a fault to `watch`, from now on.
     pub fn set_error_watch(&mut self, watch: ErrorWatch) {
         self.runner.set_error_watch(watch);
     }
@@ -259,12 +259,12 @@ impl EmbeddedRig {
         self.runner.ask_for_errors();
     }
 
-    /// What the drives have said that were asked.
+    /// Returns the reports of the drives that were asked.
     pub fn errors(&self) -> impl Iterator<Item = DriveError> {
         self.runner.errors()
     }
 
-    /// Has every frame pass through `tamper` from now on.
+    /// Passes every frame through `tamper` from now on.
     pub fn set_tamper(&mut self, tamper: impl Tamper + Send + 'static) {
         self.place_mut().wires.buses.set_tamper(tamper);
     }
@@ -274,7 +274,7 @@ impl EmbeddedRig {
         self.runner.state()
     }
 
-    /// The fault that led to the present state.
+    /// Returns the fault that caused the present state.
     pub fn cause(&self) -> Option<Cause> {
         self.runner.cause()
     }
@@ -317,7 +317,7 @@ impl EmbeddedRig {
         &self.place().far.world.hand
     }
 
-    /// What has gone over each bus so far, in the order of their names; the sum is that of the rig.
+    /// Returns the counters of each bus so far, in the order of the bus names; their sum is that of the rig.
     pub fn bus_counters(&self) -> impl Iterator<Item = &BusCounters> {
         let Simulation { wires, cable, .. } = self.place();
         let of_segment = cable.as_ref().map(|(_, cable)| cable.counters());
@@ -343,7 +343,7 @@ impl EmbeddedRig {
         self.runner.next_sync()
     }
 
-    /// What the last cycle gave.
+    /// Returns the outputs of the last cycle.
     pub fn last_outputs(&self) -> Option<&Outputs> {
         self.runner.last_outputs()
     }

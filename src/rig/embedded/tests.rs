@@ -24,7 +24,7 @@ fn shipped(permit: fn(&Runner<Simulation>) -> Permit) -> EmbeddedRig {
     machine
 }
 
-/// How far the reference is led in a second by the hand of the scene, rad, and the state then.
+/// Returns how far the hand of the scene moves the reference in a second, rad, and the state then.
 fn led(mut machine: EmbeddedRig) -> (f64, State) {
     let at = |row: &Row| row.target_angles_rad;
     let first = at(&machine.run_cycle(Request::None).unwrap());

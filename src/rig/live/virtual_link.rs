@@ -13,7 +13,7 @@ use yieldwall_run::Pace;
 /// Time of a frame of eight bytes on a bus of 1 Mbit/s, rounded up.
 const FRAME: Duration = Duration::from_micros(130);
 
-/// A rig's simulated devices behind a link. Its time goes on only while somebody waits, and by what each frame takes.
+/// A rig's simulated devices behind a link. Its time advances only during a wait, and by the time of each frame.
 #[derive(Debug)]
 pub struct VirtualLink {
     server: DeviceServer,

@@ -13,7 +13,7 @@ use yieldwall_run::Pace;
 /// Time of a frame on its way there and back: 100 bytes past three devices, rounded up.
 const FRAME: Duration = Duration::from_micros(20);
 
-/// A rig's simulated devices behind a link. Its time goes on only while somebody waits, and by what each frame takes.
+/// A rig's simulated devices behind a link. Its time advances only during a wait, and by the time of each frame.
 #[derive(Debug)]
 pub struct VirtualSegment {
     server: SegmentServer,

@@ -122,11 +122,11 @@ impl Measures {
 pub struct Context {
     /// Cycle time in s.
     pub period_s: f64,
-    /// Proxy mass in kg; `None` for the impedance type, and where a spring or a capture holds energy beside it.
+    /// Proxy mass in kg; `None` for the impedance type, and if a spring or a capture holds energy besides the mass.
     pub mass_kg: Option<f64>,
     /// Torque limit in N m; `None` where no torque is commanded.
     pub torque_limit_n_m: Option<f64>,
-    /// Whether impacts go as deep as the law says: not with a hold, fixed or automatic, nor on a surface that moves.
+    /// Whether the law predicts the depth of impacts: not with a hold, fixed or automatic, nor on a surface that moves.
     pub has_depth_law: bool,
     /// Stiffness of the impedance coupling in N/m; 0 for the admittance type.
     pub stiffness_n_per_m: f64,

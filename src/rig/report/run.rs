@@ -50,7 +50,7 @@ pub struct RunReport {
     pub held_by: Vec<(Fault, f64)>,
     /// Faults that hold nothing, each with the number of cycles in which it was seen, from the boot to the end.
     pub counted: Vec<(Fault, u32)>,
-    /// SDO downloads of somebody else to the rig's nodes.
+    /// SDO downloads of foreign nodes to the rig's nodes.
     pub foreign_downloads: u32,
     /// Faults of the devices of an EtherCAT segment, a line each.
     pub segment: Vec<String>,

@@ -47,9 +47,9 @@ pub struct SegmentServer {
     period: Duration,
     /// Simulated time.
     now: Time,
-    /// A moment of the wall, and the simulated time that it stands for.
+    /// A moment of the wall clock, and its simulated time.
     anchor: (Time, Time),
-    /// When process data were read last on the wall, while time waits for the next time.
+    /// Wall-clock time of the last read of process data, while time waits for the next one.
     waits_since: Option<Time>,
     /// Bits of [`SYNC`] and [`READ`] for the events of this period; `has_synced`: whether a SYNC has come since time waits.
     begun_by: u8,
@@ -171,7 +171,7 @@ impl SegmentServer {
         Ok(())
     }
 
-    /// Takes a frame of CAN that came at this moment of the wall.
+    /// Takes a CAN frame that came at this moment of the wall clock.
     ///
     /// # Errors
     /// If the simulated arm cannot go on.
@@ -192,7 +192,7 @@ impl SegmentServer {
         self.counts.sent += self.on_can.drain(&mut send);
     }
 
-    /// Lets everything happen that is due at a moment of the wall.
+    /// Processes all events that are due at a moment of the wall clock.
     ///
     /// # Errors
     /// If the simulated arm cannot go on.
@@ -210,7 +210,7 @@ impl SegmentServer {
         Ok(())
     }
 
-    /// The moment of the wall at which [`SegmentServer::poll`] has to be called again at the latest.
+    /// Returns the moment of the wall clock by which [`SegmentServer::poll`] has to be called again.
     pub fn next_deadline(&self) -> Time {
         match (self.waits_since, self.next_event().min(self.on_frames.next_back())) {
             (Some(since), _) => since + GRACE,

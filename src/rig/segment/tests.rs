@@ -40,7 +40,7 @@ impl Bench {
         Bench { server: server(pace, [true; 3]), now: Time(1000), back, counters: [Counter::FIRST; 3], emergencies }
     }
 
-    /// Time passes on the wall; frames that were held come back.
+    /// Advances the wall clock; frames that were held come back.
     fn pass(&mut self, time: Duration) {
         let until = self.now + time;
         let Self { server, back, .. } = self;

@@ -33,10 +33,10 @@ pub use status::state_name;
 
 /// Meaning of a fault or a code.
 ///
-/// `Display` prints what a message has room for: code, meaning and cause. What to do next goes with the message as its help.
+/// `Display` prints what a message has room for: code, meaning and cause. The next action goes with the message as its help.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Explanation {
-    /// What it is, with the article: `a fault of the rig`.
+    /// Kind with the article: `a fault of the rig`.
     pub what: &'static str,
     /// The code in hexadecimal as devices show it, such as `8130h`; `None` of a fault of the rig.
     pub code: Option<String>,
@@ -44,11 +44,11 @@ pub struct Explanation {
     pub name: Cow<'static, str>,
     /// Text of the meaning.
     pub meaning: Cow<'static, str>,
-    /// What usually lies behind it.
+    /// Usual cause.
     pub cause: Cow<'static, str>,
-    /// What to do next.
+    /// Next action.
     pub next: Cow<'static, str>,
-    /// Of a vendor's code: the table and the document in which it was read.
+    /// Table and document of a vendor's code.
     pub source: Option<String>,
 }
 

@@ -38,7 +38,7 @@ struct Sent {
 /// Content of the frames of the last cycles.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Frames {
-    /// When a set-point of somebody else ended, ns, after which the master has sent none that stops the drive.
+    /// When a foreign set-point ended, ns, after which the master has sent none that stops the drive.
     foreign_ns: [Option<u64>; 2],
     /// Last reports of the drives.
     told: [Option<Status>; 2],

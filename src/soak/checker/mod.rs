@@ -20,18 +20,18 @@ use motion::Motion;
 use yieldwall_config as config;
 use yieldwall_motion::guard::State;
 
-/// What a checker needs to know of a rig.
+/// Properties of a rig that a checker needs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     /// Cycle time in s.
     pub period_s: f64,
-    /// What is sent to the drives.
+    /// Kind of the set-points.
     pub mode: config::CommandMode,
     /// Whether the drives are on an EtherCAT segment.
     pub is_on_segment: bool,
     /// COB-IDs of the drives' set-points; on a segment those of no node.
     pub set_point_ids: [u16; 2],
-    /// COB-IDs of what the drives tell, likewise.
+    /// COB-IDs of the drives' reports; on a segment those of no node.
     pub status_ids: [u16; 2],
     /// Counts per rad.
     pub counts_per_rad: [f64; 2],
@@ -68,7 +68,7 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Those of a rig.
+    /// Returns the limits of a rig.
     pub fn of(rig: &config::Rig) -> Self {
         let [left, right] = &rig.drives;
         let guard = &rig.guard;
@@ -179,7 +179,7 @@ impl Findings<'_> {
         }
     }
 
-    /// The same, but what has an excuse is counted in place of noted.
+    /// Checks as `expect`, but counts an excused deviation instead of noting it.
     pub(super) fn expect_unless(
         &mut self,
         invariant: Invariant,
@@ -235,7 +235,7 @@ impl Checker {
         &self.peaks
     }
 
-    /// The network was booted anew: what the drives told before says nothing about now.
+    /// Notes that the network was booted anew, so that earlier reports of the drives do not describe the present.
     pub fn network_restarted(&mut self) {
         self.frames = Frames::default();
         self.motion = Motion::default();

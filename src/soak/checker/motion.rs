@@ -160,7 +160,7 @@ impl Motion {
     }
 }
 
-/// Whether the guard may already brake the reference before the edge: what it needs to stop leads there.
+/// Whether the guard may already brake the reference before the edge, since its braking distance reaches there.
 fn is_near_edge(limits: &Limits, past: &Past) -> bool {
     let speed = past.step.norm() / limits.period_s;
     past.proxy.norm() + 0.5 * speed * speed / limits.stop_m_per_s2 > EDGE_M

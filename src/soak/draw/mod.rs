@@ -1,6 +1,6 @@
 //! A rig, a scene and a hand from a seed.
 //!
-//! Everything stays what a loaded file could say: a drawn rig passes the checks of the configuration.
+//! A drawn rig passes the checks of the configuration, like a loaded file.
 
 mod hand;
 mod rig;

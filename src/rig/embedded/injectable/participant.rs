@@ -17,7 +17,7 @@ pub(super) struct Participant {
     /// Number of its bus.
     pub(super) bus: BusId,
     pub(super) speaks: Speaks,
-    /// Whether it can say that a sample is not valid.
+    /// Whether it can mark a sample as invalid.
     can_be_invalid: bool,
 }
 
