@@ -1,4 +1,4 @@
-//! Where a rig runs: a clock, and the buses as they are seen from there.
+//! Place where a rig runs: a clock, and its buses.
 
 use std::time::Duration;
 
@@ -46,7 +46,7 @@ pub trait Place: Wires {
         Process::Runs
     }
 
-    /// Whether a person has asked for a stop; each request counts once. Only in virtual time.
+    /// Whether a person has asked for a stop; each request counts once. The loop calls it only in virtual time.
     fn takes_stop(&mut self) -> bool {
         false
     }
@@ -56,8 +56,8 @@ pub trait Place: Wires {
     /// Real-time: yes.
     fn suspended(&self) -> Duration;
 
-    /// A cycle was computed, and its set-points have not been sent. In virtual time the computation takes as long as the simulation
-    /// says; on a computer that time has passed already.
+    /// A cycle was computed, and its set-points have not been sent. In virtual time the computation takes the time that the simulation
+    /// sets; on a computer that time has passed already.
     ///
     /// Real-time: yes.
     fn computed(&mut self, _outputs: &Outputs) {}
@@ -75,12 +75,12 @@ pub trait Place: Wires {
         None
     }
 
-    /// Somebody at a simulated arm does this; whether it was done. Nobody does at a computer.
+    /// Makes a person at a simulated arm do this task, and returns whether it was done. On a computer it does nothing.
     fn attend(&mut self, _task: Task) -> bool {
         false
     }
 
-    /// Somebody at a simulated arm switches the drives off and on again; whether it was done.
+    /// Makes a person at a simulated arm switch the drives off and on again, and returns whether it was done.
     fn power_cycle(&mut self) -> bool {
         false
     }

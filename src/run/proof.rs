@@ -81,8 +81,8 @@ pub enum Unproven {
 /// Where it is shown that the drives of a rig stop by themselves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Proof {
-    /// In virtual time, by a drill of the same simulated drives: those on the bus say that they are (2012h), and whether they lack a
-    /// watchdog. For lockstep, in which no drill is possible.
+    /// In virtual time, by a drill of the same simulated drives, for lockstep, in which no drill is possible. The drives on the bus
+    /// report that they are simulated (2012h), and whether they lack a watchdog.
     InVirtualTime(Drilled),
     /// In the records of drills on a bus, which are in this folder.
     OnRecord(PathBuf),
@@ -94,13 +94,13 @@ pub enum NotProven {
     /// The drives do not report their identity, or are simulated for another pace.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// It is not shown that the drives stop by themselves.
+    /// There is no proof that the drives stop by themselves.
     #[error(transparent)]
     Unproven(#[from] Unproven),
 }
 
 impl<P: Place + ?Sized> Runner<P> {
-    /// Asks the drives of a booted network what they are, and looks for the proof that such drives stop by themselves. The
+    /// Asks the drives of a booted network for their identities, and looks for the proof that such drives stop by themselves. The
     /// permit is of this boot.
     ///
     /// # Errors
@@ -170,7 +170,7 @@ impl<P: Place + ?Sized> Runner<P> {
         Ok(())
     }
 
-    /// The torque limit of a drive whose limit the master does not set.
+    /// Returns the torque limit of a drive whose limit the master does not set.
     pub(crate) fn drive_limit(&mut self, rig: &config::Rig, device: Device) -> Result<DriveLimit, RunError> {
         match torque_limit_of(rig, device) {
             None => Ok(DriveLimit::Untold),
@@ -192,7 +192,7 @@ impl<P: Place + ?Sized> Runner<P> {
         Ok(KeptLimit { at: Address::new(index, current.limit.sub), held, per_mille, torque_n_m })
     }
 
-    /// Most torque of a drive at its joint by the limit that it holds, N m; the rig's own where no object holds it.
+    /// Returns the largest torque of a drive at its joint by its present limit, N m; the rig's own limit if no object holds it.
     pub(crate) fn torque_limit_n_m(&mut self, rig: &config::Rig, device: Device) -> Result<f64, RunError> {
         match torque_limit_of(rig, device) {
             None => Ok(rig.guard.torque_limit_n_m.get()),
@@ -204,14 +204,15 @@ impl<P: Place + ?Sized> Runner<P> {
         }
     }
 
-    /// The torque limit of a drive, in the unit of its object; none of a drive that keeps its own.
+    /// Returns the torque limit of a drive, in the unit of its object; `None` for a drive that keeps its own.
     pub(crate) fn torque_limit(&mut self, rig: &config::Rig, device: Device) -> Result<Option<u32>, RunError> {
         let limit = torque_limit_of(rig, device).filter(|limit| limit.set_by() == LimitSetter::Master);
         let Some(object) = limit.map(TorqueLimit::object) else { return Ok(None) };
         self.read(device, object.index, object.sub).map(Some)
     }
 
-    /// Gives a drive a torque limit in the unit of its object, and looks whether it has taken it; a drive that keeps its own gets none.
+    /// Sets a drive's torque limit, in the unit of its object, and checks that it was accepted; a drive that keeps its own gets
+    /// none.
     pub(crate) fn put_torque_limit(
         &mut self,
         rig: &config::Rig,
@@ -265,7 +266,7 @@ fn drive_of(rig: &config::Rig, device: Device) -> Option<&config::Drive> {
 }
 
 impl<P: Place + ?Sized> Runner<P> {
-    /// As [`Runner::prove_for_bring_up`], where no real drive moves and nothing has to be proved.
+    /// Proves as [`Runner::prove_for_bring_up`], in a place where no real drive moves and nothing has to be proved.
     ///
     /// # Errors
     /// [`RunError::NotVirtual`] if the rig was not made [in virtual time](Runner::in_virtual_time); [`RunError::NoTorqueLimit`] for a drive that
@@ -280,7 +281,7 @@ impl<P: Place + ?Sized> Runner<P> {
 }
 
 impl Subject {
-    /// These drives in this rig.
+    /// Creates the subject of these drives in this rig.
     pub fn new(rig: &config::Rig, drives: [DriveIdentity; 2]) -> Self {
         let mut configuration = json!({
             "command_mode": rig.rig.command_mode,
@@ -297,13 +298,13 @@ impl Subject {
         Self { drives, configuration, demands: Demands::of(rig) }
     }
 
-    /// File of its record in a folder of records.
+    /// Returns the file of its record in a folder of records.
     fn path(&self, folder: &Path) -> PathBuf {
         let text = json!([self.drives, self.configuration]).to_string();
         folder.join(format!("{:016x}.json", fnv1a(text.as_bytes())))
     }
 
-    /// Keeps what a drill has found; where.
+    /// Stores the result of a drill, and returns the path.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -324,7 +325,7 @@ impl Subject {
         Ok(path)
     }
 
-    /// Whether a drill on record lets this rig be enabled.
+    /// Checks whether a drill on record permits this rig to be enabled.
     ///
     /// # Errors
     /// Why not.

@@ -38,11 +38,11 @@ use yieldwall_motion::guard::{Cause, DeviceSet, State};
 use yieldwall_motion::quantity::JointAngles;
 use yieldwall_record::{CycleRecord, Stages, Standstill};
 
-/// Gets every frame that went over a wire, with the moment of its end; of an EtherCAT segment each frame twice, as it was sent and as it
-/// came back.
+/// Receives every frame that went over a wire, with the moment of its end. A frame of an EtherCAT segment comes twice: as sent and
+/// as returned.
 pub type Tap = Box<dyn FnMut(Time, Packet<'_>) + Send>;
 
-/// Gets the record of every cycle, right after the cycle has run.
+/// Receives the record of every cycle, right after the cycle has run.
 pub type Observer = Box<dyn FnMut(&CycleRecord) + Send>;
 
 /// Receives the reason why the boot waits, ten times a second, and `None` when the boot is over. It returns whether a person asked
@@ -52,11 +52,11 @@ pub type BootWatch = Box<dyn FnMut(Option<Waiting<'_>>) -> bool + Send>;
 /// Counters of a link, besides its frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LinkCounts {
-    /// Frames of others.
+    /// Frames of other nodes.
     pub received: u64,
     /// Own frames that were seen on the bus.
     pub echoed: u64,
-    /// Frames that were lost because nobody took them in time.
+    /// Frames that were lost because the program did not take them in time.
     pub overflowed: u64,
     /// Frames that could not be sent.
     pub refused: u64,
@@ -69,7 +69,7 @@ pub struct LinkCounts {
 /// advances by one period: for simulated devices on a computer of any speed.
 pub struct Runner<P: ?Sized> {
     pub(super) master: Master,
-    /// Its place is a [`VirtualPlace`].
+    /// Whether the place is a [`VirtualPlace`].
     pub(super) is_virtual: bool,
     pace: Pace,
     pub(super) period: Duration,
@@ -77,7 +77,7 @@ pub struct Runner<P: ?Sized> {
     pub(super) started: Time,
     /// Whether time waits for the process data.
     waits: bool,
-    /// Time since switching on, where it waits.
+    /// Time since switching on, if the clock waits for process data.
     lockstep_now: Time,
     /// Grid point of the next cycle, since switching on.
     pub(super) next_sync: Time,
@@ -87,9 +87,9 @@ pub struct Runner<P: ?Sized> {
     /// Stages of the present cycle.
     stages: Stages,
     suspended: Duration,
-    /// Devices that let lockstep wait in vain.
+    /// Devices for which lockstep waited in vain.
     absent: DeviceSet,
-    /// When the link was looked at last, on its clock, where time waits.
+    /// Last time at which the link was read, on its clock, if time waits.
     looked_at: Time,
     /// End of the last time in which the process was stopped: earlier frames come from it.
     back_since: Time,
@@ -98,7 +98,7 @@ pub struct Runner<P: ?Sized> {
     cause: Option<Cause>,
     stood: Option<Standstill>,
     counts: LinkCounts,
-    /// A frame of the segment that has come.
+    /// Last received frame of the segment.
     buffer: Box<[u8; LONGEST]>,
     tap: Option<Tap>,
     observer: Option<Observer>,
@@ -128,9 +128,9 @@ pub struct Runner<P: ?Sized> {
     pub(super) process: Process,
     has_panicked: bool,
     panic: Option<Box<dyn Any + Send>>,
-    /// How long another master is listened for before anything is sent.
+    /// How long the runner listens for another master before it sends anything.
     listening: Duration,
-    /// Whether that was done, and nobody was heard since.
+    /// Whether it has listened, and no other master was heard since.
     has_listened: bool,
     /// Last, so that a runner of any place can be a `Runner<dyn Place>`.
     pub(super) place: P,
@@ -146,30 +146,30 @@ fn paced(mut master: Master, pace: Pace) -> Master {
 }
 
 impl<L: Wires, M: Metronome> Runner<OnLink<L, M>> {
-    /// A rig on a computer that has sent nothing yet.
+    /// Creates a rig on a computer that has sent nothing yet.
     ///
     /// # Errors
-    /// Where parts of the configuration do not fit together.
+    /// If parts of the configuration do not fit together.
     pub fn on_link(rig: &config::Rig, link: L, metronome: M, pace: Pace) -> Result<Self, RunError> {
         Self::assembled(rig, &rig.fixture, OnLink { link, metronome }, pace, false)
     }
 }
 
 impl<P: VirtualPlace> Runner<P> {
-    /// A rig in virtual time that has sent nothing yet, with a fixture that is the file's or another.
+    /// Creates a rig in virtual time that has sent nothing yet, with the file's fixture or another.
     ///
     /// # Errors
-    /// Where parts of the configuration do not fit together.
+    /// If parts of the configuration do not fit together.
     pub fn in_virtual_time(rig: &config::Rig, fixture: &config::Fixture, place: P) -> Result<Self, RunError> {
         Self::assembled(rig, fixture, place, Pace::Free, true)
     }
 
-    /// The place, to change it.
+    /// Returns the place, to change it.
     pub fn place_mut(&mut self) -> &mut P {
         &mut self.place
     }
 
-    /// The panic of a cycle, once.
+    /// Returns the panic of a cycle, once.
     pub fn take_panic(&mut self) -> Option<Box<dyn Any + Send>> {
         self.panic.take()
     }
@@ -281,12 +281,12 @@ impl<P: Place + ?Sized> Runner<P> {
         self.boot_watch = Some(watch);
     }
 
-    /// Allows a first motion of drives that keep a torque limit of their own, with no lower one: a person has confirmed it.
+    /// Allows a first motion of drives that keep their own torque limit, without a lower one: a person has confirmed it.
     pub fn accept_drive_limits(&mut self) {
         self.accepts_drive_limits = true;
     }
 
-    /// Whether a permit is of the present boot of this rig. A cycle with one of another boot asks for nothing.
+    /// Checks that a permit is of the present boot of this rig. A cycle with a permit of another boot asks for nothing.
     ///
     /// # Errors
     /// [`RunError::OldPermit`] if not.
@@ -296,7 +296,7 @@ impl<P: Place + ?Sized> Runner<P> {
         if permit.is_of(self.boot) { Ok(()) } else { Err(RunError::OldPermit) }
     }
 
-    /// State of the supervisor; [`State::Lost`] if its process never runs again, since the drives' watchdogs act.
+    /// Returns the state of the supervisor; [`State::Lost`] if its process never runs again, since the drives' watchdogs act.
     pub fn state(&self) -> State {
         match self.master.state() {
             state if state.is_latched() || self.process != Process::Dead => state,
@@ -309,7 +309,7 @@ impl<P: Place + ?Sized> Runner<P> {
         self.master.cause()
     }
 
-    /// The master, for reports.
+    /// Returns the master, for reports.
     pub fn master(&self) -> &Master {
         &self.master
     }
@@ -326,7 +326,8 @@ impl<P: Place + ?Sized> Runner<P> {
         self.stood
     }
 
-    /// The longest such time of the last seconds, of those that explain why a device did not answer: at least a tenth of a second.
+    /// Returns the longest standstill of the last seconds that can explain a missing answer of a device: at least a tenth of a
+    /// second.
     pub fn standstill(&self) -> Option<Standstill> {
         self.standstill.last(self.place.now(), LEAST)
     }
@@ -336,17 +337,17 @@ impl<P: Place + ?Sized> Runner<P> {
         self.counts
     }
 
-    /// Where it runs.
+    /// Returns the place.
     pub fn place(&self) -> &P {
         &self.place
     }
 
-    /// Whether a cycle has panicked: none computes anything any more.
+    /// Whether a cycle has panicked: no cycle computes anything any more.
     pub fn has_panicked(&self) -> bool {
         self.has_panicked
     }
 
-    /// Grid point of the next cycle, since switching on; [`Time::NEVER`] before the first one is known.
+    /// Returns the grid point of the next cycle, since switching on; [`Time::NEVER`] before the first one is known.
     pub fn next_sync(&self) -> Time {
         self.next_sync
     }
@@ -356,7 +357,7 @@ impl<P: Place + ?Sized> Runner<P> {
         self.pace
     }
 
-    /// The cycle time.
+    /// Returns the cycle time.
     pub fn period(&self) -> Duration {
         self.period
     }
@@ -366,12 +367,12 @@ impl<P: Place + ?Sized> Runner<P> {
         self.last.as_ref()
     }
 
-    /// The angles that were measured last.
+    /// Returns the last measured angles.
     pub(super) fn angles(&self) -> JointAngles {
         self.last.as_ref().map_or(JointAngles::default(), |outputs| outputs.signals.measured_angles)
     }
 
-    /// Angles to which the joints are guided.
+    /// Returns the angles to which the joints are guided.
     pub(super) fn led_angles(&self) -> JointAngles {
         self.last.as_ref().map_or(JointAngles::default(), |outputs| outputs.signals.target_angles)
     }
@@ -381,7 +382,7 @@ impl<P: Place + ?Sized> Runner<P> {
         self.scene_from = Some(self.next_sync);
     }
 
-    /// Time since switching on.
+    /// Returns the time since switching on.
     pub(super) fn now(&self) -> Time {
         if self.waits { self.lockstep_now } else { Time(self.place.now().since(self.started).as_nanos() as u64) }
     }
@@ -390,7 +391,7 @@ impl<P: Place + ?Sized> Runner<P> {
         self.place.sleep_until(self.started + moment.since(Time(0)), Time::NEVER);
     }
 
-    /// How many grid points after `grid` have passed before a moment. One at that moment has not.
+    /// Returns the number of grid points after `grid` and before a moment. A grid point at that moment does not count.
     pub(super) fn periods_between(&self, grid: Time, moment: Time) -> u32 {
         let periods = moment.since(grid).as_nanos().div_ceil(self.period.as_nanos().max(1));
         periods.saturating_sub(1).min(u128::from(u32::MAX / 2)) as u32
@@ -411,7 +412,7 @@ impl<P: Place + ?Sized> Runner<P> {
         result
     }
 
-    /// Sends what the master has for its segment, up to the first frame that could not be sent.
+    /// Sends the master's frames for its segment, up to the first frame that could not be sent.
     fn send_ethernet(&mut self, now: Time) -> Result<(), (BusId, SendError)> {
         let Self { master, place, tap, .. } = self;
         let mut sent = Ok(());

@@ -12,9 +12,9 @@ use yieldwall_config as config;
 use yieldwall_motion::guard::{Cause, Device, State};
 use yieldwall_record::{AROUND_FAULT_S, CycleRecord};
 
-/// How long the drives are asked for their errors that did not come to run, s.
+/// How long the runner asks drives that did not come to run for their errors, s.
 const ERRORS_LIMIT_S: f64 = 0.5;
-/// A rig that is stopped waits no longer for drives that are not heard, s.
+/// How long a stopped rig waits for drives that do not answer, s.
 const UNHEARD_S: f64 = 0.1;
 
 /// Parameters of a scene's run.
@@ -27,7 +27,7 @@ pub struct Play {
 }
 
 impl Play {
-    /// A scene of this length, in s, of a rig on a real bus: one cycle at least.
+    /// Returns a scene of this length, in s, for a rig on a real bus: one cycle at least.
     pub fn on_bus(rig: &config::Rig, duration_s: f64) -> Self {
         let period_s = f64::from(rig.cycle.period_us) * 1e-6;
         Self { cycles: (duration_s / period_s).round().max(1.0) as u64, settling: settling_on_bus(rig) }
@@ -49,7 +49,7 @@ pub enum Ended {
     Panicked,
 }
 
-/// A scene that is over.
+/// Result of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Played {
     /// How it ended.
@@ -65,8 +65,8 @@ pub struct Played {
 }
 
 impl<P: Place + ?Sized> Runner<P> {
-    /// Enables a booted rig, runs its scene and stops it. `each` gets every record of the scene. A rig that a fault stops
-    /// goes on for [`AROUND_FAULT_S`], in which its drives stop, for those who watch.
+    /// Enables a booted rig, runs its scene and stops it. `each` receives every record of the scene. If a fault stops the rig, the
+    /// cycles go on for [`AROUND_FAULT_S`], in which its drives stop, so that records show it.
     ///
     /// # Errors
     /// If the rig does not come to run.
@@ -133,7 +133,7 @@ impl<P: Place + ?Sized> Runner<P> {
         Ok(Played { ended, state, cause, cycles, came_back })
     }
 
-    /// Ends what the rig did: asks the drives for their errors if a fault has stopped it, and stops it; how it ended.
+    /// Ends a scene: asks the drives for their errors if a fault has stopped the rig, stops it, and returns how the scene ended.
     pub(super) fn end(&mut self, ended: Ended) -> Ended {
         if ended == Ended::Stopped && self.state().is_latched() {
             for _ in 0..self.cycles_in(AROUND_FAULT_S) {
@@ -171,10 +171,11 @@ impl<P: Place + ?Sized> Runner<P> {
         enabled
     }
 
-    /// Tares the force sensor, if the rig file wants that, and asks a booted rig to be enabled until it runs, if the permit is of this boot.
+    /// Tares the force sensor if the rig file asks for it, and asks a booted rig to be enabled until it runs, if the permit is of
+    /// this boot.
     ///
     /// # Errors
-    /// As [`Runner::enable`], which stops the rig then; this leaves that to the caller.
+    /// As [`Runner::enable`], except that the caller has to stop the rig.
     pub fn come_to_run(
         &mut self,
         mut enabling: Enabling,
@@ -207,14 +208,15 @@ impl<P: Place + ?Sized> Runner<P> {
         Err(RunError::NotEnabled { waited_s: enabling.waited_s(), cause: self.cause() })
     }
 
-    /// Whether the positions of both drives refer to home, of those that have to be homed.
+    /// Checks that the positions of both drives refer to home, if they have to be homed.
     pub(super) fn check_homed(&self) -> Result<(), RunError> {
         let homing = Device::DRIVES.into_iter().zip(self.master().homing());
         let lacking = homing.into_iter().find(|(_, homing)| !homing.is_referenced);
         lacking.map_or(Ok(()), |(device, _)| Err(RunError::NotHomed { which: self.which(device) }))
     }
 
-    /// Goes on with a rig that a fault has stopped until a person has reset and enabled it; whether it runs again.
+    /// Continues the cycles of a rig that a fault has stopped until a person has reset and enabled it. Returns whether it runs
+    /// again.
     fn come_back(&mut self, play: &Play, permit: &Permit, is_interrupted: &AtomicBool, orders: &Orders) -> bool {
         self.forget_errors();
         // What was asked for before it was stopped is of no account.
@@ -261,8 +263,8 @@ impl<P: Place + ?Sized> Runner<P> {
         }
     }
 
-    /// Stops the rig along its ramp; whether both drives said in time that they make no torque. Drives of a rig in a latched state that are not
-    /// heard for 0.1 s are not waited for.
+    /// Stops the rig along its ramp, and returns whether both drives reported in time that they make no torque. It does not wait
+    /// for drives of a rig in a latched state that have not answered for 0.1 s.
     pub fn stop(&mut self) -> bool {
         // Drives that were told to go on, and have not yet, do so after the last look at them.
         let mut is_coming_up = self.state() == State::Enabling;
@@ -286,7 +288,7 @@ impl<P: Place + ?Sized> Runner<P> {
         drives.iter().any(|drive| drive.state.has_torque() && drive.angle_rad.is_some())
     }
 
-    /// Longest time that a stop may take, s. Brakes close twice at most: on the ramp, and after a quick stop.
+    /// Returns the longest time that a stop may take, s. Brakes close twice at most: on the ramp, and after a quick stop.
     pub fn stop_limit_s(&self) -> f64 {
         STOP_LIMIT_S + 2.0 * self.master().cycle().settings().brake_s
     }

@@ -21,13 +21,13 @@ use yieldwall_config as config;
 use yieldwall_motion::guard::{Cause, Device, State};
 use yieldwall_motion::quantity::JointAngles;
 
-/// Greatest motion of a joint beyond its way, and of a joint that holds, rad. An arm still slides after the stop.
+/// Greatest motion of a joint beyond its travel, and of a joint that holds, rad. An arm still slides after the stop.
 pub const HOMING_BEYOND_RAD: f64 = 0.05;
-/// Greatest distance of a joint from home when the drive has found it, rad, beyond its way to rest.
+/// Greatest distance of a joint from home when the drive has found it, rad, beyond its travel to rest.
 const OFF_RAD: f64 = 2e-3;
 /// Time for which the loop watches a drive that reports home, s.
 const REST_S: f64 = 0.3;
-/// Time that a way may take beyond the time at its rate, s.
+/// Time that a travel may take beyond the time at its rate, s.
 const PATIENCE_S: f64 = 3.0;
 /// Time in which a drive that still reports an earlier homing has to begin, s.
 const BEGINS_S: f64 = 2.0;
@@ -37,7 +37,7 @@ const BEGINS_S: f64 = 2.0;
 pub struct HomePlan {
     /// Joints to home, the left one first.
     pub joints: [bool; 2],
-    /// Greatest way of each joint, rad.
+    /// Greatest travel of each joint, rad.
     within_rad: [f64; 2],
     /// Rate of each joint, rad/s.
     rate_rad_per_s: [f64; 2],
@@ -83,7 +83,7 @@ impl HomePlan {
     }
 }
 
-/// The way in which a drive looks for the index alone: 33 against its counts, 34 with them (CiA 402).
+/// Returns the only direction in which a drive looks for the index: method 33 against its counts, 34 with them (CiA 402).
 fn one_way(drive: &config::Drive) -> Option<f64> {
     let with_counts = f64::from(drive.direction);
     match drive.homing?.method {
@@ -96,17 +96,17 @@ fn one_way(drive: &config::Drive) -> Option<f64> {
 /// Reason why a drive did not find its reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NotHome {
-    /// It has given up (statusword, bit 13).
+    /// The drive has given up (statusword, bit 13).
     GaveUp,
     /// The drive has not begun: it still reports the result of its previous homing.
     NotBegun,
-    /// It took too long, s.
+    /// The drive took too long, s.
     TooLong(f64),
     /// The drive reports that home was found, but not that its position refers to it.
     NotReferenced,
     /// By its position, the joint is not at home; distance in rad.
     Elsewhere(f64),
-    /// This joint, 0 the left one, went farther than it may, by so much, rad.
+    /// This joint, 0 the left one, went this much farther than it may, rad.
     TooFar(usize, f64),
     /// The drive of this joint pushes with this torque, N m, and its position does not change.
     Blocked(usize, f64),
@@ -245,8 +245,8 @@ fn home_all(
     Ok(Homed { ended, state, cause, failed, time_s, joints: [of(0), of(1)] })
 }
 
-/// Checks that the linkage allows the greatest way of each joint, from the assumed pose of the arm. A joint that is not homed may be as far from
-/// there as a person may have put it.
+/// Checks that the linkage allows the greatest travel of each joint, from the assumed pose of the arm. A joint that is not homed
+/// may be as far from that pose as a person may have moved it.
 fn check_homing_way(runner: &Runner<dyn Place>, plan: &HomePlan) -> Result<(), RunError> {
     let from = runner.angles();
     let within = |joint: usize| plan.within_rad.get(joint).copied().unwrap_or_default();
@@ -265,7 +265,7 @@ fn check_homing_way(runner: &Runner<dyn Place>, plan: &HomePlan) -> Result<(), R
     if least < 1.0 { Err(RunError::WayBlocked { share: least }) } else { Ok(()) }
 }
 
-/// Checks that home lies ahead of each joint whose drive still knows its position and looks for home one way alone.
+/// Checks that home lies ahead of each joint whose drive still knows its position and looks for home in one direction only.
 fn check_home_ahead(runner: &Runner<dyn Place>, plan: &HomePlan) -> Result<(), RunError> {
     let ahead = (plan.home - runner.master().referenced_angles()).to_array();
     let states = runner.master().homing();

@@ -17,7 +17,7 @@ use yieldwall_record::CycleRecord;
 
 /// Time at the targets, s. If an encoder freezes just short of its target, the controller pushes the joint more and more meanwhile.
 const REST_S: f64 = 0.05;
-/// Time that a way may take beyond its rate and its acceleration, s.
+/// Time that a travel may take beyond its rate and its acceleration, s.
 const PATIENCE_S: f64 = 1.0;
 /// Distance in periods by which the target is ahead of the way to rest while a key holds.
 const AHEAD_PERIODS: f64 = 2.0;
@@ -25,7 +25,7 @@ const AHEAD_PERIODS: f64 = 2.0;
 /// Request to the joints.
 #[derive(Clone, Copy, Debug)]
 pub struct Jog<'a> {
-    /// Way of each joint from where it is, rad; with keys the greatest, to either side. A joint with a way of zero holds.
+    /// Travel of each joint from where it is, rad; with keys the greatest, to either side. A joint with a travel of zero holds.
     pub by: JointAngles,
     /// Keys of a person who guides the joints; a joint rests [`Keys::HOLDS_S`] after the last key.
     pub keys: Option<&'a Keys>,
@@ -104,7 +104,8 @@ impl Way<'_> {
 /// are guided, and the torque that a drive reported. In torque mode the drives are asked for it only if `is_metered`.
 ///
 /// # Errors
-/// [`RunError::WayBlocked`], before anything is enabled, if the linkage does not go that way, with keys either way; as [`Runner::enable`].
+/// [`RunError::WayBlocked`], before anything is enabled, if the linkage does not go that far, with keys in both directions; as
+/// [`Runner::enable`].
 pub fn jog(
     runner: &mut Runner<dyn Place>,
     rig: &config::Rig,

@@ -1,5 +1,4 @@
-//! A rig on the interfaces of this computer, from locked memory to the network that is left: what `run --bus` and `drill` do, in
-//! one call each.
+//! A rig on the interfaces of this computer, from locking memory to leaving the network: `run --bus` and `drill`, in one call each.
 
 mod bench;
 mod journal;
@@ -55,9 +54,9 @@ use yieldwall_service::journal::{Journals, Restored};
 ///
 /// A rig whose buses cannot keep its cycle is refused.
 ///
-/// A rig that was opened for [`BringUp`] has its joints guided one by one, or its force sensor measured. A journal keeps on disk what the
-/// devices hold before anything is written, and they get it back at the end, whatever happened. While a killed program's journal is open,
-/// no rig opens on the same interfaces.
+/// A rig that was opened for [`BringUp`] is for guiding its joints one by one, or for measuring its force sensor. A journal stores
+/// the devices' values on disk before anything is written, and the devices get them back at the end, whatever happened. While the
+/// journal of a killed program is open, no rig opens on the same interfaces.
 ///
 /// ```no_run
 /// use std::sync::{Arc, atomic::AtomicBool};
@@ -95,10 +94,10 @@ pub enum Operation {}
 /// Evidence that a rig may be enabled.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Evidence {
-    /// For lockstep, in which nothing has to be in time and no drill is possible: what a drill of the same simulated drives has found in
-    /// virtual time.
+    /// For lockstep, in which nothing has a deadline and no drill is possible: the result of a drill of the same simulated drives
+    /// in virtual time.
     InVirtualTime(Drilled),
-    /// By the wall clock: what is on record.
+    /// By the wall clock: records on disk.
     OnRecord {
         /// The folder with the records of drills on a bus.
         drills: PathBuf,
@@ -118,7 +117,7 @@ pub struct Terms {
     pub needs_realtime: bool,
     /// Whether the rig runs even if this computer has not proved the required timing. A recording has to note it.
     pub ignores_latency: bool,
-    /// Whether the rig runs also if a bus with arbitration cannot keep its cycle.
+    /// Whether the rig runs even if a bus with arbitration cannot keep its cycle.
     pub ignores_bus_budget: bool,
 }
 
@@ -128,7 +127,7 @@ pub enum NotRun {
     /// The loop could not go on.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// It is not shown that the drives stop by themselves. Nothing was enabled.
+    /// There is no proof that the drives stop by themselves. Nothing was enabled.
     #[error(transparent)]
     Unproven(#[from] Unproven),
     /// This computer has not proved its timing. Nothing was sent.
@@ -157,10 +156,10 @@ impl From<NotProven> for NotRun {
 /// Failure of the thread of the cycle.
 #[derive(Debug, Error)]
 pub enum ThreadError {
-    /// It could not be started. Nothing was sent.
+    /// The thread could not be started. Nothing was sent.
     #[error("thread of the cycle: {0}")]
     NotStarted(io::Error),
-    /// It has panicked, outside of the cycle, whose panics stop the rig.
+    /// The thread has panicked outside of the cycle; panics of the cycle stop the rig.
     #[error("the thread of the cycle has panicked")]
     Panicked,
 }

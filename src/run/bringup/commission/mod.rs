@@ -35,7 +35,7 @@ pub enum Step {
     Parameters,
     /// Does the force sensor rest when nobody touches the handle?
     SensorRest,
-    /// Does it feel a force in the direction in which it acts, and as large as it is?
+    /// Does it feel a force in the true direction and at the true size?
     SensorAxes,
     /// Do the drives stop by themselves when their master falls silent?
     Watchdogs,
@@ -82,7 +82,7 @@ impl Step {
         }
     }
 
-    /// The step of this name.
+    /// Returns the step of this name.
     pub fn named(name: &str) -> Option<Self> {
         STEPS.into_iter().find(|step| step.name() == name)
     }
@@ -122,7 +122,7 @@ impl Step {
         }
     }
 
-    /// How far a joint may go from where it was enabled, rad; none where nothing is enabled.
+    /// Returns how far a joint may go from where it was enabled, rad; `None` if nothing is enabled.
     pub fn motion_bound_rad(self) -> Option<f64> {
         let way = match self {
             Step::Communication
@@ -144,16 +144,16 @@ impl Step {
 pub struct Figure {
     /// Name of the measured quantity.
     pub what: Cow<'static, str>,
-    /// How much.
+    /// Value.
     pub value: f64,
-    /// The most that is good.
+    /// Largest good value.
     pub limit: f64,
     /// Unit of both.
     pub unit: Cow<'static, str>,
 }
 
 impl Figure {
-    /// Whether it is more than is good, or no number.
+    /// Whether the value is above its limit, or not a number.
     pub fn is_bad(&self) -> bool {
         self.value.is_nan() || self.value > self.limit
     }
@@ -171,7 +171,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// As it stands in reports.
+    /// Returns the name for reports.
     pub fn name(self) -> &'static str {
         match self {
             Verdict::Pass => "pass",
@@ -212,7 +212,7 @@ pub struct StepReport {
 }
 
 impl StepReport {
-    /// The figure that decided; none of a step that failed for another reason.
+    /// Returns the figure that decided; `None` for a step that failed for another reason.
     pub fn headline(&self) -> Option<&Figure> {
         self.figure.as_ref().filter(|figure| self.verdict != Verdict::Fail || figure.is_bad())
     }
@@ -220,14 +220,14 @@ impl StepReport {
 
 /// Person at the arm during commissioning, who does what no drive can do.
 pub trait Attendant {
-    /// The permit for a small motion with little torque, of the present boot.
+    /// Returns the permit for a small motion with little torque, of the present boot.
     ///
     /// # Errors
     /// Why the rig may not be enabled.
     fn prove(&mut self, runner: &mut Runner<dyn Place>, rig: &config::Rig, bounds: Bounds)
     -> Result<Permit, NotProven>;
 
-    /// Keeps what a drill has found; where.
+    /// Stores the findings of a drill, and returns the path.
     ///
     /// # Errors
     /// Why not.
@@ -242,13 +242,14 @@ pub trait Attendant {
     /// booted.
     fn look(&mut self, place: &dyn Place, joint: usize);
 
-    /// By how much that link has turned since, counter-clockwise, in rad; `None` if nobody looked. Nothing is booted.
+    /// Returns the angle by which that link has turned since, counter-clockwise, in rad; `None` without an earlier look. Nothing is
+    /// booted.
     fn turned(&mut self, place: &dyn Place, joint: usize) -> Option<f64>;
 
     /// Lets the person switch the drives off and on again, and returns whether both certainly were. Nothing is booted.
     fn power_cycle(&mut self, rig: &config::Rig, place: &mut dyn Place) -> bool;
 
-    /// Whether a drive that keeps its own torque limit may be moved with it; `text` says which limit it is. Nothing is booted.
+    /// Whether a drive that keeps its own torque limit may be moved with it; `text` names the limit. Nothing is booted.
     fn accepts_drive_limit(&mut self, text: &str) -> bool;
 
     /// Lets this force in N, in the base frame, pull at the tool until a force of zero removes it. Returns whether the force pulls.
@@ -260,7 +261,7 @@ pub trait Attendant {
 pub struct Commissioned {
     /// All steps, in their order.
     pub steps: Vec<StepReport>,
-    /// The step in which a person has asked for the end, if one has; it and those behind it are skipped.
+    /// The step in which a person has asked for the end, if there was one; it and the later steps are skipped.
     pub interrupted_in: Option<Step>,
     /// Identities that the drives report, if a step asked for them.
     pub drives: Option<[DriveIdentity; 2]>,
@@ -271,9 +272,9 @@ pub struct Commissioned {
 /// Where a commissioning begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Begin {
-    /// With this step; those before are skipped.
+    /// First step; earlier steps are skipped.
     pub from: Step,
-    /// The drives with which an earlier one has ended: these have to be the same, which is looked at first.
+    /// Drives at the end of an earlier commissioning: the present drives have to be the same, which is checked first.
     pub drives: Option<[DriveIdentity; 2]>,
 }
 
@@ -284,7 +285,8 @@ impl From<Step> for Begin {
 }
 
 impl Commissioned {
-    /// [`Verdict::Fail`] if a step has failed or it was broken off; else [`Verdict::Pass`], whatever was skipped.
+    /// Returns [`Verdict::Fail`] if a step has failed or the commissioning was broken off, else [`Verdict::Pass`], whatever was
+    /// skipped.
     pub fn verdict(&self) -> Verdict {
         let has_failed = self.steps.iter().any(|step| step.verdict == Verdict::Fail);
         if has_failed || self.interrupted_in.is_some() { Verdict::Fail } else { Verdict::Pass }
