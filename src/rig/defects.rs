@@ -28,14 +28,14 @@ pub(super) fn has(scene: &config::Scene, kind: DefectKind, drive: usize) -> Resu
     Ok(all(scene)?.iter().any(|defect| defect.kind == kind && defect.drive == drive))
 }
 
-/// The size of a defect of a drive, if it has it.
+/// Returns the size of a defect of a drive, if the drive has it.
 pub(super) fn size(scene: &config::Scene, kind: DefectKind, drive: usize) -> Result<Option<f64>, RigError> {
     let all = all(scene)?;
     let defect = all.iter().find(|defect| defect.kind == kind && defect.drive == drive);
     Ok(defect.map(|defect| defect.size))
 }
 
-/// The dry friction of the joints, N m, of an arm that has this much without a defect.
+/// Returns the dry friction of the joints, N m, for an arm with this friction without a defect.
 pub(super) fn friction(scene: &config::Scene, mut healthy: [f64; 2]) -> Result<[f64; 2], RigError> {
     for defect in all(scene)?.iter().filter(|defect| defect.kind == DefectKind::HighFriction) {
         healthy.iter_mut().skip(defect.drive).take(1).for_each(|friction| *friction += defect.size);
@@ -43,7 +43,7 @@ pub(super) fn friction(scene: &config::Scene, mut healthy: [f64; 2]) -> Result<[
     Ok(healthy)
 }
 
-/// The noise of a sensor that has too much of it, counts.
+/// Returns the noise of a sensor with excessive noise, counts.
 pub(super) fn sensor_noise_counts(rig: &config::Rig, scene: &config::Scene) -> Result<Option<f64>, RigError> {
     let noise = of_machine(scene, DefectKind::NoisySensor)?;
     Ok(noise.map(|noise_n| noise_n / n_per_count(rig)))
@@ -54,17 +54,17 @@ pub(super) fn hung_kg(scene: &config::Scene) -> Result<f64, RigError> {
     of_machine(scene, DefectKind::HeavyHandle).map(Option::unwrap_or_default)
 }
 
-/// The time constant of a low pass in the force sensor that the rig file does not know, s; 0 for none.
+/// Returns the time constant of a low pass in the force sensor that the rig file does not include, s; 0 for none.
 pub(super) fn sensor_lag_s(scene: &config::Scene) -> Result<f64, RigError> {
     of_machine(scene, DefectKind::SlowSensor).map(|lag_ms| 1e-3 * lag_ms.unwrap_or_default())
 }
 
-/// The size of a defect that is not one of a drive, if the machine has it.
+/// Returns the size of a defect that is not one of a drive, if the machine has it.
 fn of_machine(scene: &config::Scene, kind: DefectKind) -> Result<Option<f64>, RigError> {
     Ok(all(scene)?.into_iter().find(|defect| defect.kind == kind).map(|defect| defect.size))
 }
 
-/// The force that a count of the first channel is, N.
+/// Returns the force of one count of the first channel, N.
 fn n_per_count(rig: &config::Rig) -> f64 {
     let [along_x, ..] = rig.sensor.calibration;
     along_x.iter().map(|value| value.get() * value.get()).sum::<f64>().sqrt()
@@ -101,7 +101,8 @@ impl Defects {
         (angles.into(), rates.into())
     }
 
-    /// Where the links are whose motors are at these angles, when they were here before: one with play stays until its motor takes it along.
+    /// Returns the angles of the links from the angles of the motors and the links' previous angles: a link with play stays until
+    /// its motor takes it along.
     pub(super) fn links(&self, before: JointAngles, motors: JointAngles) -> JointAngles {
         let (before, mut links) = (before.to_array(), motors.to_array());
         for defect in self.all.iter().filter(|defect| defect.kind == DefectKind::Backlash) {
@@ -113,7 +114,7 @@ impl Defects {
         links.into()
     }
 
-    /// The torques on joints at these angles, when the drives mean to make others.
+    /// Returns the true torques on joints at these angles, for the torques that the drives mean to make.
     pub(super) fn made_of(&self, meant: JointTorques, angles: JointAngles) -> JointTorques {
         let (mut torques, angles) = (meant.to_array(), angles.to_array());
         for defect in &self.all {

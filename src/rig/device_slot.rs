@@ -76,17 +76,17 @@ pub(super) enum DeviceSlot<D> {
 }
 
 impl<D> DeviceSlot<D> {
-    /// Nobody.
+    /// Creates an empty slot.
     pub(super) fn empty() -> Self {
         Self::Remote(RemoteDevice { peer: None, felt: [0.0; 6], answer: SILENT, ask_at: Time::NEVER })
     }
 
-    /// Somebody elsewhere, from now on.
+    /// Attaches a device in another process from now on.
     pub(super) fn attach(&mut self, now: Time, peer: Box<dyn Peer>) {
         *self = Self::Remote(RemoteDevice { peer: Some(peer), felt: [0.0; 6], answer: SILENT, ask_at: now });
     }
 
-    /// The device that is simulated here.
+    /// Returns the device that is simulated here.
     pub(super) fn here(&self) -> Option<&D> {
         match self {
             DeviceSlot::Local(device) => Some(device),

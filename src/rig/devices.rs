@@ -35,7 +35,7 @@ pub(super) fn node(raw: u8) -> Result<yieldwall_fieldbus::canopen::NodeId, RigEr
     node_id(raw).map_err(|error| RigError::Device(error.to_string()))
 }
 
-/// The simulation of a rig.
+/// Returns the simulation of a rig.
 pub(super) fn simulated(rig: &config::Rig) -> Result<&config::Simulation, RigError> {
     Ok(rig.simulated().map_err(AssemblyError::from)?)
 }
@@ -124,7 +124,7 @@ fn prepare_on_can(
     Ok(())
 }
 
-/// The simulated force sensor, switched off.
+/// Returns the simulated force sensor, switched off.
 ///
 /// # Errors
 /// If its profile is not that of a force sensor.
@@ -151,7 +151,7 @@ pub fn force_sensor(rig: &config::Rig) -> Result<ForceSensor, RigError> {
 /// Marks of both joints are loose apart from each other and from the rest of the scene.
 const LOOSE_HOME_SEED: [u64; 2] = [0x105e_0000_0000_0001, 0x105e_0000_0000_0002];
 
-/// Clocks of devices on EtherCAT differ by so much, in parts per billion.
+/// Differences between the clocks of devices on EtherCAT, in parts per billion.
 const DRIFTS_PPB: [i32; 3] = [12_000, -23_000, 31_000];
 
 /// Returns the devices of a rig that are `here` on an EtherCAT segment, switched on, in the order of their positions. Also returns
@@ -219,7 +219,7 @@ pub fn segment(
     Ok((Segment::new(Time(0), controllers), places))
 }
 
-/// The chip of a device that nobody has programmed.
+/// Chip of a device that is not programmed.
 const EMPTY_CHIP: [u8; 2048] = [0xff; 2048];
 
 /// Oddities of a simulated device on EtherCAT.
@@ -276,12 +276,12 @@ fn prepare(
     Ok(())
 }
 
-/// The axis of its device that a drive is.
+/// Returns the axis of a drive in its device.
 fn axis_of(drive: &config::Drive) -> usize {
     drive.address.axis().unwrap_or_default().into()
 }
 
-/// The axes of their devices that the left and the right drive are.
+/// Returns the axes of the left and the right drive in their devices.
 pub(super) fn axes(rig: &config::Rig) -> [usize; 2] {
     rig.drives.each_ref().map(axis_of)
 }
@@ -295,7 +295,7 @@ impl Joints {
     }
 }
 
-/// The joints of the axes of a drive's device. An axis that the rig does not use is as the drive itself.
+/// Returns the joints of the axes of a drive's device. An unused axis is like the drive's own.
 fn axis_settings(
     rig: &config::Rig,
     scene: &config::Scene,
@@ -341,7 +341,7 @@ fn axis(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive) -> Resu
     })
 }
 
-/// The arm that the embedded simulation takes a rig to have, with the mass of the scene's hand and the gears of its model. The handle
+/// Returns the arm of a rig in the embedded simulation, with the mass of the scene's hand and the gears of its model. The handle
 /// beyond the force sensor (`sensor.handle_mass_kg`) is a part of its tool.
 ///
 /// # Errors

@@ -52,15 +52,15 @@ pub(super) trait Device {
     fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox);
     /// Does what is due.
     fn poll(&mut self, now: Time, out: &mut impl Outbox);
-    /// When to poll next.
+    /// Returns the time of the next poll.
     fn next_deadline(&self) -> Time;
 }
 
 /// A drive on a joint.
 pub(super) trait Actuator: Device {
-    /// The motion of the joint of an axis at this moment, in rad and rad/s.
+    /// Sets the motion of the joint of an axis at this moment, in rad and rad/s.
     fn measure(&mut self, axis: usize, angle_rad: f64, rate_rad_per_s: f64);
-    /// State and torque of an axis at its joint.
+    /// Returns state and torque of an axis at its joint.
     fn axis(&self, axis: usize) -> AxisView;
 }
 
@@ -204,7 +204,7 @@ impl FarEnd {
 }
 
 impl<D: Actuator, S: Transducer> FarEnd<D, S> {
-    /// When [`FarEnd::poll`] has to be called again at the latest.
+    /// Returns the time by which [`FarEnd::poll`] has to be called again.
     pub(super) fn next_deadline(&self) -> Time {
         let [left, right] = &self.drives;
         let on_can = left.next_deadline().min(right.next_deadline()).min(self.sensor.next_deadline());
@@ -221,7 +221,7 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
         self.line.iter_mut().for_each(|line| line.switch_on(device, now));
     }
 
-    /// Brings a frame to every device on its bus but the one that sent it.
+    /// Delivers a frame to every device on its bus except its sender.
     pub(super) fn on_frame(
         &mut self,
         now: Time,
@@ -314,7 +314,7 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
         Ok(())
     }
 
-    /// The motion of each joint at this moment, to its drive.
+    /// Passes the motion of each joint at this moment to its drive.
     pub(super) fn measure_joints(&mut self) {
         let (angles, rates) = self.world.joints();
         let ([left, right], [left_rate, right_rate]) = (angles.to_array(), rates.to_array());
@@ -327,7 +327,7 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
         self.line.iter_mut().for_each(|line| line.measure_joints(motions));
     }
 
-    /// State and torque of the drive of a joint: on a segment, or on CAN.
+    /// Returns state and torque of the drive of a joint: on a segment, or on CAN.
     fn at_joint(&self, joint: usize) -> AxisView {
         match &self.line {
             Some(line) if line.has(joint) => line.at_joint(joint),
@@ -348,7 +348,7 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
         [0, 1].map(|joint| self.at_joint(joint).torque_n_m)
     }
 
-    /// New torques and brakes act from now on; what was before is settled under the old ones.
+    /// Applies new torques and brakes from now on; the time before is computed with the old ones.
     pub(super) fn take_torques(&mut self, now: Time) -> Result<(), RigError> {
         let [left, right] = [0, 1].map(|joint| self.at_joint(joint));
         let torques = self.world.made_of(JointTorques::new(left.torque_n_m, right.torque_n_m));

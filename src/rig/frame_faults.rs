@@ -37,7 +37,7 @@ pub(super) struct FrameFaults {
 }
 
 impl FrameFaults {
-    /// None. Whatever is random in what follows comes from `seed`.
+    /// Creates the state without faults. Random values come from `seed`.
     pub(super) fn new(seed: u64) -> Self {
         let noise = Xoshiro256PlusPlus::seed_from_u64(seed ^ 0xfa17_0000_0000_0003);
         Self { active: Vec::new(), held: Vec::new(), outputs: VecDeque::new(), noise }
@@ -56,7 +56,7 @@ impl FrameFaults {
         self.active.clear();
     }
 
-    /// When a frame comes back next that was held.
+    /// Returns the time at which the next held frame comes back.
     pub(super) fn next_back(&self) -> Time {
         self.held.iter().map(|(due, _)| *due).min().unwrap_or(Time::NEVER)
     }
@@ -84,7 +84,7 @@ impl FrameFaults {
         Ok(())
     }
 
-    /// The frames with the master's source that a foreign node sends behind this one of the master.
+    /// Returns the frames with the master's source that a foreign node sends behind this frame of the master.
     fn behind(&mut self, bytes: &[u8]) -> Vec<Vec<u8>> {
         let mut foreign = Vec::new();
         if !datagrams(bytes).any(|span| has_outputs(&span)) {
@@ -147,7 +147,7 @@ impl FrameFaults {
     }
 }
 
-/// A frame with the type of EtherCAT that the master has not sent.
+/// Sends a frame with the type of EtherCAT that the master has not sent.
 fn strange(back: &mut impl FnMut(&[u8])) {
     let mut buffer = [0; frame::SHORTEST];
     let Ok(mut writer) = FrameWriter::new(&mut buffer, STRANGER) else { return };
@@ -156,7 +156,7 @@ fn strange(back: &mut impl FnMut(&[u8])) {
     }
 }
 
-/// The datagrams of a frame up to its end, or to the first that cannot be.
+/// Returns the datagrams of a frame up to its end, or to the first invalid one.
 fn datagrams(bytes: &[u8]) -> impl Iterator<Item = Span> {
     let end = frame::end(bytes).unwrap_or_default();
     let mut next = Some(frame::HEADER);
@@ -192,7 +192,7 @@ fn forged(outputs: &[u8], index: u8) -> Vec<u8> {
     forged
 }
 
-/// A frame that writes to a register of the device at a position: 0420h, 0400h or 0010h, by its number from 0 to 2.
+/// Returns a frame that writes to a register of the device at a position: 0420h, 0400h or 0010h, by its number from 0 to 2.
 pub(super) fn register_write(source: [u8; 6], position: u16, number: f64) -> Vec<u8> {
     let mut buffer = [0; frame::SHORTEST];
     let Ok(mut writer) = FrameWriter::new(&mut buffer, source) else { return Vec::new() };

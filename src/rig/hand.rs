@@ -11,7 +11,7 @@ fn fixed<const N: usize>(point: &[config::Finite], what: &str) -> Result<nalgebr
     Ok(nalgebra::SVector::from_iterator(point.iter().map(|value| value.get())))
 }
 
-/// The hand of a scene.
+/// Returns the hand of a scene.
 pub(super) fn hand<const N: usize>(scene: &config::Scene, seed: u64) -> Result<Hand<N>, RigError> {
     let hand = &scene.hand;
     let mut legs = Vec::new();

@@ -26,7 +26,7 @@ impl ImpedanceLoop {
         Ok(Self(fixture))
     }
 
-    /// One sample: what `record` reports, with what the fixture makes of it.
+    /// Computes one sample: the report of `record`, with the response of the fixture.
     pub fn step(&mut self, record: &DeviceRecord) -> DeviceRecord {
         let step = self.0.step_impedance(&record.reported_m.into());
         DeviceRecord {
@@ -53,11 +53,10 @@ pub struct ImpedanceRig {
 }
 
 impl ImpedanceRig {
-    /// A device at rest where the scene's hand starts. `fixture` stands in place of the device's own, `seed` in place
-    /// of the scene's.
+    /// Creates a device at rest where the scene's hand starts. `fixture` replaces the device's own, `seed` the scene's.
     ///
     /// # Errors
-    /// Where parts of the configuration do not fit together.
+    /// If parts of the configuration do not fit together.
     pub fn new(
         config: &config::ImpedanceDevice,
         scene: &config::Scene,
@@ -80,7 +79,7 @@ impl ImpedanceRig {
         Ok(Self { device, hand, control, period_s, longest_step_s, sample: 0 })
     }
 
-    /// One period.
+    /// Runs one period.
     ///
     /// # Errors
     /// If the simulated device cannot go on.

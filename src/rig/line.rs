@@ -35,8 +35,8 @@ pub(super) struct Line {
 }
 
 impl Line {
-    /// A segment, and where on it are the left drive, the right drive and the sensor, whose counts mean this; and the axes of their devices that
-    /// the drives are.
+    /// Creates a line from a segment, the places of the left drive, the right drive and the sensor on it, the sensor's calibration,
+    /// and the drives' axes in their devices.
     pub(super) fn new(
         (segment, places): (Segment<SimulatedDevice>, [Option<usize>; DEVICES]),
         axes: [usize; 2],
@@ -45,7 +45,7 @@ impl Line {
         Self { segment, places, axes, joints: Default::default(), force: ForceMisread::none(calibration) }
     }
 
-    /// When to poll next.
+    /// Returns the time of the next poll.
     pub(super) fn next_deadline(&self) -> Time {
         self.segment.next_deadline()
     }
@@ -62,7 +62,7 @@ impl Line {
         }
     }
 
-    /// The motion of each joint at this moment, in rad and rad/s.
+    /// Sets the motion of each joint at this moment, in rad and rad/s.
     pub(super) fn measure_joints(&mut self, motions: [(f64, f64); 2]) {
         let Self { segment, places, axes, joints, .. } = self;
         for (((place, axis), misread), (angle, rate)) in places.iter().zip(axes).zip(joints).zip(motions) {
@@ -73,12 +73,12 @@ impl Line {
         }
     }
 
-    /// SYNC0 pulses of the left drive.
+    /// Returns the number of SYNC0 pulses of the left drive.
     pub(super) fn sync0_count(&self) -> u64 {
         self.left().map_or(0, Controller::sync0_count)
     }
 
-    /// When the left drive has SYNC0 next.
+    /// Returns the time of the left drive's next SYNC0.
     pub(super) fn next_sync0(&self) -> Time {
         self.left().map_or(Time::NEVER, Controller::next_sync0)
     }
@@ -108,7 +108,7 @@ impl Line {
         }
     }
 
-    /// State and torque of a drive at its joint; as one that is switched off where it is not here.
+    /// Returns state and torque of a drive at its joint; as of a drive that is switched off if it is not here.
     pub(super) fn at_joint(&self, drive: usize) -> AxisView {
         let controller = self.places.get(drive).copied().flatten().and_then(|place| self.segment.controller(place));
         let device = controller.and_then(|controller| controller.device().drive());
@@ -228,7 +228,7 @@ impl Line {
         }
     }
 
-    /// A drive, where it is here and switched on: 0 the left, 1 the right.
+    /// Returns a drive, if it is here and switched on: 0 the left, 1 the right.
     pub(super) fn drive(&self, drive: usize) -> Option<AxisView> {
         let controller = self.segment.controller(self.places.get(drive).copied().flatten()?)?;
         let device = controller.is_powered().then(|| controller.device().drive())??;

@@ -67,7 +67,7 @@ impl JointMisread {
 }
 
 impl ForceMisread {
-    /// None, of a sensor whose counts mean this.
+    /// Creates the state without faults of a sensor with this calibration.
     pub(super) fn none(calibration: Calibration) -> Self {
         Self { calibration, active: Vec::new(), scene_from_s: 0.0 }
     }

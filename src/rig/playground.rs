@@ -43,8 +43,7 @@ impl Pointer {
 }
 
 impl Playground {
-    /// A rig that runs, with its tool where the scene's hand starts, and nobody at it. `watch` looks on from the
-    /// boot on.
+    /// Starts a rig, with its tool where the scene's hand starts, and no hand on it. `watch` observes it from the boot on.
     ///
     /// # Errors
     /// If the rig cannot be built, booted or enabled.
@@ -57,18 +56,18 @@ impl Playground {
         Ok(Self { machine, period_s, pointer: None, asks: None })
     }
 
-    /// Place of the tool in the base frame, m.
+    /// Returns the place of the tool in the base frame, m.
     pub fn tool_m(&self) -> [f64; 2] {
         self.machine.tool().0.into()
     }
 
-    /// State of the supervisor.
+    /// Returns the state of the supervisor.
     pub fn state(&self) -> State {
         self.machine.state()
     }
 
-    /// The hand holds the tool and aims at this point in m in the base frame. It takes the tool where this is. A point that is
-    /// not finite is none.
+    /// Makes the hand hold the tool and aim at this point in m in the base frame. The hand takes the tool where the tool is. A
+    /// point that is not finite is ignored.
     pub fn hold(&mut self, point_m: [f64; 2]) {
         if !point_m.iter().all(|coordinate| coordinate.is_finite()) {
             return;
@@ -83,7 +82,7 @@ impl Playground {
         }
     }
 
-    /// The hand lets go of the tool.
+    /// Makes the hand let go of the tool.
     pub fn let_go(&mut self) {
         self.pointer = None;
         self.machine.move_hand(None);

@@ -35,7 +35,7 @@ impl Script {
         self.plan();
     }
 
-    /// When something begins or ends next, in s since the scene began; infinity for never.
+    /// Returns the time of the next begin or end, in s since the scene began; infinity for never.
     pub(super) fn next_change_s(&self) -> f64 {
         self.next_change_s
     }
@@ -45,7 +45,7 @@ impl Script {
         time_s >= self.next_change_s
     }
 
-    /// The next injection that ends by then, which acts no longer.
+    /// Removes and returns the next injection that ends by then.
     pub(super) fn take_ending(&mut self, time_s: f64) -> Option<Injection> {
         let at = self.acting.iter().position(|injection| injection.end_s() <= time_s)?;
         let over = self.acting.remove(at);
@@ -53,7 +53,7 @@ impl Script {
         Some(over)
     }
 
-    /// The next injection that begins by then, which waits no longer.
+    /// Removes and returns the next injection that begins by then.
     pub(super) fn take_beginning(&mut self, time_s: f64) -> Option<Injection> {
         let at = self.waiting.iter().position(|injection| injection.start_s <= time_s)?;
         let due = self.waiting.remove(at);

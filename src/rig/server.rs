@@ -15,8 +15,8 @@ use yieldwall_fieldbus::time::Time;
 use yieldwall_run::Pace;
 use yieldwall_sim::{Drive, ForceSensor};
 
-/// Time on the wall without SYNC after which a simulation in lockstep goes on by itself. A master in lockstep waits less
-/// long for process data.
+/// Wall-clock time without SYNC after which a simulation in lockstep goes on by itself. A master in lockstep waits less long for
+/// process data.
 pub(super) const GRACE: Duration = Duration::from_secs(2);
 
 /// Simulated time that a simulation in lockstep catches up at once while it runs by itself. If it cannot keep up with the wall
@@ -28,7 +28,7 @@ const SHORTEST: Duration = Duration::from_nanos(1);
 
 /// Two simulated drives, a force sensor, and the arm and the hand between them, as devices on a bus.
 ///
-/// Without I/O, like every engine: frames and moments of the wall come in, frames go to an [`Outbox`]. The hand takes the
+/// The server does no I/O, like every engine: frames and wall-clock moments come in, frames go to an [`Outbox`]. The hand takes the
 /// tool when both drives are in Operation Enabled, and lets go of it when neither makes torque any more.
 #[derive(Debug)]
 pub struct DeviceServer {
@@ -88,7 +88,7 @@ impl DeviceServer {
     /// Creates devices that are switched off, with the arm where the scene's hand starts. `seed` replaces the scene's.
     ///
     /// # Errors
-    /// Where parts of the configuration do not fit together, and for a scene without an arm.
+    /// If parts of the configuration do not fit together, and for a scene without an arm.
     pub fn new(rig: &config::Rig, scene: &config::Scene, seed: u64, pace: Pace) -> Result<Self, RigError> {
         let FarEnd { drives, seats, sensor, line, world, buses } =
             FarEnd::new(rig, scene, seed, ([false; DEVICES], pace))?;
@@ -230,7 +230,7 @@ impl DeviceServer {
         }
     }
 
-    /// Simulated time since switching on.
+    /// Returns the simulated time since switching on.
     pub fn now(&self) -> Time {
         self.now
     }
@@ -279,7 +279,7 @@ impl DeviceServer {
         self.far.drive_states()
     }
 
-    /// Record of arm, hand and drives at present, for those who look on. The master's part in it is blank.
+    /// Returns the present record of arm, hand and drives for observers. The master's part in it is blank.
     #[cfg(feature = "recording")]
     pub fn record(&mut self) -> yieldwall_record::CycleRecord {
         let states = self.drive_states();
@@ -300,7 +300,7 @@ impl DeviceServer {
         self.now.max(if self.pace == Pace::Lockstep { self.whole(time) } else { time })
     }
 
-    /// The end of the last whole period before a moment or at it.
+    /// Returns the end of the last whole period before a moment or at it.
     fn whole(&self, time: Time) -> Time {
         Time(time.0 - time.0 % self.period.as_nanos() as u64)
     }

@@ -83,7 +83,7 @@ impl Silence {
         }
     }
 
-    /// From now on it is silent.
+    /// Begins the silence.
     pub(super) fn begin(&mut self, now: Time) {
         self.is_on = true;
         if self.watchdog == Watchdog::Operational {

@@ -60,7 +60,7 @@ pub(super) enum Grip {
 }
 
 impl Grip {
-    /// How far from its path the hand aims, in m; `None` if it does not hold the tool.
+    /// Returns how far from its path the hand aims, in m; `None` if it does not hold the tool.
     fn offset_m(self, time_s: f64) -> Option<Vector2<f64>> {
         match self {
             _ if time_s < 0.0 => None,
@@ -136,7 +136,7 @@ pub(super) struct SensorFilter {
 }
 
 impl SensorFilter {
-    /// One with this time constant, s, that has felt nothing yet; 0 for none.
+    /// Creates a filter with this time constant, s, without any input yet; 0 for none.
     pub(super) fn new(lag_s: f64) -> Self {
         Self { lag_s, ..Self::default() }
     }
@@ -164,7 +164,7 @@ pub(super) struct World {
     pub(super) torques: JointTorques,
     /// Whether the brakes of the joints are closed.
     pub(super) are_braked: [bool; 2],
-    /// Where the links are, as a person sees them; with play they are not where their motors are.
+    /// Angles of the links, as a person sees them; with play they differ from the motors' angles.
     pub(super) links: JointAngles,
     /// The hand lets go of the rig until this moment, so that it starts at rest and is enabled unloaded.
     pub(super) hand_from_s: f64,
@@ -215,7 +215,7 @@ impl World {
         Ok(())
     }
 
-    /// The hand takes the tool when all drives are in Operation Enabled, and lets go of it when none makes torque any more.
+    /// Makes the hand take the tool when all drives are in Operation Enabled, and let go of it when none makes torque any more.
     pub(super) fn lead_hand(&mut self, now: Time, states: &[cia402::State]) {
         if !self.has_hand {
             return;
@@ -227,12 +227,12 @@ impl World {
         }
     }
 
-    /// The hand lets go of the tool until [`World::take_tool`].
+    /// Makes the hand let go of the tool until [`World::take_tool`].
     pub(super) fn let_go(&mut self) {
         self.grip = Grip::LetGo;
     }
 
-    /// The hand takes the tool from `now` on: the scene begins, or goes on where its path has come to meanwhile.
+    /// Makes the hand take the tool from `now` on: the scene begins, or goes on where its path is by now.
     pub(super) fn take_tool(&mut self, now: Time) {
         let now_s = now.as_secs_f64();
         if self.hand_from_s == f64::INFINITY {
@@ -244,7 +244,7 @@ impl World {
         }
     }
 
-    /// A person moves the hand in place of its path: from `now` on it holds the tool and aims so, or has let go of it.
+    /// Replaces the hand's path by a person's motion: from `now` on the hand holds the tool and aims so, or has let go of it.
     pub(super) fn move_hand(&mut self, now: Time, aim: Option<PathPoint<2>>) {
         // States of the drives neither take the tool nor let go of it.
         self.has_hand = false;
@@ -262,7 +262,7 @@ impl World {
         }
     }
 
-    /// Record of the machine, of which no master is known here: the supervisor idles in it, and there is no proxy.
+    /// Returns the record of the machine without a master: the supervisor idles in it, and there is no proxy.
     #[cfg(feature = "recording")]
     pub(super) fn record(&mut self, now: Time, states: [cia402::State; 2]) -> yieldwall_record::CycleRecord {
         use yieldwall_record::recording::Recorded;
@@ -318,7 +318,7 @@ impl World {
         self.defects.measured(angles, rates)
     }
 
-    /// The torques of the joints, when the drives mean to make these.
+    /// Returns the true torques of the joints, for the torques that the drives mean to make.
     pub(super) fn made_of(&self, meant: JointTorques) -> JointTorques {
         if self.defects.is_none() { meant } else { self.defects.made_of(meant, self.motion().0) }
     }
@@ -347,7 +347,7 @@ impl World {
         Ok(())
     }
 
-    /// The arm's posture at `now`, the truth of this moment, and the acceleration of the tool, m/s^2.
+    /// Returns the arm's posture at `now`, the truth of this moment, and the acceleration of the tool, m/s^2.
     fn present(&mut self, now: Time) -> Result<(Posture, Truth, Vector2<f64>), RigError> {
         let time = now.as_secs_f64() - self.hand_from_s;
         let (posture, position, velocity, acceleration) = match &self.body {

@@ -8,7 +8,7 @@ use yieldwall_run::ForceFound;
 use yieldwall_run::assembly::{bus_id, bus_plan, period_s, sampled_before};
 use yieldwall_sim::SYNC_RATE_HZ;
 
-/// Phases of a sensor's own clock that are looked at.
+/// Number of phases of a sensor's own clock that are computed.
 const PHASES: u32 = 17;
 /// Share of a cycle by which an identified age has to exceed the rig file's to count as different.
 const OLDER_CYCLES: f64 = 0.05;
@@ -106,8 +106,8 @@ fn latest_samples_s(rig: &config::Rig) -> Result<[f64; 2], RigError> {
     Ok([latest_s(&PlannedFrame::bits_shortest), latest_s(&|frame| frame.bits(conditions.is_plain()))])
 }
 
-/// Between what the mean age of the force lies by what the rig file says of sensor and bus, s before the sample of the angles of its cycle. A
-/// sensor with a clock of its own may stand at any phase to the cycle all along.
+/// Returns the range of the mean age of the force by the rig file's sensor and bus, in s before the sample of the angles of its
+/// cycle. A sensor with its own clock may keep any phase to the cycle.
 ///
 /// # Errors
 /// If the bus has no plan.

@@ -77,8 +77,8 @@ pub fn rate_margins(gain_period: f64) -> Option<RateMargins> {
     Some(RateMargins { gain_db, phase_deg: phase.to_degrees(), lag_cycles: phase / crossover })
 }
 
-/// The greatest rate gain, 1/s, with which drives that follow at once do not overshoot; it leaves more than [`PROPOSED_MARGINS`], for the
-/// lag of drives of which nothing is known.
+/// Returns the greatest rate gain, 1/s, with which drives without lag do not overshoot. It leaves more than [`PROPOSED_MARGINS`],
+/// for the lag of drives that are not known.
 pub fn proposed_rate_gain(rig: &config::Rig) -> f64 {
     OVERSHOOTS_FROM / period_s(rig)
 }

@@ -18,7 +18,7 @@ use yieldwall_motion::quantity::{JointAngles, JointRates, TipPoint};
 use yieldwall_run::assembly::{AssemblyError, delay_cycles, gains, linkage, period_s, plant_mass};
 use yieldwall_run::{ForceFound, JointFound};
 
-/// Hands for which a rig is looked at when none is named: normal, stiff and braced, N/m.
+/// Default stiffnesses of the hand: normal, stiff and braced, N/m.
 const USUAL_HANDS_N_PER_M: [f64; 3] = [500.0, 1000.0, 3000.0];
 /// Rounds of the search for the worst phase of a sensor's clock: each leaves 0.62 of the interval.
 const PHASE_ROUNDS: usize = 12;
@@ -77,7 +77,7 @@ impl DriveLimits {
     }
 }
 
-/// The limits of a rig's drives with a virtual mass; `None` in torque mode.
+/// Returns the limits of a rig's drives with a virtual mass; `None` in torque mode.
 ///
 /// # Errors
 /// As [`held_masses`].
@@ -124,7 +124,7 @@ pub struct Coupled {
     pub greatest_damping_n_s_per_m: Option<f64>,
 }
 
-/// The hand of a scene.
+/// Returns the hand of a scene.
 pub fn hand_of(scene: &config::Scene) -> Grip {
     Grip {
         stiffness_n_per_m: scene.hand.stiffness_n_per_m.get(),
@@ -133,13 +133,13 @@ pub fn hand_of(scene: &config::Scene) -> Grip {
     }
 }
 
-/// The usual stiffnesses with mass and damping of `hand`, the damping as the root of the stiffness: so all are damped to
-/// the same degree.
+/// Returns hands of the usual stiffnesses with the mass and damping of `hand`. The damping grows with the root of the stiffness, so
+/// that all have the same damping ratio.
 pub fn usual_hands(hand: &Grip) -> [Grip; 3] {
     USUAL_HANDS_N_PER_M.map(|stiffness| stiffer(hand, stiffness))
 }
 
-/// `hand` with another stiffness, damped to the same degree.
+/// Returns `hand` with another stiffness and the same damping ratio.
 pub fn stiffer(hand: &Grip, stiffness_n_per_m: f64) -> Grip {
     let ratio = if hand.stiffness_n_per_m > 0.0 { stiffness_n_per_m / hand.stiffness_n_per_m } else { 1.0 };
     Grip { stiffness_n_per_m, damping_n_s_per_m: hand.damping_n_s_per_m * ratio.sqrt(), ..*hand }
@@ -196,7 +196,7 @@ pub fn held_masses_identified(
     Held { follower, outers, tools, poses }.holdings(hands, configured_kg).map(Some)
 }
 
-/// Where a loop is looked at: the number of its pose, the way of the force, and the number of the phase.
+/// Point of a loop's computation: the number of its pose, the force path, and the number of the phase.
 #[derive(Clone, Copy)]
 struct LoopPoint<'a> {
     pose: usize,
@@ -213,7 +213,7 @@ pub(super) struct Held {
 }
 
 impl Held {
-    /// `None` where the gains are none of the command mode.
+    /// Returns `None` if the gains do not belong to the command mode.
     pub(super) fn of(rig: &config::Rig, scene: &config::Scene) -> Result<Option<Self>, RigError> {
         let Some((follower, is_cartesian)) = follower(rig)? else { return Ok(None) };
         let (outers, tools) = (outers(rig)?, poses(rig));
@@ -226,12 +226,12 @@ impl Held {
         hands.iter().map(|grip| self.holding(grip, configured_kg)).collect()
     }
 
-    /// Whether a virtual mass is stable at every pose and every phase that is looked at.
+    /// Whether a virtual mass is stable at every computed pose and phase.
     pub(super) fn is_stable(&self, grip: &Grip, mass_kg: f64) -> Result<bool, RigError> {
         Ok(self.loops(grip)?.iter().all(|(_, held)| held.is_stable(mass_kg)))
     }
 
-    /// Pose, way of the force and phase with the loop there, for all that is looked at.
+    /// Returns pose, force path and phase with the loop there, for all computed points.
     fn loops(&self, grip: &Grip) -> Result<Vec<(LoopPoint<'_>, HeldLoop)>, RigError> {
         let phases = self.outers.iter().flat_map(|outer| (0..outer.sampling.phases).map(move |phase| (outer, phase)));
         let places = phases.flat_map(|(outer, phase)| {
@@ -306,7 +306,7 @@ impl Held {
     }
 }
 
-/// The servo, and whether it acts on the tool.
+/// Returns the servo, and whether it acts on the tool.
 fn follower(rig: &config::Rig) -> Result<Option<(Follower, bool)>, RigError> {
     Ok(match rig.rig.command_mode {
         config::CommandMode::Torque => match gains(&rig.control) {

@@ -48,7 +48,7 @@ pub fn identified_models(rig: &config::Rig, found: &[JointFound; 2]) -> Result<V
     Ok(models)
 }
 
-/// The longer delay of both joints, in cycles.
+/// Returns the longer delay of both joints, in cycles.
 pub(super) fn identified_delay_cycles(rig: &config::Rig, found: &[JointFound; 2]) -> Result<f64, RigError> {
     let delay_cycles = found.iter().map(|joint| joint.delay_s).fold(0.0, f64::max) / period_s(rig);
     if delay_cycles > MAX_DELAY_CYCLES {
@@ -57,8 +57,8 @@ pub(super) fn identified_delay_cycles(rig: &config::Rig, found: &[JointFound; 2]
     Ok(delay_cycles)
 }
 
-/// As [`pose_margins`](super::pose_margins), by what was identified: the worst over both models of [`identified_models`], with the longer
-/// delay of both joints.
+/// Returns margins as [`pose_margins`](super::pose_margins), by the identified values: the worst over both models of
+/// [`identified_models`], with the longer delay of both joints.
 ///
 /// # Errors
 /// As [`pose_margins`](super::pose_margins), and for a delay beyond [`MAX_DELAY_CYCLES`].

@@ -38,14 +38,14 @@ const POSES: usize = 48;
 /// Poses along each surface, at least.
 const LEAST_POSES: usize = 12;
 
-/// Where the margins are taken: all along every surface of the fixture.
+/// Returns the poses of the margins: all along every surface of the fixture.
 pub(super) fn poses(rig: &config::Rig) -> Vec<Vector2<f64>> {
     let surfaces = 1 + rig.fixture.also.len();
     let each = (POSES / surfaces).max(LEAST_POSES);
     rig.fixture.surfaces().flat_map(|(_, surface)| poses_along(rig, surface, each)).collect()
 }
 
-/// So many poses all along a circle or a line within the working disc, or corners and edges of an outline.
+/// Returns this number of poses along a circle or a line within the working disc, or along corners and edges of an outline.
 fn poses_along(rig: &config::Rig, surface: &config::Surface, poses: usize) -> Vec<Vector2<f64>> {
     let working_m = rig.linkage.working_radius_m.get();
     let around = |center: Vector2<f64>, radius_m: f64| {
@@ -89,8 +89,8 @@ fn along(outline_m: &[Vector2<f64>], is_closed: bool, poses: usize) -> Vec<Vecto
     points
 }
 
-/// Loop margins of a rig in torque mode over poses all along its reference surface; `None` in the other modes, where the
-/// drives close the position loop.
+/// Returns the loop margins of a rig in torque mode over poses all along its reference surface. `None` in the other modes, in which
+/// the drives close the position loop.
 ///
 /// The plant of the margins is the feed-forward's model of the arm where there is one, else the simulated arm.
 ///

@@ -24,7 +24,7 @@ pub enum Remedy {
 }
 
 impl Remedy {
-    /// The rig with this change; as it is where the change is one of the hand.
+    /// Returns the rig with this change; unchanged if the change is one of the hand.
     pub fn of_rig(self, rig: &config::Rig) -> config::Rig {
         let mut rig = rig.clone();
         match self {
@@ -54,7 +54,7 @@ impl Remedy {
         matches!(self, Self::Damping(_) | Self::Stiffness(_))
     }
 
-    /// The hand with this change; as it is where the change is one of the rig.
+    /// Returns the hand with this change; unchanged if the change is one of the rig.
     pub fn of_hand(self, hand: &Grip) -> Grip {
         match self {
             Self::Damping(damping_n_s_per_m) => Grip { damping_n_s_per_m, ..*hand },
@@ -102,7 +102,7 @@ pub fn remedies(rig: &config::Rig, scene: &config::Scene, hand: &Grip, mass_kg: 
     Ok(kinds.into_iter().filter_map(|kind| kind.into_iter().find(bears)).collect())
 }
 
-/// A mass between the ends of a range: twice the least where there is room.
+/// Returns a mass between the ends of a range: twice the least if there is room.
 fn mass_within(masses: &HeldMasses) -> f64 {
     in_two_digits((2.0 * masses.least_kg).min((masses.least_kg * masses.greatest_kg).sqrt()))
 }

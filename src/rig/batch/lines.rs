@@ -51,8 +51,9 @@ pub struct Lines {
 }
 
 impl Lines {
-    /// Opens a file, makes it with its folder if it is missing, and reads what it holds. A last line without an end, as a
-    /// program that was interrupted leaves it, is cut off; one that is no beginning of a result is not. While it is open no other program can open it so.
+    /// Opens a file, creates it with its folder if it is missing, and reads its content. It cuts off a last line without an end, as
+    /// an interrupted program leaves it, unless that line is no beginning of a result. No other program can open the file so
+    /// meanwhile.
     ///
     /// # Errors
     /// If it is no file, cannot be read, written or understood, or another program has it open.
@@ -89,7 +90,7 @@ impl Lines {
         }
     }
 
-    /// The files `NAME.jsonl` and `NAME.*.jsonl` of a folder, in any order; none if there is no such folder.
+    /// Returns the files `NAME.jsonl` and `NAME.*.jsonl` of a folder, in any order; none if there is no such folder.
     ///
     /// # Errors
     /// If the folder cannot be read.
@@ -137,7 +138,7 @@ fn refuse_no_file(path: &Path) -> Result<(), LinesError> {
     }
 }
 
-/// The whole lines of a file and their length in bytes.
+/// Returns the whole lines of a file and their length in bytes.
 fn read_whole<T: DeserializeOwned>(path: &Path, file: &File) -> Result<(Vec<T>, u64), LinesError> {
     let mut finished = Vec::new();
     let mut whole = 0u64;

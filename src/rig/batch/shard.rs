@@ -18,12 +18,12 @@ impl Shard {
         number % self.of == self.number - 1
     }
 
-    /// Name for a file, such as `3-of-16`.
+    /// Returns the name for a file, such as `3-of-16`.
     pub fn name(self) -> String {
         format!("{}-of-{}", self.number, self.of)
     }
 
-    /// Numbers, from 1, of the parts of `of` that hold any of `numbers`.
+    /// Returns the numbers, from 1, of the parts of `of` that hold any of `numbers`.
     pub fn holding(numbers: impl IntoIterator<Item = u64>, of: NonZeroU64) -> BTreeSet<u64> {
         numbers.into_iter().map(|number| number % of + 1).collect()
     }

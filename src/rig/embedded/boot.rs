@@ -230,8 +230,8 @@ impl EmbeddedRig {
         Ok(tared)
     }
 
-    /// Switches everything on and measures forces that somebody has pull at the tool, as [`bringup::pulls`](fn@bringup::pulls). No hand
-    /// takes the tool.
+    /// Switches everything on and measures forces that a person applies to the tool, as [`bringup::pulls`](fn@bringup::pulls). No
+    /// hand takes the tool.
     ///
     /// # Errors
     /// As [`EmbeddedRig::sense`].
@@ -253,8 +253,8 @@ impl EmbeddedRig {
         Ok(pulls)
     }
 
-    /// Switches everything on and has somebody lead the tool to points, as [`bringup::visit`](fn@bringup::visit): the angles of the
-    /// joints at each.
+    /// Switches everything on and lets a person guide the tool to points, as [`bringup::visit`](fn@bringup::visit). Returns the
+    /// angles of the joints at each point. No hand of the scene takes the tool.
     ///
     /// # Errors
     /// As [`EmbeddedRig::sense`], and for a point that the simulated arm does not reach.
@@ -290,7 +290,7 @@ impl EmbeddedRig {
         self.place_mut().far.line.iter_mut().for_each(Line::refer);
     }
 
-    /// Switches everything on, leads a joint along its course and identifies its loop, as
+    /// Switches everything on, guides a joint along its course and identifies its loop, as
     /// [`bringup::tune_loop`](fn@bringup::tune_loop). No hand takes the tool.
     ///
     /// # Errors
@@ -350,7 +350,7 @@ impl EmbeddedRig {
         Ok(())
     }
 
-    /// The hand takes the handle when the drives sample next, and the scene begins if it has not.
+    /// Makes the hand take the handle when the drives sample next, and begins the scene if it has not begun.
     pub(super) fn take_tool(&mut self) {
         let next_sample = self.place().next_sample(self.next_sync());
         let world = &mut self.place_mut().far.world;
@@ -362,7 +362,7 @@ impl EmbeddedRig {
     }
 }
 
-/// The permit for a small motion with little torque: where time is virtual nothing has to be proved.
+/// Returns the permit for a small motion with little torque: in virtual time nothing has to be proved.
 pub(super) fn bring_up(runner: &mut Runner<dyn Place>, rig: &config::Rig, bounds: Bounds) -> Result<Permit, NotProven> {
     Ok(runner.bring_up_in_virtual_time(rig, bounds)?)
 }

@@ -15,9 +15,9 @@ use yieldwall_sim::can::{BitTiming, BusCounters, Delivery, QueueOrder, Tamper, V
 pub(super) const MASTER: usize = 0;
 /// Ports of the left drive, the right drive, the sensor.
 pub(super) const DEVICES: [usize; 3] = [1, 2, 3];
-/// Port of whoever else is on a bus.
+/// Port of foreign nodes on a bus.
 pub(super) const STRANGER: usize = 4;
-/// Ports of each bus: those of the rig, and the one of whoever else is there.
+/// Ports of each bus: those of the rig, and one for foreign nodes.
 const PORT_COUNT: usize = STRANGER + 1;
 
 /// All buses. Each has the same ports, of which a device uses those of its own bus alone. A segment is none: it has a
@@ -30,7 +30,7 @@ pub(super) struct Buses {
 }
 
 impl Buses {
-    /// Idle buses, numbered in the order of their names.
+    /// Creates idle buses, numbered in the order of their names.
     pub(super) fn new(rig: &config::Rig) -> Result<Self, RigError> {
         let mut orders = [QueueOrder::Priority; PORT_COUNT];
         orders[MASTER] = QueueOrder::Fifo;
@@ -48,17 +48,17 @@ impl Buses {
         Ok(Self { buses, of_devices: device_buses(rig)? })
     }
 
-    /// The bus of a device.
+    /// Returns the bus of a device.
     pub(super) fn of_device(&self, device: usize) -> BusId {
         self.of_devices.get(device).copied().unwrap_or_default()
     }
 
-    /// When the next frame is delivered on any of them.
+    /// Returns the time of the next delivery on any bus.
     pub(super) fn next_event(&self) -> Time {
         self.buses.iter().flatten().map(VirtualBus::next_event).fold(Time::NEVER, Time::min)
     }
 
-    /// The next frame that is delivered at `until`, which is not later than [`Buses::next_event`].
+    /// Returns the next frame that is delivered at `until`, which is not later than [`Buses::next_event`].
     pub(super) fn advance(&mut self, until: Time) -> Option<Delivery> {
         BusId::all().zip(&mut self.buses).find_map(|(bus, virtual_bus)| {
             let delivery = virtual_bus.as_mut()?.advance(until)?;

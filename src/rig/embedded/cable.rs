@@ -32,7 +32,7 @@ impl Frames {
         }
     }
 
-    /// When the next of them is there.
+    /// Returns the time at which the next frame is there.
     pub(super) fn next(&self) -> Time {
         self.waiting.iter().map(|(time, _)| *time).min().unwrap_or(Time::NEVER)
     }
@@ -41,7 +41,7 @@ impl Frames {
         self.waiting.is_empty()
     }
 
-    /// Gives away the next one that is there by a moment; of one moment, the one that was first.
+    /// Passes on the next frame that is there by a moment; of frames at one moment, the first one.
     pub(super) fn take<R>(&mut self, by: Time, give: impl FnOnce(Time, &mut [u8]) -> R) -> Option<R> {
         let due = self.waiting.iter().enumerate().filter(|(_, (time, _))| *time <= by);
         let (at, _) = due.min_by_key(|(at, (time, _))| (*time, *at))?;
@@ -71,7 +71,7 @@ pub(super) struct Cable {
 }
 
 impl Cable {
-    /// An idle cable. Whatever is random in what breaks on it comes from `seed`.
+    /// Creates an idle cable. Random values of its faults come from `seed`.
     pub(super) fn new(seed: u64) -> Self {
         Self {
             outward: Frames::default(),
@@ -102,7 +102,7 @@ impl Cable {
         !self.broken.iter().any(|active| active.kind == Kind::InterfaceDown)
     }
 
-    /// When something happens on it next.
+    /// Returns the time of the next event on the cable.
     pub(super) fn next_event(&self) -> Time {
         self.outward.next().min(self.inward.next()).min(self.faults.next_back())
     }

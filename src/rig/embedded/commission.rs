@@ -14,7 +14,7 @@ use yieldwall_run::{Bounds, Drilled, DriveIdentity, NotProven, Permit, Place, Ru
 /// A person at a simulated arm.
 #[derive(Default)]
 struct Onlooker {
-    /// Where the links were when they were looked at last.
+    /// Positions of the links at the last look.
     seen: JointAngles,
 }
 

@@ -85,7 +85,7 @@ impl Computer {
         self.is_dead
     }
 
-    /// The process is there to boot the network: what waited for it is from before.
+    /// Begins a boot: frames that waited before are outdated.
     pub(super) fn begin_boot(&mut self) {
         self.is_asleep = false;
         self.waiting.clear();
@@ -122,7 +122,7 @@ impl Computer {
         Process::Runs
     }
 
-    /// By how much it wakes up too late for a moment of its cycle.
+    /// Returns how late the process wakes up for a moment of its cycle.
     pub(super) fn late(&self, moment: Time) -> Duration {
         if moment <= self.grid { self.lateness.sync } else { self.lateness.compute }
     }
@@ -137,12 +137,12 @@ impl Computer {
         computing
     }
 
-    /// It takes nothing until it wakes up.
+    /// Suspends the process: it takes nothing until it wakes up.
     pub(super) fn fall_asleep(&mut self) {
         self.is_asleep = true;
     }
 
-    /// The process runs again, and first takes what has waited.
+    /// Resumes the process, which first takes the frames that have waited.
     pub(super) fn wake(&mut self, now: Time) {
         if std::mem::take(&mut self.is_asleep) {
             let waiting = self.waiting.drain(..).map(|what| Arrival { time: now, bus: bus_of(&what), what });
@@ -157,7 +157,7 @@ impl Computer {
         std::mem::take(&mut self.stop_is_requested)
     }
 
-    /// A frame comes for it.
+    /// Delivers a frame to the process.
     pub(super) fn take(&mut self, time: Time, what: Received) {
         if !self.is_asleep {
             self.inbox.push_back(Arrival { time, bus: bus_of(&what), what });
@@ -166,7 +166,7 @@ impl Computer {
         }
     }
 
-    /// A frame of the segment comes for it.
+    /// Delivers a frame of the segment to the process.
     pub(super) fn take_ethernet(&mut self, time: Time, bytes: &[u8]) {
         let inbox = if self.is_asleep { &mut self.waiting_ethernet } else { &mut self.ethernet };
         inbox.push(time, bytes);
@@ -182,7 +182,7 @@ impl Computer {
         self.inbox.push_back(Arrival { time, bus, what: Received::Error(error) });
     }
 
-    /// The next thing that has come.
+    /// Returns the next arrival.
     pub(super) fn receive(&mut self) -> Option<Arrival> {
         self.inbox.pop_front()
     }

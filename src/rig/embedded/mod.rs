@@ -91,12 +91,12 @@ pub struct EmbeddedRig {
 }
 
 impl EmbeddedRig {
-    /// A rig that is switched off, its arm where the scene's hand starts.
+    /// Creates a rig that is switched off, with its arm where the scene's hand starts.
     ///
     /// `fixture` replaces the rig's own, `seed` the scene's.
     ///
     /// # Errors
-    /// Where parts of the configuration do not fit together.
+    /// If parts of the configuration do not fit together.
     pub fn new(
         rig: &config::Rig,
         scene: &config::Scene,
@@ -239,7 +239,7 @@ impl EmbeddedRig {
         Ok(self.place_mut().far.world.hand.set_stiffness(stiffness_n_per_m)?)
     }
 
-    /// Place of the tool in the base frame.
+    /// Returns the place of the tool in the base frame.
     pub fn tool(&self) -> TipPoint {
         self.place().far.world.truth.tip
     }
@@ -269,7 +269,7 @@ impl EmbeddedRig {
         self.place_mut().wires.buses.set_tamper(tamper);
     }
 
-    /// State of the supervisor; [`State::Lost`] if an injection killed its process, since the drives' watchdogs act.
+    /// Returns the state of the supervisor; [`State::Lost`] if an injection killed its process, since the drives' watchdogs act.
     pub fn state(&self) -> State {
         self.runner.state()
     }
@@ -279,12 +279,12 @@ impl EmbeddedRig {
         self.runner.cause()
     }
 
-    /// The master, for reports.
+    /// Returns the master, for reports.
     pub fn master(&self) -> &Master {
         self.runner.master()
     }
 
-    /// The simulated drives that are on CAN, the left one first, for reports.
+    /// Returns the simulated drives on CAN, the left one first, for reports.
     pub fn drives(&self) -> Vec<&Drive> {
         self.place().far.drives.iter().flatten().map(|drive| &drive.drive).collect()
     }
@@ -299,12 +299,12 @@ impl EmbeddedRig {
         self.place().drive_torques_n_m()
     }
 
-    /// The force sensor, if it is on CAN.
+    /// Returns the force sensor, if it is on CAN.
     pub fn force_sensor(&self) -> Option<&ForceSensor> {
         self.place().far.sensor.as_ref().map(|sensor| &sensor.sensor)
     }
 
-    /// The arm; `None` if the joints follow their targets without one.
+    /// Returns the arm; `None` if the joints follow their targets without one.
     pub fn arm(&self) -> Option<&Arm> {
         match &self.place().far.world.body {
             Body::Arm(arm) => Some(arm),
@@ -312,7 +312,7 @@ impl EmbeddedRig {
         }
     }
 
-    /// The hand.
+    /// Returns the hand.
     pub fn hand(&self) -> &Hand<2> {
         &self.place().far.world.hand
     }
@@ -324,12 +324,12 @@ impl EmbeddedRig {
         wires.buses.counters().filter_map(move |of_can| of_can.or(of_segment))
     }
 
-    /// Virtual time since switching on.
+    /// Returns the virtual time since switching on.
     pub fn now(&self) -> Time {
         self.place().now
     }
 
-    /// Time of the next cycle since the scene began, in s; minus infinity before it has.
+    /// Returns the time of the next cycle since the scene began, in s; minus infinity before the scene.
     pub fn scene_time_s(&self) -> f64 {
         self.scene_time_at(self.next_sync())
     }
@@ -338,7 +338,7 @@ impl EmbeddedRig {
         self.place().sampled_for(grid).as_secs_f64() - self.place().far.world.hand_from_s
     }
 
-    /// When the next cycle begins.
+    /// Returns the time at which the next cycle begins.
     pub fn next_sync(&self) -> Time {
         self.runner.next_sync()
     }
@@ -348,10 +348,10 @@ impl EmbeddedRig {
         self.runner.last_outputs()
     }
 
-    /// One period: SYNC, process data, the cycle, set-points.
+    /// Runs one period: SYNC, process data, the cycle, set-points.
     ///
-    /// While an injection keeps the process from running, the row is that of the last cycle at the present truth, and no
-    /// observer is called.
+    /// While an injection keeps the process from running, the row is the last cycle's at the present truth, and no observer is
+    /// called.
     ///
     /// # Errors
     /// If the simulated arm cannot go on.
@@ -374,7 +374,7 @@ impl EmbeddedRig {
         record.map_or_else(|| self.idle_row(grid), |record| Ok(record.row()))
     }
 
-    /// Fails if the simulation cannot go on, and panics as the cycle has if nobody asked for that.
+    /// Fails if the simulation cannot go on, and panics as the cycle has, unless an injection caused that panic.
     fn go_on(&mut self) -> Result<(), RigError> {
         if let Some(error) = self.place_mut().failure.take() {
             return Err(error);
@@ -385,7 +385,7 @@ impl EmbeddedRig {
         }
     }
 
-    /// The row of a period without a cycle.
+    /// Returns the row of a period without a cycle.
     fn idle_row(&self, grid: Time) -> Result<Row, RigError> {
         let state = "the process does not run".to_owned();
         let outputs = self.last_outputs().ok_or(RigError::NotEnabled { waited_s: 0.0, state, cause: None })?;

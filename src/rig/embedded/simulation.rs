@@ -75,13 +75,13 @@ impl Simulation {
         }
     }
 
-    /// When the drives sample what the cycle that begins at this moment reads.
+    /// Returns the time at which the drives sample the values for the cycle that begins at this moment.
     pub(super) fn sampled_for(&self, grid: Time) -> Time {
         let before = self.sampled_before.as_nanos() as u64;
         Time(grid.0.saturating_sub(before))
     }
 
-    /// When the drives sample next, what the cycle that begins at `grid` reads: at SYNC0 by their own clock.
+    /// Returns the next time at which the drives sample the values for the cycle at `grid`: at SYNC0 by their own clock.
     pub(super) fn next_sample(&self, grid: Time) -> Time {
         let sync0 = self.far.line.as_ref().map_or(Time::NEVER, Line::next_sync0);
         if sync0 <= grid { sync0 } else { self.sampled_for(grid) }
@@ -99,7 +99,7 @@ impl Simulation {
         [0, 1].map(torque_n_m)
     }
 
-    /// The process is there to boot the network.
+    /// Begins a boot of the network by the process.
     pub(super) fn begin_boot(&mut self) {
         self.computer.begin_boot();
         self.tell_link_events();

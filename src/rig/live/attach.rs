@@ -34,7 +34,7 @@ const PATIENCE: Duration = Duration::from_millis(500);
 const LOCKSTEP_PATIENCE: Duration = Duration::from_secs(5);
 /// How long a device waits for a SYNC that the arm has announced.
 const SYNC_PATIENCE: Duration = Duration::from_millis(20);
-/// Longest wait before the wish to end is looked at.
+/// Longest wait before the server checks for a request to end.
 const LOOK_UP: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
 
 const CALL_BYTES: usize = 8 + 1 + 6 * 8;
@@ -78,7 +78,7 @@ fn encode_answer(answer: &Answer) -> [u8; ANSWER_BYTES] {
     bytes
 }
 
-/// `None` for what no device answers.
+/// Returns `None` for an answer that no device gives.
 fn decode_answer(bytes: &[u8; ANSWER_BYTES]) -> Option<Answer> {
     let torque_n_m = f64::from_bits(number(&bytes[..8]));
     let state = *STATES.get(usize::from(bytes[8]))?;

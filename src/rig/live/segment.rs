@@ -8,7 +8,7 @@ use yieldwall_fieldbus::canopen::cob;
 use yieldwall_fieldbus::ethercat::frame::LONGEST;
 use yieldwall_link::{EthernetReceived, Received, SendError, Wires};
 
-/// Frames that are taken before the wish to end is looked at.
+/// Number of frames before the server checks for a request to end.
 const MOST_AT_ONCE: usize = 64;
 
 /// Serves a segment, and devices on CAN beside it, until `is_over` or an interface is removed. If the process was stopped, or could

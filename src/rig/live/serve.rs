@@ -10,11 +10,11 @@ use yieldwall_fieldbus::canopen::cob;
 use yieldwall_fieldbus::time::Time;
 use yieldwall_link::{CanLink, LinkOutbox, Received, SendError};
 
-/// Longest wait for a frame before the wish to end is looked at.
+/// Longest wait for a frame before the server checks for a request to end.
 pub(super) const LOOK_UP: Duration = Duration::from_millis(50);
 
-/// Time between two looks at the link after which what has come meanwhile is stale: the process was stopped. A master in
-/// lockstep waits so long for process data.
+/// Time between two looks at the link above which the frames in between are stale: the process was stopped. A master in lockstep
+/// waits this long for process data.
 pub(super) const ABSENCE: Duration = Duration::from_secs(1);
 
 /// Why simulated devices could not go on.

@@ -37,10 +37,10 @@ impl Outbox for Wire<'_> {
 }
 
 impl VirtualLink {
-    /// The devices of a rig, switched on; the arm where the scene's hand starts.
+    /// Creates the devices of a rig, switched on, with the arm where the scene's hand starts.
     ///
     /// # Errors
-    /// Where parts of the configuration do not fit together, and for a scene without an arm.
+    /// If parts of the configuration do not fit together, and for a scene without an arm.
     pub fn new(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<Self, RigError> {
         let server = DeviceServer::new(rig, scene, seed, Pace::Free)?;
         let mut link = Self { server, now: Time(0), arrivals: VecDeque::new(), has_failed: false };

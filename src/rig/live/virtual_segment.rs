@@ -24,16 +24,16 @@ pub struct VirtualSegment {
 }
 
 impl VirtualSegment {
-    /// The devices of a rig, switched on; the arm where the scene's hand starts.
+    /// Creates the devices of a rig, switched on, with the arm where the scene's hand starts.
     ///
     /// # Errors
-    /// Where parts of the configuration do not fit together, and for a scene without an arm.
+    /// If parts of the configuration do not fit together, and for a scene without an arm.
     pub fn new(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<Self, RigError> {
         let server = SegmentServer::new(rig, scene, seed, Pace::Free, [true; 3], Time(0))?;
         Ok(Self { server, now: Time(0), arrivals: VecDeque::new(), has_failed: false })
     }
 
-    /// The devices, to look at or to break something.
+    /// Returns the devices, to inspect them or to inject faults.
     pub fn server_mut(&mut self) -> &mut SegmentServer {
         &mut self.server
     }

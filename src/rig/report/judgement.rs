@@ -35,8 +35,9 @@ pub enum Shortcoming {
 }
 
 impl RunReport {
-    /// The first reason why a run of `scene` did not end as it should; `injected` are the injections beside those of the scene, which
-    /// have to begin. Torque limits and energy count only in a run without injections: a push by injection is no fault of the loop.
+    /// Returns the first reason why a run of `scene` did not end as it should. `injected` are the injections beyond those of the
+    /// scene, which have to begin. Torque limits and energy count only in a run without injections: a push by injection is no fault
+    /// of the loop.
     pub fn shortcoming(&self, scene: &config::Scene, injected: &[Injection]) -> Option<Shortcoming> {
         if self.is_stopped() {
             return Some(Shortcoming::Stopped);

@@ -195,8 +195,7 @@ fn root_mean_square(values: impl Iterator<Item = f64>) -> Option<f64> {
     (count > 0).then(|| (sum / f64::from(count)).sqrt())
 }
 
-/// A push of the hand with this component along the normal, as a share of the force that it has to reach for the surface to
-/// yield.
+/// Returns a push of the hand with this component along the normal, as a share of the force at which the surface yields.
 fn pressed_share(trace: &Trace, along_normal_n: f64) -> f64 {
     along_normal_n.abs() / trace.yield_against_n(along_normal_n)
 }
@@ -339,7 +338,8 @@ struct Work {
     way_m: f64,
 }
 
-/// Work of the tool on the hand from row to row: a sensed force by the trapezoidal rule, an actuator force as it is held.
+/// Returns the work of the tool on the hand from row to row: a sensed force by the trapezoidal rule, an actuator force as it is
+/// held.
 fn work(trace: &Trace) -> Work {
     let mut sums = Work { given_j: 0.0, taken_j: 0.0, rise_j: 0.0, way_m: 0.0 };
     let mut rise: f64 = 0.0;

@@ -72,7 +72,7 @@ fn about_run(
     })
 }
 
-/// The documents of a recording as files beside each other; the first is that of the machine.
+/// Returns the documents of a recording as files in one folder; the first is the machine's.
 fn documents(about: &About) -> Source {
     let name = about.machine.name();
     let profiles = about.profiles.iter().map(|(name, text)| (name.as_str(), text.as_str()));
@@ -80,7 +80,7 @@ fn documents(about: &About) -> Source {
     Source::among(name, texts.map(|(name, text)| (PathBuf::from(name), Arc::from(text))))
 }
 
-/// The rig that was recorded.
+/// Returns the recorded rig.
 ///
 /// # Errors
 /// If its documents are refused, as they are when they are read from files.
@@ -88,7 +88,7 @@ pub fn rig(about: &About) -> Result<config::Rig, Report> {
     Ok(config::load_rig(documents(about))?.value)
 }
 
-/// The impedance device that was recorded.
+/// Returns the recorded impedance device.
 ///
 /// # Errors
 /// As [`rig()`].
@@ -96,7 +96,7 @@ pub fn device(about: &About) -> Result<config::ImpedanceDevice, Report> {
     Ok(config::load_device(documents(about))?.value)
 }
 
-/// The scene that was recorded; `None` of a rig on a bus without one.
+/// Returns the recorded scene; `None` for a rig on a bus without one.
 ///
 /// # Errors
 /// As [`rig()`].
@@ -223,7 +223,7 @@ fn again<R: Read, T: Recorded>(
     Ok(Replay { cycles, end: End::Whole })
 }
 
-/// The trace of a recording and its measures: the same as those of the run that was recorded.
+/// Returns the trace of a recording and its measures, which equal those of the recorded run.
 ///
 /// # Errors
 /// As [`replay_any`].

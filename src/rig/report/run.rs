@@ -63,7 +63,7 @@ pub struct RunReport {
 }
 
 impl RunReport {
-    /// Time that the scene ran, in s.
+    /// Returns the time that the scene ran, in s.
     pub fn simulated_s(&self) -> f64 {
         self.trace.rows.len() as f64 * self.period_s
     }
@@ -89,8 +89,8 @@ pub struct Overrides {
 
 /// Runs a scene on an admittance rig: boots and enables it, plays the scene, stops the rig.
 ///
-/// A rig that a fault stops ends its run early; the report says which. It goes on for [`AROUND_FAULT_S`], in which its
-/// drives stop, for those who watch and for drawings; measures end with the cycle that the fault stopped.
+/// If a fault stops the rig, its run ends early, and the report names the fault. The cycles go on for [`AROUND_FAULT_S`], in which
+/// the drives stop, for observers and drawings; measures end with the cycle that the fault stopped.
 ///
 /// `progress` is asked after each cycle whether to go on; at [`ControlFlow::Break`] the rig is stopped, and the report is of what
 /// there was.

@@ -81,7 +81,7 @@ impl SegmentServer {
     /// scene's seed.
     ///
     /// # Errors
-    /// Where parts of the configuration do not fit together, and for a scene without an arm.
+    /// If parts of the configuration do not fit together, and for a scene without an arm.
     pub fn new(
         rig: &config::Rig,
         scene: &config::Scene,
@@ -225,7 +225,7 @@ impl SegmentServer {
         }
     }
 
-    /// The segment, to look at or to break something on it; `None` without any.
+    /// Returns the segment, to inspect it or to inject faults; `None` without one.
     pub fn segment_mut(&mut self) -> Option<&mut Segment<SimulatedDevice>> {
         Some(&mut self.far.line.as_mut()?.segment)
     }
@@ -240,7 +240,7 @@ impl SegmentServer {
         self.far.line.iter_mut().for_each(|line| line.set_mailbox_time(time));
     }
 
-    /// Simulated time since switching on.
+    /// Returns the simulated time since switching on.
     pub fn now(&self) -> Time {
         self.now
     }
@@ -250,14 +250,14 @@ impl SegmentServer {
         self.counts
     }
 
-    /// States of the drives, left and right, as far as they are here.
+    /// Returns the states of the drives, left and right, if they are here.
     pub fn drive_states(&self) -> [Option<cia402::State>; 2] {
         let [left, right] = self.far.drive_states();
         let here = |drive, state| self.far.line.as_ref().is_some_and(|line| line.has(drive)).then_some(state);
         [here(0, left), here(1, right)]
     }
 
-    /// Record of arm, hand and drives at present, for those who look on. The master's part in it is blank.
+    /// Returns the present record of arm, hand and drives for observers. The master's part in it is blank.
     #[cfg(feature = "recording")]
     pub fn record(&mut self) -> yieldwall_record::CycleRecord {
         let states = self.far.drive_states();
@@ -269,14 +269,14 @@ impl SegmentServer {
         self.far.world.torques.to_array()
     }
 
-    /// Where the tool is, in m in the base frame, and the force of the hand on it, in N.
+    /// Returns the place of the tool, in m in the base frame, and the force of the hand on it, in N.
     pub fn truth(&self) -> (yieldwall_motion::quantity::TipPoint, yieldwall_motion::quantity::Force) {
         (self.far.world.truth.tip, self.far.world.truth.force)
     }
 }
 
 impl SegmentServer {
-    /// Time no longer waits.
+    /// Ends the wait of simulated time.
     fn follow_the_wall(&mut self, wall: Time) {
         (self.waits_since, self.opener, self.anchor) = (None, None, (wall, self.now));
         (self.begun_by, self.has_synced) = (0, false);
@@ -308,7 +308,7 @@ impl SegmentServer {
         Ok(())
     }
 
-    /// Whether a frame reads process data, in lockstep the same as the last one that did.
+    /// Whether a frame reads process data; in lockstep the same data as the last such frame.
     fn reads_process_data(&mut self, bytes: &[u8]) -> bool {
         let Ok(end) = frame::end(bytes) else { return false };
         let mut next = Some(frame::HEADER);
@@ -325,13 +325,13 @@ impl SegmentServer {
         false
     }
 
-    /// The end of the last whole period before a moment or at it.
+    /// Returns the end of the last whole period before a moment or at it.
     fn whole(&self, time: Time) -> Time {
         Time(time.0 - time.0 % self.period.as_nanos() as u64)
     }
 
-    /// Simulated time at a moment of the wall, in lockstep as far as it is made up for. Free time never falls behind: the clock of a device
-    /// does not stand still with this computer.
+    /// Returns the simulated time at a moment of the wall clock; in lockstep as far as it has caught up. Free time never falls
+    /// behind: the clock of a device does not stop with this computer.
     fn due(&mut self, wall: Time) -> Time {
         if self.waits_since.is_some() {
             return self.now;

@@ -6,7 +6,7 @@ use crate::far_end::{DEVICES, Wire};
 use yieldwall_fieldbus::canopen::{BusId, Frame};
 use yieldwall_fieldbus::time::Time;
 
-/// Frames that wait for the interface before a device has to wait with one that can.
+/// Number of frames that wait for the interface before a device has to keep a frame that can wait.
 const ROOM: usize = 8;
 
 /// Frames in their order.
@@ -17,12 +17,12 @@ pub(super) struct Queue {
 }
 
 impl Queue {
-    /// None yet; the buses are those of left drive, right drive and sensor.
+    /// Creates an empty queue; the buses are those of left drive, right drive and sensor.
     pub(super) fn new(buses: [BusId; DEVICES]) -> Self {
         Self { frames: VecDeque::new(), buses }
     }
 
-    /// Gives frames away up to one that is not taken; how many were.
+    /// Passes frames on up to the first that is not taken, and returns their number.
     pub(super) fn drain(&mut self, send: &mut impl FnMut(&Frame) -> bool) -> u64 {
         let mut taken = 0;
         while self.frames.front().is_some_and(&mut *send) {

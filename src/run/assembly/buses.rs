@@ -14,7 +14,7 @@ use yieldwall_fieldbus::canopen::BusId;
 /// bit rate counts even if the simulation has timing `ideal`.
 ///
 /// # Errors
-/// Where parts of the configuration do not fit together, and for a rig without CAN.
+/// If parts of the configuration do not fit together, and for a rig without CAN.
 pub fn bus_plan(rig: &config::Rig) -> Result<(MasterSetup, Vec<Conditions>), AssemblyError> {
     let conditions = BusId::all().zip(rig.buses.values()).filter_map(|(bus, configured)| {
         Some(Conditions {

@@ -211,7 +211,7 @@ pub fn torque_servo(rig: &config::Rig) -> Result<TorqueServoParameters, Assembly
 /// Returns all stages of the cycle. `fixture` replaces the rig's own.
 ///
 /// # Errors
-/// Where parts of the configuration do not fit together.
+/// If parts of the configuration do not fit together.
 pub fn cycle(rig: &config::Rig, fixture: &config::Fixture) -> Result<Cycle, AssemblyError> {
     let period_s = period_s(rig);
     let limits = &rig.guard;
@@ -291,7 +291,7 @@ pub fn scaling(drive: &config::Drive) -> Result<AxisScaling, AssemblyError> {
 /// number is a fraction of one.
 ///
 /// # Errors
-/// Where parts of the configuration do not fit together.
+/// If parts of the configuration do not fit together.
 pub fn delay_cycles(rig: &config::Rig) -> Result<f64, AssemblyError> {
     match rig.segment_of_drives() {
         Some(_) => Ok(Budget::new(&segment(rig)?).delay().as_secs_f64() / period_s(rig)),
@@ -302,7 +302,7 @@ pub fn delay_cycles(rig: &config::Rig) -> Result<f64, AssemblyError> {
 /// The master of a rig, with its cycle inside.
 ///
 /// # Errors
-/// Where parts of the configuration do not fit together.
+/// If parts of the configuration do not fit together.
 pub fn master(rig: &config::Rig, fixture: &config::Fixture) -> Result<Master, AssemblyError> {
     let can = rig.own_node().map(|_| network(rig)).transpose()?;
     let segment = rig.is_on_ethercat().then(|| segment(rig)).transpose()?;

@@ -22,7 +22,7 @@ pub fn sampled_before(rig: &config::Rig) -> Duration {
 /// The segment of a rig whose drives are on it.
 ///
 /// # Errors
-/// Where parts of the configuration do not fit together.
+/// If parts of the configuration do not fit together.
 pub fn segment(rig: &config::Rig) -> Result<SegmentSetup, AssemblyError> {
     segment_of(rig, [None; 2])
 }

@@ -30,7 +30,7 @@ pub(in crate::embedded) struct InjectableBuses {
 }
 
 impl InjectableBuses {
-    /// The idle buses of a rig, on which nothing is broken. Whatever is random in what follows comes from `seed`.
+    /// Creates the idle buses of a rig without faults. Random values come from `seed`.
     ///
     /// # Errors
     /// A bus or a node that cannot be.
@@ -78,12 +78,13 @@ impl InjectableBuses {
         self.stranger.begin_cycle(sync_at, period, &self.participants, &mut self.held);
     }
 
-    /// When the next frame arrives.
+    /// Returns the time of the next arrival.
     pub(in crate::embedded) fn next_event(&self) -> Time {
         self.buses.next_event().min(self.held.next())
     }
 
-    /// The next frame that arrives, or is lost on its way, not later than `until`, the moment of [`InjectableBuses::next_event`].
+    /// Returns the next frame that arrives, or is lost on its way, not later than `until`, the moment of
+    /// [`InjectableBuses::next_event`].
     pub(in crate::embedded) fn advance(&mut self, until: Time) -> Option<Passage> {
         loop {
             if let Some(delivery) = self.buses.advance(until) {

@@ -29,12 +29,12 @@ impl Held {
         self.0.clear();
     }
 
-    /// When the next of them arrives.
+    /// Returns the time of the next arrival.
     pub(super) fn next(&self) -> Time {
         self.0.iter().map(|waiting| waiting.time).min().unwrap_or(Time::NEVER)
     }
 
-    /// The next one that has arrived by `now`, with its port; of one moment, the one that was held first.
+    /// Returns the next frame that has arrived by `now`, with its port; of frames at one moment, the one that was held first.
     pub(super) fn take(&mut self, now: Time) -> Option<(usize, Frame)> {
         let due = self.0.iter().enumerate().filter(|(_, waiting)| waiting.time <= now);
         let (at, _) = due.min_by_key(|(at, waiting)| (waiting.time, *at))?;

@@ -32,7 +32,7 @@ pub(super) enum Speaks {
     Ethercat,
 }
 
-/// The left drive, the right drive and the sensor of a rig.
+/// Returns the left drive, the right drive and the sensor of a rig.
 ///
 /// # Errors
 /// A node id or a bus that does not exist.

@@ -60,7 +60,7 @@ impl Relation {
 }
 
 impl Disturbance {
-    /// None. Whatever is random in what follows comes from `seed`.
+    /// Creates a passage without faults. Random values come from `seed`.
     pub(super) fn none(seed: u64) -> Self {
         Self { active: Vec::new(), noise: Xoshiro256PlusPlus::seed_from_u64(seed ^ 0xfa17_0000_0000_0002) }
     }

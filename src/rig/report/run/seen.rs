@@ -28,7 +28,7 @@ pub struct RunLog {
 }
 
 impl RunLog {
-    /// Room for this many rows, and no more; what comes later is left out. It is set aside at once.
+    /// Creates a log with room for this many rows, allocated at once; later rows are left out.
     pub fn with_room(rows: usize) -> Self {
         Self { rows: Vec::with_capacity(rows), most_rows: rows, ..Self::default() }
     }
@@ -51,7 +51,7 @@ impl RunLog {
         self.is_latched |= state.is_latched();
     }
 
-    /// The rows up to the fault that stopped the rig, if one did.
+    /// Returns the rows up to the fault that stopped the rig, if one did.
     pub fn rows(&self) -> &[Row] {
         &self.rows
     }
@@ -63,7 +63,7 @@ impl RunLog {
 }
 
 impl Default for RunLog {
-    /// With room for whatever comes.
+    /// Creates a log without a limit.
     fn default() -> Self {
         Self {
             rows: Vec::new(),
@@ -83,7 +83,7 @@ impl From<Vec<Row>> for RunLog {
     }
 }
 
-/// The trace of a run of this fixture.
+/// Returns the trace of a run of this fixture.
 pub(in crate::report) fn trace(
     title: String,
     fixture: &config::Fixture,
@@ -130,7 +130,7 @@ fn set_feet<'a, S: Surface<N>, const N: usize>(surface: &S, rows: impl Iterator<
     }
 }
 
-/// A surface for drawings.
+/// Returns a surface for drawings.
 fn reference(surface: &config::Surface) -> Reference {
     use config::Surface as Of;
     let two = |[x, y]: [config::Finite; 2]| [x.get(), y.get()];
@@ -178,7 +178,7 @@ fn reference(surface: &config::Surface) -> Reference {
     }
 }
 
-/// The line of a chain of pieces.
+/// Returns the line of a chain of pieces.
 fn outline(surface: &config::Surface) -> Reference {
     let (points_m, is_closed) = match (surface.planar(), surface.spatial()) {
         (Ok(Some(Shape2::Chain(chain))), _) => {
@@ -221,7 +221,7 @@ fn is_normal_inward(fixture: &config::Fixture) -> bool {
     is_outside_forbidden && fixture.also.is_empty()
 }
 
-/// A yield force of its own against pushes out of the forbidden side.
+/// Returns the separate yield force against pushes out of the forbidden side.
 fn outward_yield_n(fixture: &config::Fixture) -> Option<f64> {
     match fixture.law {
         Some(config::FixtureLaw::Tube { outward_yield_n }) if fixture.side == config::Side::Bilateral => {

@@ -227,7 +227,7 @@ pub trait Attendant {
     fn prove(&mut self, runner: &mut Runner<dyn Place>, rig: &config::Rig, bounds: Bounds)
     -> Result<Permit, NotProven>;
 
-    /// Stores the findings of a drill, and returns the path.
+    /// Stores the findings of a drill, and returns the place, if there is one.
     ///
     /// # Errors
     /// Why not.
