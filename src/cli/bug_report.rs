@@ -24,16 +24,16 @@ const MOST_MESSAGES: u64 = 1 << 20;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The rig that the report is about, also one that is refused
+    /// Rig that the report is about; the rig file may be one that the program refuses
     #[arg(value_name = "RIG.yaml")]
     rig: Option<String>,
-    /// The zip, which is made
+    /// Zip file to create
     #[arg(long, value_name = "FILE.zip", default_value = "yieldwall-report.zip")]
     out: PathBuf,
-    /// What the program has printed, kept in a file by `2> messages.txt` behind the command
+    /// File with the program's messages, saved by `2> messages.txt` after the command
     #[arg(long, value_name = "FILE")]
     messages: Option<PathBuf>,
-    /// Leave the serial numbers of devices in
+    /// Keep the serial numbers of devices in the report
     #[arg(long)]
     with_serials: bool,
     #[command(flatten)]

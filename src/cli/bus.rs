@@ -20,26 +20,27 @@ use yieldwall_run::assembly::{bus_id, bus_plan, segment};
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
-    /// Tell the longest time of every frame on a rig's bus, and whether the cycle can be kept
+    /// Compute the longest time of every frame on a rig's bus, and check the cycle
     ///
-    /// On CAN worst-case response times after Davis, Burns, Bril and Lukkien (2007), on EtherCAT the time of each frame on its way. A bus
-    /// that cannot keep the cycle is a result, not an error: the exit code is 0. docs/bus-budget.md has the method and its assumptions.
+    /// On CAN the command computes worst-case response times after Davis, Burns, Bril and Lukkien (2007). On EtherCAT it computes
+    /// the time of each frame on its way. If a bus cannot keep the cycle, this is a result, not an error: the exit code is 0.
+    /// docs/bus-budget.md describes the method and its assumptions.
     Budget(Arguments),
 }
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    /// Rig file; `builtin:paper-admittance.yaml` is the copy in the program
     #[arg(value_name = "RIG.yaml")]
     rig: String,
-    /// Of CAN: longest time from the end of SYNC to a TPDO in the queue of its device; the simulated devices take none
+    /// CAN only: longest time from the end of SYNC until a device has queued its TPDO; simulated devices need none
     #[arg(long, value_name = "US", default_value_t = 0)]
     device_delay_us: u32,
-    /// Of CAN: let all frames be released at one moment, instead of TPDOs after SYNC and RPDOs after the control step; with
-    /// --no-fifo the published analysis as it stands, its bits included
+    /// CAN only: release all frames at one moment, instead of TPDOs after SYNC and RPDOs after the control step. With --no-fifo
+    /// this is the published analysis unchanged, including its bit counts
     #[arg(long)]
     no_release_jitter: bool,
-    /// Of CAN: let the master's frames go out by priority, instead of through the FIFO of a Linux host
+    /// CAN only: send the master's frames by priority, instead of through the FIFO of a Linux host
     #[arg(long)]
     no_fifo: bool,
 }

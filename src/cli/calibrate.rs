@@ -32,20 +32,20 @@ const MISTAKEN_M: f64 = 5e-4;
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
-    /// Tell link lengths and encoder zeros from points of the base frame that the tool is led to by hand; nothing is written
+    /// Identify link lengths and encoder zeros from hand-guided points; write nothing
     Kinematics(Arguments),
 }
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    /// Rig file; `builtin:paper-admittance.yaml` is the copy in the program
     #[arg(value_name = "RIG.yaml")]
     rig: String,
-    /// The points: a table with the columns x_m and y_m, in the base frame. With left_rad and right_rad too, the angles that were measured
-    /// there, nobody leads the arm
+    /// Table of points with the columns x_m and y_m, in the base frame. If it also has left_rad and right_rad, the angles measured
+    /// there, nobody has to guide the arm
     #[arg(long, value_name = "FILE.csv")]
     points: Option<PathBuf>,
-    /// Keep points and angles in such a table
+    /// Save points and angles to a table of this format
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
     #[command(flatten)]

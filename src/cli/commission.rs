@@ -26,27 +26,27 @@ use yieldwall_run::commission::{Begin, Commissioned, STEPS, Step, StepReport, Ve
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    /// Rig file; `builtin:paper-admittance.yaml` is the copy in the program
     #[arg(value_name = "RIG.yaml", required_unless_present = "defect")]
     rig: Option<String>,
-    /// Begin with this step; those before are skipped
+    /// Start with this step, and skip the steps before it
     #[arg(long, value_name = "STEP", value_parser = step)]
     from: Option<Step>,
-    /// Go on after the last step that passed in an earlier run of this rig file with these drives, by what its --json has printed; the
-    /// report has the steps of both
+    /// Continue after the last step that passed in an earlier run of this rig file with these drives, given that run's --json
+    /// output. The report includes the steps of both runs
     #[arg(long, value_name = "FILE.json", conflicts_with = "from")]
     resume: Option<PathBuf>,
-    /// Give the simulated machine a defect, for a step to find; may be repeated. `list` names them all
+    /// Inject a defect into the simulated machine, for a step to find; repeatable. `list` prints all names
     #[cfg_attr(target_os = "linux", arg(conflicts_with = "bus"))]
     #[arg(long, value_name = "NAME[=SIZE][:left|right]")]
     defect: Vec<String>,
-    /// Ask nothing; on a bus the steps that need somebody at the arm are skipped
+    /// Ask nothing; on a bus, skip the steps that need a person at the arm
     #[arg(long)]
     yes: bool,
-    /// Write the report as a page, with the curves
+    /// Write the report as an HTML page with the curves
     #[arg(long, value_name = "FILE.html")]
     html: Option<PathBuf>,
-    /// Give the devices back what they held before a command that was killed, and do nothing else; without it that comes first
+    /// Only restore the objects that a killed command had changed; without this option the command restores them first and goes on
     #[cfg(target_os = "linux")]
     #[arg(long, requires = "bus", conflicts_with_all = ["from", "resume", "html"])]
     restore: bool,

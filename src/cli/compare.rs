@@ -24,22 +24,22 @@ use yieldwall_rig::report::Overrides;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// Rigs or impedance devices, which are run on the embedded simulation, and recordings (a cycles.mcap, its folder, or the file of a
-    /// black box), which are read; two to six
+    /// Two to six items: rigs or impedance devices, run on the embedded simulation, or recordings (a cycles.mcap, its folder, or a
+    /// black-box file)
     #[arg(value_name = "RIG.yaml|RECORDING", required = true, num_args = 2..=6)]
     items: Vec<String>,
-    /// Draw the ways, forces and distances over one another into this file, an .svg or a .png; folders on the way are made
+    /// Overlay paths, forces and distances in this .svg or .png file; missing folders are created
     #[arg(long, value_name = "PATH")]
     figure: Option<PathBuf>,
-    /// Draw the tools beside each other into this file, an .svg that moves by itself; up to three items
+    /// Draw the tools side by side into this animated .svg file; at most three items
     #[arg(long, value_name = "FILE.svg")]
     animation: Option<PathBuf>,
     #[command(flatten)]
     replace: Replace,
-    /// Seconds to run, in place of each scene's duration; recordings are taken as they are
+    /// Seconds to run; default: each scene's duration. Recordings keep theirs
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     duration: Option<f64>,
-    /// Seed of tremor and sensor noise, in place of each scene's; recordings are taken as they are
+    /// Seed of tremor and sensor noise; default: each scene's seed. Recordings keep theirs
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seed: Option<u64>,
 }

@@ -19,20 +19,19 @@ use yieldwall_drives::profiles::{DeviceProfile, Tried};
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
-    /// Check files and say what would be run; of a rig also the margins of its loop, the least virtual mass
-    /// and the load of its bus
+    /// Check files; print what would run, loop margins, least virtual mass, bus load
     Check {
-        /// Rigs, devices, scenes, figures, device profiles or simulations; `builtin:figures/fig11.yaml` names a copy inside the program
+        /// Rigs, devices, scenes, figures, device profiles or simulations; `builtin:figures/fig11.yaml` is a copy in the program
         #[arg(required = true, value_name = "FILE")]
         files: Vec<String>,
     },
     /// Print the checked configuration in normal form
     Show {
-        /// Rig, device, scene, figure, device profile or simulation; `builtin:figures/fig11.yaml` names a copy inside the program
+        /// Rig, device, scene, figure, device profile or simulation; `builtin:figures/fig11.yaml` is a copy in the program
         #[arg(value_name = "FILE")]
         file: String,
     },
-    /// Print the JSON Schema of all kinds of file, for editors
+    /// Print the JSON Schema of all file types, for editors
     Schema,
 }
 

@@ -25,20 +25,21 @@ const PERIOD_US: u32 = 1000;
 #[derive(Debug, clap::Args)]
 #[command(args_conflicts_with_subcommands = true)]
 pub(super) struct Arguments {
-    /// The rig for whose cycle, bit rates and devices is looked; a cycle of 1 ms without one
+    /// Rig whose cycle, bit rates and devices are checked; default: a cycle of 1 ms
     #[arg(value_name = "RIG.yaml")]
     rig: Option<String>,
-    /// An interface to look at, and its devices; once for each, for a rig with several buses as NAME=INTERFACE
+    /// Interface to check, with its devices; repeatable, as NAME=INTERFACE for a rig with several buses
     #[arg(long, value_name = "INTERFACE")]
     bus: Vec<String>,
-    /// A network card whose interrupt coalescing is looked at; once for each
+    /// Network card whose interrupt coalescing is checked; repeatable
     #[arg(long, value_name = "INTERFACE")]
     card: Vec<String>,
-    /// On EtherCAT: compare what this program reads with what ethercrab, another EtherCAT master, reads. All devices go through INIT and get
-    /// new station addresses; each gets back its state and address. Asks before. Of a build with `--features ethercrab`
+    /// EtherCAT: compare this program's readings with those of another EtherCAT master, ethercrab. The command asks first, since
+    /// all devices go through INIT and get new station addresses; it restores state and address. Needs a build with `--features
+    /// ethercrab`
     #[arg(long, requires = "bus")]
     second_opinion: bool,
-    /// Do not ask before --second-opinion
+    /// Skip the question of --second-opinion
     #[arg(long, requires = "second_opinion")]
     yes: bool,
     #[command(subcommand)]
@@ -47,9 +48,9 @@ pub(super) struct Arguments {
 
 #[derive(Debug, clap::Subcommand)]
 enum Subject {
-    /// Say why a node does not answer
+    /// Diagnose why a node does not answer
     Node(desk::doctor::Arguments),
-    /// Read a segment by ethercrab, for the process that asks for a second opinion
+    /// Read a segment with ethercrab, for the process that runs the second opinion
     #[cfg(feature = "ethercrab")]
     #[command(hide = true)]
     Ethercrab(second_opinion::Arguments),

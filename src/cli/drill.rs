@@ -26,16 +26,15 @@ use yieldwall_run::{Drilled, Pace, Subject, watchdogs};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    /// Rig file; `builtin:paper-admittance.yaml` is the copy in the program
     #[arg(value_name = "RIG.yaml")]
     rig: String,
-    /// The interface; for a rig with several buses once for each, as NAME=INTERFACE
+    /// Interface of the bus; for a rig with several buses once for each, as NAME=INTERFACE
     #[arg(long, value_name = "INTERFACE", required_unless_present = "dry_run")]
     bus: Vec<String>,
     #[command(flatten)]
     pub(super) stream: Stream,
-    /// Say what would be sent to each device, old -> new, and send nothing but the reading of objects; without --bus to the simulated
-    /// devices
+    /// Print what would be sent to each device, old -> new; only read objects, without --bus those of the simulated devices
     #[arg(long)]
     dry_run: bool,
 }

@@ -31,17 +31,17 @@ const KEY: usize = 9;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// Faults, defects, codes and objects by name, such as node-reset, backlash, no-sub-index or statusword; codes and values in hexadecimal as they are
-    /// printed, such as 8130h, 0x8130 or 06090011; objects by address, such as 1018h:2
+    /// Faults, defects, codes and objects by name, such as node-reset, backlash, no-sub-index or statusword. Codes and values are
+    /// hexadecimal, as printed: 8130h, 0x8130 or 06090011. Objects may have an address, such as 1018h:2
     #[arg(value_name = "NAME|CODE", required = true)]
     words: Vec<String>,
-    /// The device profile by whose table of error codes the codes are meant: its name, or its file (.yaml)
+    /// Device profile, by name or .yaml file, whose error-code table applies
     #[arg(long, value_name = "PROFILE", conflicts_with = "rig")]
     profile: Option<String>,
-    /// The rig whose device has shown the codes; --node says which
+    /// Rig whose device reported the codes; --node names the device
     #[arg(long, value_name = "RIG.yaml", requires = "node")]
     rig: Option<String>,
-    /// The device in the rig: its name or its node id
+    /// Device in the rig, by name or node id
     #[arg(long, requires = "rig")]
     node: Option<String>,
 }

@@ -103,7 +103,7 @@ impl FromStr for FaultArgument {
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// All about these; without a name, a line for each fault
+    /// Faults to describe in full; default: one line for each fault
     #[arg(value_name = "NAME", value_parser = parse_row)]
     names: Vec<&'static CatalogueRow>,
 }

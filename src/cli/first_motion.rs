@@ -18,16 +18,16 @@ use yieldwall_run::host::{BringUp, HostedRun, News, RigOnBus, Terms, ThreadError
 
 #[derive(Debug, clap::Args)]
 pub(super) struct OnBus {
-    /// Take the real rig on this interface instead of a simulated one; for a rig with several buses once for each, as NAME=INTERFACE
+    /// Use the real rig on this interface, not a simulated one; for a rig with several buses once for each, as NAME=INTERFACE
     #[arg(long, value_name = "INTERFACE")]
     bus: Vec<String>,
-    /// What a cycle waits for: the wall clock, or (simulated devices in lockstep alone) the process data
+    /// Event that starts a cycle: the wall clock, or the process data (only with simulated devices in lockstep)
     #[arg(long, value_enum, default_value_t = PaceArgument::Free, requires = "bus")]
     pace: PaceArgument,
-    /// Move also if this computer has not proved the timing that the rig asks for
+    /// Move even if this computer has not proved the timing that the rig requires
     #[arg(long, requires = "bus")]
     ignore_latency: bool,
-    /// Confirm that a drive that keeps its own torque limit may use it, though it is higher than what the motion is to have
+    /// Accept that a drive keeps its own torque limit, although it is above the limit of this motion
     #[arg(long, requires = "bus")]
     accept_drive_limit: bool,
 }

@@ -24,22 +24,22 @@ const TORQUE_SHARE: f64 = 0.25;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The rig; `builtin:paper-incremental.yaml` names one inside the program
+    /// Rig file; `builtin:paper-incremental.yaml` is one in the program
     #[arg(value_name = "RIG.yaml")]
     rig: String,
-    /// The joint, by the name of its drive in the rig; `left` and `right` are names too. Both, one after the other, unless said
+    /// Joint, by the name of its drive in the rig, or `left` or `right`; default: both, one after the other
     joint: Option<String>,
-    /// Most torque of each drive, N m, which the drives are told (6072h); a quarter of their rated torque unless said
+    /// Torque limit of each drive in N m, written to 6072h; default: a quarter of the rated torque
     #[arg(long, value_name = "N_M", value_parser = super::jog::torque, allow_hyphen_values = true)]
     torque: Option<Positive>,
-    /// Home so many times, 2 to 100, and tell by how much the references shift; the joints are led back between. The drives have to be
-    /// switched on just now
+    /// Home 2 to 100 times, and report the shift of the references; the joints move back in between. The drives must be freshly
+    /// switched on
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=100))]
     repeat: Option<u32>,
-    /// With --repeat: fail if a reference shifts by more than this from one homing to the next, with its unit: 0.05deg or 0.001rad
+    /// With --repeat: fail if a reference shifts by more than this between two homings; with unit, 0.05deg or 0.001rad
     #[arg(long, value_name = "ANGLE", value_parser = within, requires = "repeat", allow_hyphen_values = true)]
     within: Option<f64>,
-    /// Give the simulated machine a defect, as `commission`; may be repeated
+    /// Inject a defect into the simulated machine, as with `commission`; repeatable
     #[cfg_attr(target_os = "linux", arg(conflicts_with = "bus"))]
     #[arg(long, value_name = "NAME[=SIZE][:left|right]")]
     defect: Vec<String>,

@@ -37,28 +37,28 @@ const OFF_RAD: f64 = 2e-3;
 #[derive(Debug, clap::Args)]
 #[command(group = clap::ArgGroup::new("way").required(true).args(["by", "keys"]))]
 pub(super) struct Arguments {
-    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    /// Rig file; `builtin:paper-admittance.yaml` is the copy in the program
     #[arg(value_name = "RIG.yaml")]
     rig: String,
-    /// The joint, by the name of its drive in the rig; `left` and `right` are names too
+    /// Joint, by the name of its drive in the rig, or `left` or `right`
     joint: String,
-    /// How far and which way, with its unit: 5deg or -0.1rad; counter-clockwise is positive
+    /// Signed angle with unit, 5deg or -0.1rad; counter-clockwise is positive
     #[arg(long, value_name = "ANGLE", value_parser = angle, allow_hyphen_values = true)]
     by: Option<f64>,
-    /// Move it while keys are pressed: right or + counter-clockwise, left or - clockwise, q ends. It rests 200 ms after the last key, at
-    /// the end of the input and when the terminal is gone
+    /// Move while a key is pressed: right or + counter-clockwise, left or - clockwise, q quits. The joint stops 200 ms after the
+    /// last key, at the end of the input, and if the terminal closes
     #[arg(long)]
     keys: bool,
-    /// With --keys: how far it may go to either side, with its unit
+    /// With --keys: largest travel to either side, with unit
     #[arg(long, value_name = "ANGLE", value_parser = angle, default_value = "10deg", conflicts_with = "by", allow_hyphen_values = true)]
     within: f64,
-    /// How far in a second, with its unit; 30deg at most
+    /// Angle per second, with unit; at most 30deg
     #[arg(long, value_name = "ANGLE", value_parser = angle, default_value = "6deg", allow_hyphen_values = true)]
     rate: f64,
-    /// Most torque of each drive, N m, which the drives are told (6072h); a quarter of their rated torque unless said
+    /// Torque limit of each drive in N m, written to 6072h; default: a quarter of the rated torque
     #[arg(long, value_name = "N_M", value_parser = torque, allow_hyphen_values = true)]
     torque: Option<Positive>,
-    /// Break something on the way, as `run --fault`; TIME counts from the end of the boot, in s
+    /// Inject a fault, as with `run --fault`; TIME counts from the end of the boot, in s
     #[cfg_attr(target_os = "linux", arg(conflicts_with = "bus"))]
     #[arg(long, value_name = "NAME@TIME[+DURATION][:TARGET]")]
     fault: Vec<FaultArgument>,

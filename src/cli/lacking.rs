@@ -9,7 +9,7 @@ use super::output::Output;
 use super::tui::View;
 use yieldwall_run::Orders;
 
-/// Arguments of a command that is not there: any.
+/// Arguments of a command that this build lacks: any.
 #[derive(Debug, clap::Args)]
 pub(super) struct Lacking {
     #[arg(hide = true, allow_hyphen_values = true, trailing_var_arg = true)]

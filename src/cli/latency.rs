@@ -27,16 +27,16 @@ use yieldwall_service::listen;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// Also send a frame (7FFh) in every cycle, and measure how long it takes to this interface's bus and back
+    /// Also send a frame (7FFh) in every cycle, and measure its round trip on this interface's bus
     #[arg(long, value_name = "INTERFACE")]
     bus: Option<String>,
-    /// Seconds to measure; the highest tier takes 100 000 at a cycle of 1 ms
+    /// Seconds to measure; the highest tier needs 100 000 at a cycle of 1 ms
     #[arg(long, value_name = "S", default_value_t = 10.0)]
     duration: f64,
     /// Cycle time in us, 100 to 100 000
     #[arg(long, value_name = "US", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(100..=100_000))]
     period_us: u32,
-    /// Keep every processor, the memory and the disk busy meanwhile; all of it ends with the measurement or with Ctrl-C
+    /// Load every processor, the memory and the disk, until the measurement ends or Ctrl-C
     #[arg(long)]
     load: bool,
     #[command(flatten)]

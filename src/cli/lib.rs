@@ -100,16 +100,16 @@ const GLOBAL: &str = "Global options";
 #[derive(Debug, Parser)]
 #[command(name = "yieldwall", version, after_help = failure::EXIT_CODES, arg_required_else_help = true)]
 struct Arguments {
-    /// Print warnings and failures only
+    /// Print only warnings and failures
     #[arg(long, short, global = true, help_heading = GLOBAL)]
     quiet: bool,
-    /// Tell on standard error what is done on the way, such as each step of the boot
+    /// Print progress on standard error, such as each step of the boot
     #[arg(long, short, global = true, help_heading = GLOBAL, conflicts_with = "quiet")]
     verbose: bool,
     /// Print one JSON document on standard output instead of text
     #[arg(long, global = true, help_heading = GLOBAL)]
     json: bool,
-    /// Refuse a configuration that has warnings, as one that has errors
+    /// Treat warnings of a configuration as errors
     #[arg(long, global = true, help_heading = GLOBAL)]
     deny_warnings: bool,
     #[command(subcommand)]
@@ -118,107 +118,107 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Write a new rig with its simulation and its scene, from flags or from a few questions
+    /// Create a rig with its simulation and scene, from flags or a few questions
     New(new::Arguments),
     /// Run a rig with its scene, on the embedded simulation or on a real bus
     Run(run::Arguments),
-    /// Put simulated drives, sensor, arm and hand on a real bus
+    /// Simulate drives, sensor, arm and hand on a real bus
     #[cfg(target_os = "linux")]
     Sim(sim::Arguments),
-    /// Show on a real bus that the drives stop by themselves when the master falls silent; `run --bus` asks for it
+    /// Test on a bus that drives stop if the master falls silent, for `run --bus`
     #[cfg(target_os = "linux")]
     Drill(drill::Arguments),
-    /// Move one joint by an angle, slowly and with little torque, while the other one holds
+    /// Move one joint slowly by an angle, at low torque, while the other one holds
     Jog(jog::Arguments),
-    /// Have each drive with an incremental encoder find its reference, one after the other, while the other one holds
+    /// Find the references of incremental encoders, one joint at a time
     Home(home::Arguments),
-    /// Tell link lengths and encoder zeros of the arm from points that its tool is led to
+    /// Calibrate link lengths and encoder zeros from hand-guided points
     #[command(subcommand)]
     Calibrate(calibrate::Command),
-    /// Show what the force sensor of a rig sends, the zero that it has, or what it makes of known forces
+    /// Show force-sensor readings, check the sensor's zero, or calibrate the sensor
     #[command(subcommand)]
     Sensor(sensor::Command),
-    /// Take the ordered steps from drives that answer to an arm that may be run, and write a report
+    /// Commission a rig step by step and write a report
     Commission(commission::Arguments),
-    /// Measure how late this computer wakes up, and how long a frame takes to the bus and back
+    /// Measure this computer's wake-up latency, and the round-trip time on a bus
     #[cfg(target_os = "linux")]
     Latency(latency::Arguments),
-    /// Say what keeps this computer, an interface or a node from being of use, and the command that mends it
+    /// Diagnose a computer, interface or node, and print the command that fixes it
     #[cfg(target_os = "linux")]
     Doctor(doctor::Arguments),
-    /// Find the devices on a bus: who answers, what it is, and which entry of the rig it fits
+    /// Find the devices on a bus, with identity and matching entry of the rig
     Scan(desk::scan::Arguments),
-    /// Say of one device who it is and how it is
+    /// Show the identity and condition of a device
     Info(desk::info::Arguments),
-    /// Read, write, keep, compare and restore the objects of a device
+    /// Read, write, dump, compare and restore the objects of a device
     #[command(subcommand)]
     Od(desk::od::Command),
-    /// Profiles of drives
+    /// Write profiles of drives
     #[command(subcommand)]
     Drive(desk::adopt::Command),
-    /// Process data of a device
+    /// Show the process data of a device
     #[command(subcommand)]
     Pdo(desk::pdo::Command),
-    /// Start, stop and reset devices by network management
+    /// Start, stop and reset devices by network management (NMT)
     Nmt(desk::nmt::Arguments),
-    /// List the errors that devices have stored, in words
+    /// Explain the errors that devices have stored
     Emcy(desk::emcy::Arguments),
-    /// Say in which state a device is; take a drive out of Fault, or a device on EtherCAT to another state
+    /// Show a device's state, reset a drive's fault, or change an EtherCAT state
     State(desk::state::Arguments),
-    /// Node ids for devices that have none, or the wrong one
+    /// Set the node ids of devices that have none, or a wrong one
     #[command(subcommand)]
     Lss(desk::lss::Command),
     /// Show the distributed clocks of devices on EtherCAT
     Dc(desk::dc::Arguments),
-    /// Show what the ports of devices on EtherCAT have counted, and what to look at
+    /// Show the port error counters of EtherCAT devices, and what to check
     Errors(desk::errors::Arguments),
-    /// What devices on EtherCAT keep in their memory chips
+    /// Read, write and check the memory chips (SII) of EtherCAT devices
     #[command(subcommand)]
     Sii(desk::sii::Command),
-    /// Show the alias of a device on EtherCAT, or give it one
+    /// Show or set the alias of an EtherCAT device
     Alias(desk::alias::Arguments),
-    /// Registers of a device on EtherCAT
+    /// Read and write the registers of an EtherCAT device
     #[command(subcommand)]
     Reg(desk::reg::Command),
-    /// Print what is on a bus, frame by frame, in words; nothing is sent
+    /// Decode the frames on a bus, one by one, without sending
     Monitor(desk::monitor::Arguments),
-    /// List the faults that can be injected, what each does and what follows
+    /// List the faults that can be injected, with their effects and consequences
     Faults(faults::Arguments),
-    /// Say what a fault, an error code, an SDO abort code or a statusword means
+    /// Explain a fault, an error code, an SDO abort code or a statusword
     Explain(explain::Arguments),
     /// Run the paper's experiments and draw its figures
     Reproduce(reproduce::Arguments),
-    /// Run a recording's cycles again and compare, bit by bit
+    /// Recompute the cycles of a recording, and compare them bit by bit
     Replay(replay::Arguments),
-    /// Draw a recording
+    /// Draw the trajectory, force and power of a recording
     Plot(plot::Arguments),
-    /// Show a recording on a page in the browser: play it, jump to faults and impacts, lay another one over it
+    /// Show recordings in the browser: play, jump to faults and impacts, overlay
     View(page::Arguments),
-    /// Push the tool of a simulated rig with the mouse, on a page in the browser: a wall that yields beside a spring
+    /// Push a simulated tool by mouse in the browser: yielding wall beside a spring
     Play(page::PlayArguments),
-    /// Put runs and recordings side by side: measures, curves, and what differs in their configurations
+    /// Compare runs and recordings: measures, curves, and configurations
     Compare(compare::Arguments),
-    /// Look into recordings and mend them
+    /// Inspect, repair and export recordings
     #[command(subcommand)]
     Record(record::Command),
-    /// Draw rigs, hands and faults from seeds, run them and judge every cycle
+    /// Run rigs, hands and faults drawn from seeds, and judge every cycle
     Soak(soak::Arguments),
-    /// Tables and charts of speed, accuracy and stability
+    /// Compute tables and charts of speed, accuracy and stability
     Study(study::Arguments),
-    /// A table and a chart of one's own: a rig in every combination of values that are set over its own
+    /// Run a rig with every combination of given values; write a table and a chart
     Sweep(sweep::Arguments),
-    /// What the bus of a rig can carry
+    /// Compute the timing of a rig's bus
     #[command(subcommand)]
     Bus(bus::Command),
-    /// Numbers of a fixture and gains of a rig that stay stable with a reserve
+    /// Compute stable fixture parameters and gains of a rig, with a reserve
     #[command(subcommand)]
     Tune(tune::Command),
-    /// Put what a bug report needs into one zip, without names of users and computers
+    /// Collect a bug report in one zip, without names of users and computers
     Report(full::Report),
     /// Check, show and describe configuration files
     #[command(subcommand)]
     Config(config::Command),
-    /// Print what a shell needs to complete the commands: `source <(yieldwall completions bash)`
+    /// Print completions for a shell: `source <(yieldwall completions bash)`
     Completions(full::Completions),
     /// Print the manual page, or write the pages of all commands
     Man(full::Man),

@@ -18,14 +18,14 @@ const NAME: &str = "yieldwall";
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Completions {
-    /// The shell, such as bash
+    /// Shell, such as bash
     #[arg(value_enum)]
     shell: Shell,
 }
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Man {
-    /// Folder for the pages, one for the program and one for each command; the page of the program on standard output unless given
+    /// Folder for the pages of the program and of each command; default: the program's page on standard output
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }

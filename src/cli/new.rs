@@ -30,40 +30,40 @@ const MASSES_KG: [f64; 6] = [2.0, 3.0, 4.0, 6.0, 8.0, 12.0];
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The file of the rig, which is made; its simulation and its scene are made beside it
+    /// Rig file to create; its simulation and scene are created beside it
     #[arg(value_name = "RIG.yaml")]
     rig: PathBuf,
-    /// What the drives are commanded: torque, velocity or position
+    /// Command mode of the drives: torque, velocity or position
     #[arg(long, value_enum)]
     mode: Option<Mode>,
-    /// Cycle time in us, 500 to 10000; torque mode takes 2000 at most
+    /// Cycle time in us, 500 to 10000; at most 2000 in torque mode
     #[arg(long, value_name = "US", value_parser = clap::value_parser!(u32).range(500..=10_000))]
     period_us: Option<u32>,
     /// Control law of torque mode
     #[arg(long, value_enum)]
     law: Option<Law>,
-    /// The bus of the devices
+    /// Bus of the devices
     #[arg(long, value_enum)]
     bus: Option<BusKind>,
     /// Protocol of the force sensor on CAN
     #[arg(long, value_enum)]
     sensor: Option<Protocol>,
-    /// Device profiles of the left and of the right drive, names or files; one for both if one is given
+    /// Device profiles of the left and the right drive, as names or files; a single one applies to both
     #[arg(long, value_name = "PROFILE", value_delimiter = ',')]
     drives: Vec<String>,
-    /// What the drives' encoders know at power-on, where their profile does not say: multi_turn or single_turn
+    /// Encoder type of the drives, if their profile does not state it: multi_turn or single_turn at power-on
     #[arg(long, value_name = "KIND", value_parser = choice::parse_encoder)]
     encoder: Option<EncoderKind>,
-    /// Node ids of the left and of the right drive, and of a CANopen sensor
+    /// Node ids of the left drive, the right drive, and a CANopen sensor
     #[arg(long, value_name = "ID", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..=126))]
     nodes: Vec<u8>,
-    /// Lengths of the proximal and of the distal links in m
+    /// Lengths of the proximal and the distal links in m
     #[arg(long, value_name = "M", value_delimiter = ',', value_parser = choice::parse_length)]
     links: Vec<f64>,
-    /// Distance of the base joints in m; a third of the proximal links' length twice if left out
+    /// Distance of the base joints in m; default: two thirds of the proximal links' length
     #[arg(long, value_name = "M", value_parser = choice::parse_length)]
     base: Option<f64>,
-    /// Ask nothing: what is not given takes its usual value. Nothing is asked either where nobody is at a terminal
+    /// Ask nothing, and use the default of each missing value; automatic without a terminal
     #[arg(long, short)]
     yes: bool,
     #[command(flatten)]

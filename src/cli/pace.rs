@@ -2,12 +2,12 @@
 
 use yieldwall_run::Pace;
 
-/// What the loop or the devices wait for.
+/// Event that the loop or the devices wait for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub(super) enum PaceArgument {
-    /// The clock on the wall
+    /// The wall clock
     Free,
-    /// Each other: time advances by one period per SYNC, on EtherCAT per frame that reads process data, on a computer of any speed
+    /// Each other: time advances by one period per SYNC, on EtherCAT per frame that reads process data, at any computer speed
     Lockstep,
 }
 

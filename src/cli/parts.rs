@@ -11,31 +11,31 @@ use super::output::Output;
 use super::usage::at_least_one;
 use yieldwall_rig::batch::Shard;
 
-/// The part that is computed, or a question about parts.
+/// The part to compute, or a question about parts.
 #[derive(Debug, clap::Args)]
 pub(super) struct Parts {
-    /// Compute part I of N alone, from 1, and keep it in the folder of --out: for job arrays
+    /// Compute only part I of N, counted from 1, and keep it in the folder of --out: for job arrays
     ///
-    /// Parts may be computed at once and on several computers, by the same build. When all are in one folder, --merge puts them
-    /// together. A part leaves out tables that measure time: their points belong in one run, which is one without --shard.
+    /// Several computers can compute parts at the same time, with the same build. When all parts are in one folder, --merge
+    /// combines them. A part leaves out tables that measure time: compute these in one run, without --shard.
     #[arg(long, value_name = "I/N", conflicts_with = "merge")]
     pub(super) shard: Option<Shard>,
-    /// Compute nothing: put together what the folder of --out holds
+    /// Compute nothing: combine the parts in the folder of --out
     ///
-    /// All of it has to be there, in whichever parts; if something is missing, the command names it. The result is the one of a
-    /// run without parts. The parts stay as they are.
+    /// The folder has to hold all results, in whichever parts; the command names what is missing. The result equals that of a run
+    /// without parts. The parts stay unchanged.
     #[arg(long)]
     pub(super) merge: bool,
-    /// Compute nothing: print a script that submits N parts to Slurm as a job array, and a job that puts them together
+    /// Compute nothing: print a script that submits N parts to Slurm as a job array, and a job that combines them
     ///
-    /// The header of the script says how it is submitted. --jobs is the number of processors of each task, 1 unless given. The
-    /// script names this program, the folder of --out and the present folder by their absolute paths. Each computer has to see them.
+    /// The header of the script shows how to submit it. --jobs is the number of processors of each task; default: 1. The script
+    /// contains the absolute paths of this program, the folder of --out and the present folder. Each computer needs access to them.
     #[arg(long, value_name = "N", conflicts_with_all = ["shard", "merge", "missing"], value_parser = at_least_one::<NonZeroU64>)]
     pub(super) slurm: Option<NonZeroU64>,
-    /// Compute nothing: print the numbers of the parts that are not complete, as `sbatch --array=` takes them (3,7-9)
+    /// Compute nothing: print the numbers of the incomplete parts, in the format of `sbatch --array=` (3,7-9)
     #[arg(long, requires = "of", conflicts_with_all = ["shard", "merge"])]
     pub(super) missing: bool,
-    /// With --missing: the number of parts
+    /// With --missing: number of parts
     #[arg(long, value_name = "N", requires = "missing", value_parser = at_least_one::<NonZeroU64>)]
     pub(super) of: Option<NonZeroU64>,
 }

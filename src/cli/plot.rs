@@ -13,10 +13,10 @@ use yieldwall_rig::report::replay::recorded;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The recording: a cycles.mcap, its folder, or the file of a black box
+    /// Recording: a cycles.mcap, its folder, or a black-box file
     #[arg(value_name = "RECORDING")]
     recording: PathBuf,
-    /// Draw trajectory, force and power into this file, an .svg or a .png; folders on the way are made
+    /// Draw trajectory, force and power into this .svg or .png file; missing folders are created
     #[arg(long, value_name = "PATH", default_value = "recording.svg")]
     figure: PathBuf,
     #[command(flatten)]

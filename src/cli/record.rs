@@ -18,33 +18,33 @@ use yieldwall_run::recorder::{CAPTURE, LOG};
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
-    /// Say what is in a recording: cycles, time, gaps, damage
+    /// Show a recording's contents: cycles, time, gaps, damage
     Info {
-        /// The recording: a cycles.mcap, its folder, or the file of a black box
+        /// Recording: a cycles.mcap, its folder, or a black-box file
         #[arg(value_name = "RECORDING")]
         file: PathBuf,
-        /// Print the message definition too: each field with its unit
+        /// Also print the message definition: each field with its unit
         #[arg(long)]
         schema: bool,
     },
-    /// Write what can be read of a cut or damaged recording into a whole one
+    /// Repair a cut or damaged recording: write its readable part to a new one
     ///
-    /// If RECORDING is a folder whose bus.pcapng or bus.log is cut, their whole frames are copied too: to bus.repaired.pcapng and
-    /// bus.repaired.log beside the new recording.
+    /// If RECORDING is a folder with a cut bus.pcapng or bus.log, the command also copies their whole frames. They go to
+    /// bus.repaired.pcapng and bus.repaired.log beside the new recording.
     Repair {
-        /// The recording: a cycles.mcap, its folder, or the file of a black box
+        /// Recording: a cycles.mcap, its folder, or a black-box file
         #[arg(value_name = "RECORDING")]
         file: PathBuf,
-        /// The new file; by default FILE with .repaired before its ending
+        /// New file; default: FILE with .repaired before its extension
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
-    /// Write the cycles of a recording as text, the same as the cycles.csv that `run --record` leaves
+    /// Export a recording's cycles as text, like the cycles.csv of `run --record`
     Export {
-        /// The recording: a cycles.mcap, its folder, or the file of a black box
+        /// Recording: a cycles.mcap, its folder, or a black-box file
         #[arg(value_name = "RECORDING")]
         file: PathBuf,
-        /// The new file; by default RECORDING with .csv for its ending
+        /// New file; default: RECORDING with the extension .csv
         #[arg(long, value_name = "FILE")]
         csv: Option<PathBuf>,
         #[command(flatten)]

@@ -54,11 +54,11 @@ impl Written {
     }
 }
 
-/// What a command may write over.
+/// Rule for overwriting files.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(super) struct Replace {
-    /// Write over a file that is there, whatever it is but a recording; without it a drawing replaces a drawing, a bus log a bus log,
-    /// a capture a capture and tables tables, and nothing else is replaced
+    /// Overwrite files of any type, except recordings. Without this option a drawing replaces only a drawing, a bus log only a bus
+    /// log, a capture only a capture, and tables only tables
     #[arg(long)]
     force: bool,
 }

@@ -15,7 +15,7 @@ use yieldwall_run::recorder::MCAP;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The recording: a cycles.mcap, its folder, or the file of a black box
+    /// Recording: a cycles.mcap, its folder, or a black-box file
     #[arg(value_name = "RECORDING")]
     recording: PathBuf,
 }

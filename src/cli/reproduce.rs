@@ -17,16 +17,16 @@ use yieldwall_study::reproduce::{FIGURES, FigureRun, HandScale, Mode, ReproduceE
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The figure of the paper, all of them, or a file of your own, such as a copy of config/figures/fig9.yaml
+    /// Figure of the paper, all figures, or your own file, such as a copy of config/figures/fig9.yaml
     #[arg(value_name = "FIGURE", value_parser = parse_figure)]
     figure: Choice,
-    /// Folder of the drawings, each as .svg and .png; made if it is missing
+    /// Folder for the drawings, each as .svg and .png; created if missing
     #[arg(long, value_name = "DIR", default_value = "out")]
     out: PathBuf,
-    /// Multiply the hand's stiffness and damping, to see what hangs on them
+    /// Factor on the hand's stiffness and damping, to see their influence
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_factor, allow_negative_numbers = true)]
     hand_stiffness: f64,
-    /// Multiply the hand's mass, to see what hangs on it
+    /// Factor on the hand's mass, to see its influence
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_factor, allow_negative_numbers = true)]
     hand_mass: f64,
     #[command(flatten)]

@@ -36,71 +36,72 @@ use yieldwall_run::recorder::{Wanted, Watched};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The rig or the impedance device; `builtin:paper-admittance.yaml` names the copy inside the program
+    /// Rig or impedance device; `builtin:paper-admittance.yaml` is the copy in the program
     #[arg(value_name = "RIG.yaml")]
     pub(super) rig: String,
-    /// Run on this interface instead of the embedded simulation; for a rig with several buses once for each, as NAME=INTERFACE
+    /// Run on this interface, not on the embedded simulation; for a rig with several buses once for each, as NAME=INTERFACE
     ///
-    /// `yieldwall sim` is a rig to try it on.
+    /// `yieldwall sim` provides a simulated rig for a first try.
     #[cfg(target_os = "linux")]
     #[arg(long, value_name = "INTERFACE", conflicts_with_all = ["seed", "fault"])]
     pub(super) bus: Vec<String>,
-    /// What a cycle waits for: the wall clock, or (simulated devices in lockstep alone) the process data
+    /// Event that starts a cycle: the wall clock, or the process data (only with simulated devices in lockstep)
     #[cfg(target_os = "linux")]
     #[arg(long, value_enum, default_value_t = super::pace::PaceArgument::Free, requires = "bus")]
     pub(super) pace: super::pace::PaceArgument,
-    /// Fail instead of warning when this computer grants no real-time priority or no locked memory
+    /// Fail, instead of warning, if this computer grants no real-time priority or no locked memory
     #[cfg(target_os = "linux")]
     #[arg(long, requires = "bus")]
     pub(super) require_realtime: bool,
-    /// Run by the wall clock also if this computer has not proved the timing that the rig asks for; recordings say so
+    /// Run by the wall clock even if this computer has not proved the timing that the rig requires; recordings note it
     #[cfg(target_os = "linux")]
     #[arg(long, requires = "bus")]
     pub(super) ignore_latency: bool,
-    /// Set a value of the rig, its simulation or, with `scene.` before the key, its scene for this run; may be repeated
+    /// Set a value of the rig, its simulation or, with the prefix `scene.`, its scene for this run; repeatable
     ///
-    /// A drive goes by its name: --set drives.left.direction=-1. A value is YAML: --set 'fixture.law={ellipse: {}}'.
+    /// A drive has its name as key: --set drives.left.direction=-1. A value is YAML: --set 'fixture.law={ellipse: {}}'.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<config::SetValue>,
-    /// Seconds to run, in place of the scene's duration
+    /// Seconds to run; default: the scene's duration
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub(super) duration: Option<f64>,
-    /// Seed of tremor and sensor noise, in place of the scene's
+    /// Seed of tremor and sensor noise; default: the scene's seed
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seed: Option<u64>,
-    /// Break something on the way, once or again and again, beside what the scene says; `yieldwall faults` lists names,
-    /// TARGET is a device by its name in the rig, or a target that `yieldwall faults NAME` tells
+    /// Inject a fault during the run, once or repeatedly, besides the scene's faults; `yieldwall faults` lists names. TARGET is a
+    /// device name from the rig, or a target that `yieldwall faults NAME` lists
     #[arg(long, value_name = "NAME@TIME[+DURATION][:TARGET]")]
     fault: Vec<FaultArgument>,
-    /// Draw trajectory, force and power into this file, an .svg or a .png; folders on the way are made
+    /// Draw trajectory, force and power into this .svg or .png file; missing folders are created
     #[arg(long, value_name = "PATH")]
     pub(super) figure: Option<PathBuf>,
-    /// Write every frame that went over CAN into this file, in the format of candump -L
+    /// Write every CAN frame to this file, in the format of candump -L
     #[arg(long, value_name = "FILE")]
     pub(super) candump: Option<PathBuf>,
-    /// Write every frame that went over the buses, CAN and EtherCAT, into this file, which Wireshark reads
+    /// Write every frame of all buses, CAN and EtherCAT, to this file, for Wireshark
     #[arg(long, value_name = "FILE")]
     pub(super) pcapng: Option<PathBuf>,
-    /// Run also if the bus cannot keep the cycle; `yieldwall bus budget` tells which frame comes too late
+    /// Run even if the bus cannot keep the cycle; `yieldwall bus budget` shows which frame is late
     #[arg(long)]
     pub(super) ignore_bus_budget: bool,
-    /// Record every cycle and every frame into this folder, which is made: cycles.mcap, cycles.csv, bus.pcapng and, of CAN, bus.log; of an
-    /// impedance device, which has no bus, its samples. A recording that is there is never written over
+    /// Record every cycle and every frame into this new folder: cycles.mcap, cycles.csv, bus.pcapng and, for CAN, bus.log. An
+    /// impedance device has no bus: its samples are recorded. Existing recordings are never overwritten
     #[arg(long, value_name = "DIR")]
     pub(super) record: Option<PathBuf>,
-    /// Say what boot and start would send to each device, old -> new, and send nothing but the reading of objects
+    /// Print what boot and start would send to each device, old -> new; only read objects
     #[arg(long, conflicts_with_all = ["fault", "figure", "candump", "pcapng", "record", "black_box", "view"])]
     pub(super) dry_run: bool,
     #[command(flatten)]
     pub(super) replace: Replace,
     #[command(flatten)]
     pub(super) stream: Stream,
-    /// Show axes, force, lateness and events on the whole terminal, with a key that stops the rig; the simulation then runs by the wall
+    /// Show axes, force, lateness and events on the whole terminal, with a key that stops the rig; the simulation then follows the
+    /// wall clock
     #[arg(long, conflicts_with_all = ["jsonl", "json", "quiet", "verbose", "view"])]
     pub(super) tui: bool,
     #[command(flatten)]
     pub(super) page: ViewArgument,
-    /// Where the time around a fault is kept, in place of the record's folder or yieldwall/black-box in the state folder
+    /// Folder for the recordings around a fault; default: the folder of --record, or yieldwall/black-box in the state folder
     #[arg(long, value_name = "DIR")]
     pub(super) black_box: Option<PathBuf>,
 }

@@ -27,21 +27,23 @@ const AXES: [(&str, &str); 6] = [("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Tx", "
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
-    /// Show what the force sensor sends: a line every half second, then mean, deviation and ends of each axis
+    /// Show readings every half second, then mean, deviation and range of each axis
     Monitor(Monitor),
-    /// Tell the zero that `sensor.tare_up_to_n` would take, or why it is none; nothing is kept
+    /// Show the zero that `sensor.tare_up_to_n` would take, or why not; save nothing
     Tare(Tare),
-    /// Tell sign, gain, direction and cross-talk of the axes in the plane of the arm from known pulls along x and y, and the calibration that they
-    /// give; nothing is written
+    /// Calibrate the sensor from known pulls along x and y; write nothing
+    ///
+    /// The command measures sign, gain, direction and cross-talk of the axes in the plane of the arm. It prints the calibration
+    /// that they give.
     Calibrate(Calibrate),
 }
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Monitor {
-    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    /// Rig file; `builtin:paper-admittance.yaml` is the copy in the program
     #[arg(value_name = "RIG.yaml")]
     rig: String,
-    /// How long, s
+    /// Duration in s
     #[arg(long = "for", value_name = "S", default_value_t = 10.0, value_parser = seconds, allow_hyphen_values = true)]
     seconds: f64,
     #[cfg(target_os = "linux")]
@@ -51,11 +53,10 @@ pub(super) struct Monitor {
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Tare {
-    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    /// Rig file; `builtin:paper-admittance.yaml` is the copy in the program
     #[arg(value_name = "RIG.yaml")]
     rig: String,
-    /// The greatest force that is taken for a zero, N; that of the rig file unless said, and without one a quarter of its
-    /// yield force
+    /// Largest force in N that counts as a zero; default: the value in the rig file, or else a quarter of its yield force
     #[arg(long, value_name = "N", value_parser = force, allow_hyphen_values = true)]
     up_to: Option<Positive>,
     #[cfg(target_os = "linux")]
@@ -65,10 +66,10 @@ pub(super) struct Tare {
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Calibrate {
-    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    /// Rig file; `builtin:paper-admittance.yaml` is the copy in the program
     #[arg(value_name = "RIG.yaml")]
     rig: String,
-    /// How hard the tool is pulled, N: by a known weight over a pulley, or with a spring balance
+    /// Force of each pull on the tool in N: a known weight over a pulley, or a spring balance
     #[arg(long, value_name = "N", value_parser = force, default_value = "8", allow_hyphen_values = true)]
     force: Positive,
     #[cfg(target_os = "linux")]

@@ -34,53 +34,53 @@ use yieldwall_service::listen;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    /// Rig file; `builtin:paper-admittance.yaml` is the copy in the program
     #[arg(value_name = "RIG.yaml")]
     rig: String,
-    /// The interface; for a rig with several buses once for each, as NAME=INTERFACE
+    /// Interface of the bus; for a rig with several buses once for each, as NAME=INTERFACE
     #[arg(long, value_name = "INTERFACE", required = true)]
     bus: Vec<String>,
-    /// What simulated time follows; the same as for `run`
+    /// Clock of the simulated time, as with `run`
     #[arg(long, value_enum, default_value_t = PaceArgument::Free)]
     pace: PaceArgument,
-    /// Seed of tremor and sensor noise, in place of the scene's
+    /// Seed of tremor and sensor noise; default: the scene's seed
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// On EtherCAT: break something, TIME seconds after the start; may be repeated. `yieldwall faults` lists names
+    /// EtherCAT: inject a fault, TIME seconds after the start; repeatable. `yieldwall faults` lists names
     #[arg(long, value_name = "NAME@TIME[+DURATION][:TARGET]")]
     fault: Vec<FaultArgument>,
-    /// A scene in place of the rig's
+    /// Scene; default: the rig's scene
     #[arg(long, value_name = "SCENE.yaml")]
     scene: Option<String>,
-    /// The devices of this process, by name or by position on EtherCAT; those of the rig unless told otherwise
+    /// Devices of this process, by name or EtherCAT position; default: all devices of the rig
     #[arg(long, value_delimiter = ',', value_name = "NAME,..")]
     nodes: Vec<String>,
-    /// Give the machine a defect, for `commission` to find; may be repeated. `yieldwall commission --defect list` names them
+    /// Inject a defect into the machine, for `commission` to find; repeatable. `yieldwall commission --defect list` lists names
     #[arg(long, value_name = "NAME[=SIZE][:left|right]", conflicts_with = "attach")]
     defect: Vec<String>,
-    /// Nobody holds the tool, as while joints are moved by `jog`
+    /// Simulate a tool that nobody holds, as while `jog` moves joints
     #[arg(long, conflicts_with = "attach")]
     no_hand: bool,
-    /// Have other processes attach the devices that are not here: a socket that is made at this path
+    /// Create a socket at this path, through which other processes attach the missing devices
     #[arg(long, value_name = "SOCKET")]
     plant: Option<PathBuf>,
-    /// Attach the one device of this process to the arm of the process that has made this socket
+    /// Attach the one device of this process to the arm of the process that created this socket
     #[arg(long, value_name = "SOCKET", requires = "nodes", conflicts_with_all = ["plant", "pace", "seed", "view"])]
     attach: Option<PathBuf>,
     #[command(flatten)]
     page: ViewArgument,
-    /// Have the drives ignore that this stays away, so that a drill has something to find; may be repeated
+    /// Disable this watchdog in the simulated drives, so that `drill` fails; repeatable
     #[arg(long, value_enum, value_name = "WHAT")]
     unwatched: Vec<Unwatched>,
-    /// Have the drives take so long from a reset, or from switching on, to their boot-up message
+    /// Milliseconds from a drive's reset or power-on to its boot-up message
     #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u64).range(..=60_000))]
     reset_ms: Option<u64>,
-    /// Have the drives take so long to answer each SDO request
+    /// Milliseconds until a drive answers an SDO request
     #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u64).range(..=60_000))]
     sdo_ms: Option<u64>,
 }
 
-/// What a drive may not watch.
+/// Signal that a drive does not watch.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 enum Unwatched {
     /// SYNC

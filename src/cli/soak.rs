@@ -26,25 +26,25 @@ const ALL_HIT_FROM: u64 = 200;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// Seeds, from the first to before the last
+    /// Range of seeds, from the first to before the last
     #[arg(long, value_name = "A..B", value_parser = parse_seeds, default_value = "0..200", conflicts_with = "seed")]
     seeds: Range<u64>,
-    /// One seed alone
+    /// Run only this seed
     #[arg(long, value_name = "N", conflicts_with_all = ["shard", "merge", "slurm", "missing"])]
     seed: Option<u64>,
     /// Cycles of each seed
     #[arg(long, value_name = "N", default_value = "10000")]
     cycles: NonZeroU32,
-    /// Faults in place of the seed's own: name:target@start+duration=size, with commas between; empty for none
+    /// Faults instead of the seed's own, separated by commas: name:target@start+duration=size; empty for none
     #[arg(long, value_name = "FAULTS", requires = "seed", conflicts_with_all = ["out", "jobs"])]
     script: Option<Script>,
-    /// The faults of --script act together: only invariants are judged
+    /// Run the faults of --script together, and judge only invariants
     #[arg(long, requires = "script")]
     tangle: bool,
-    /// Threads; as many as Slurm allots (SLURM_CPUS_PER_TASK) or, elsewhere, as there are cores unless given
+    /// Threads; default: the processors that Slurm allots (SLURM_CPUS_PER_TASK), otherwise the number of cores
     #[arg(long, value_name = "N")]
     jobs: Option<NonZeroUsize>,
-    /// Keep each outcome in this folder, and leave out what it holds already
+    /// Keep each outcome in this folder, and skip those it already holds
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -54,7 +54,7 @@ pub(super) struct Arguments {
     markdown: Option<PathBuf>,
     #[command(flatten)]
     replace: Replace,
-    /// Fail if an injection or a fault was never met; always so from 200 seeds on
+    /// Fail if an injection or a fault never occurred; always on from 200 seeds
     #[arg(long, conflicts_with = "shard")]
     require_hits: bool,
 }

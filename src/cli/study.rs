@@ -23,22 +23,22 @@ const ALL: &str = "all";
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The study
+    /// Study to compute
     #[arg(value_name = "NAME", value_parser = names())]
     name: String,
-    /// For `need`: a rig or an impedance device of your own, whose scene states a `tolerance`, in place of the shipped scenes
+    /// For `need`: your own rig or impedance device, whose scene states a `tolerance`, instead of the shipped scenes
     ///
-    /// The command runs each model that the rig and its scene can have, from a tool without an arm to elastic gears, and prints the
-    /// cheapest one that changes no output of the scene by more than its tolerance, with the lines of your files that make it. Its
-    /// results are in DIR/need-own, and each run computes them anew.
+    /// The command runs each model that the rig and its scene can have, from a tool without an arm to elastic gears. It prints the
+    /// cheapest model that changes no output of the scene by more than its tolerance, with the lines of your files for that model.
+    /// Its results are in DIR/need-own, and each run computes them again.
     #[arg(value_name = "RIG.yaml", conflicts_with_all = ["page", "shard", "slurm", "missing"])]
     rig: Option<String>,
     #[command(flatten)]
     points: Points,
-    /// Compute nothing: write the findings and tables of the study into DIR/studies.md and DIR/study-tables.md; DIR is docs unless given
+    /// Compute nothing: write the study's findings and tables into DIR/studies.md and DIR/study-tables.md; default DIR: docs
     ///
-    /// The pages hold them between the lines `<!-- begin: STUDY-NAME -->` and `<!-- end -->`. Text outside these lines stays as it
-    /// is. If the tables do not show a finding, the command names the rows and writes nothing.
+    /// The pages hold them between the lines `<!-- begin: STUDY-NAME -->` and `<!-- end -->`. Text outside these lines stays
+    /// unchanged. If the tables do not support a finding, the command names the rows and writes nothing.
     #[arg(
         long,
         value_name = "DIR",
@@ -51,7 +51,7 @@ pub(super) struct Arguments {
     /// With --page: folder of the tables, DIR/study-STUDY-TABLE.csv
     #[arg(long, value_name = "DIR", default_value = "docs/data", requires = "page")]
     tables: PathBuf,
-    /// For `plant`: the program that runs its scene in MuJoCo; hil-tests/peers/mujoco builds it and prints its name
+    /// For `plant`: program that runs its scene in MuJoCo; hil-tests/peers/mujoco builds it and prints its name
     #[arg(long, value_name = "PROGRAM")]
     mujoco: Option<PathBuf>,
 }

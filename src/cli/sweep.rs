@@ -15,22 +15,22 @@ use yieldwall_study::sweep::Study;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The rig or the impedance device; `builtin:paper-admittance.yaml` names the copy inside the program
+    /// Rig or impedance device; `builtin:paper-admittance.yaml` is the copy in the program
     #[arg(value_name = "RIG.yaml")]
     rig: String,
-    /// A key and its values; may be repeated: each combination is run. Keys of the scene begin with `scene.`
+    /// Key with its values; repeatable: every combination is run. Keys of the scene begin with `scene.`
     ///
-    /// --set fixture.yield_n=10,20,30 --set scene.hand.mass_kg=0.5,1.5 makes six. A drive goes by its name. A value is YAML; commas
-    /// within brackets are a part of it.
+    /// --set fixture.yield_n=10,20,30 --set scene.hand.mass_kg=0.5,1.5 makes six. A drive has its name as key. A value is YAML;
+    /// commas within brackets belong to the value.
     #[arg(long, value_name = "KEY=A,B,..", required = true, value_parser = SetValues::read)]
     set: Vec<SetValues>,
-    /// Runs of each combination, with seeds from that of the scene on; medians get intervals of 95 % from six on
+    /// Runs of each combination, with seeds from the scene's seed on; from six runs on, medians have 95 % intervals
     #[arg(long, value_name = "N", default_value = "1", value_parser = at_least_one::<NonZeroU32>)]
     seeds: NonZeroU32,
-    /// Seconds to run, in place of the scene's duration
+    /// Seconds to run; default: the scene's duration
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     duration: Option<f64>,
-    /// A measure to draw and to print; may be repeated. The table has all of them
+    /// Measure to draw and to print; repeatable. The table has all measures
     #[arg(long, value_name = "MEASURE")]
     output: Vec<String>,
     #[command(flatten)]

@@ -19,38 +19,43 @@ const RESERVE: f64 = 2.0;
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
-    /// Tell the virtual masses of a rig that are stable, or the greatest virtual stiffness and damping of a device
+    /// Compute a rig's stable virtual masses, or a device's top stiffness and damping
     ///
-    /// By the sampled loop with its real delays at the worst pose along the surface and the worst phase of a sensor with its own
-    /// clock, hand on the tool for a rig, hand off for a device. docs/studies.md compares it with simulation. Where `tune loop` has
-    /// measured the rig on its bus in torque mode, inertia, delay and age of the force are those.
+    /// The analysis takes the sampled loop with its real delays, at the worst pose along the surface and the worst phase of a
+    /// sensor with its own clock. For a rig the hand is on the tool, for a device it is off. docs/studies.md compares the result
+    /// with simulation. If `tune loop` has measured the rig on its bus in torque mode, the analysis uses that inertia, delay and
+    /// age of the force.
     Fixture(Arguments),
-    /// Tell the gains of a rig with 6 dB and 45 degrees of margin, by the model of its arm alone
+    /// Compute gains with margins of 6 dB and 45 degrees, from the arm's model alone
     ///
-    /// Torque mode: the stiffest gains that have these margins at every pose along the surface, by the inertia of the feed-forward or
-    /// of the simulated arm, the delay of its bus and the hold. Velocity mode: the greatest gain without overshoot. In position mode this
-    /// program has no gains.
+    /// Torque mode: the command finds the stiffest gains that have these margins at every pose along the surface. The model takes
+    /// the inertia of the feed-forward or of the simulated arm, the delay of its bus and the zero-order hold. Velocity mode: the
+    /// command finds the largest gain without overshoot. In position mode this program has no gains.
     Gains(gains::Arguments),
-    /// Identify inertia, friction and delay of each joint and the age of the force, and tell the gains that leave 6 dB and 45 degrees
+    /// Identify the dynamics of each joint, and compute gains with stable margins
     ///
-    /// One joint after the other is led to and fro by 12 degrees while the other one is held: slowly at three rates, with small vibrations
-    /// (a sum of sines in place of a chirp), and with small steps. In torque mode the torque is what this program sets, and the delay from
-    /// an angle to the torque that was computed from it is identified too. In the other modes the drive closes the loop and is asked for its torque
-    /// (6077h), which shows friction and no inertia. Meanwhile the force sensor feels the mass of the handle, which shows how old its
-    /// force is; a light handle wants a weight of some 0.3 kg. Nobody may hold the handle. docs/bringup.md says more.
+    /// The command identifies inertia, friction and delay of each joint, and the age of the force. It prints the gains that leave
+    /// margins of 6 dB and 45 degrees.
+    ///
+    /// One joint after the other moves back and forth by 12 degrees while the other one holds: slowly at three rates, with small
+    /// vibrations (a sum of sines instead of a chirp), and with small steps. In torque mode this program sets the torque. It also
+    /// identifies the delay from an angle to the torque that was computed from it. In the other modes the drive closes the loop and
+    /// reports its torque (6077h), which shows friction and no inertia. Meanwhile the force sensor feels the mass of the handle,
+    /// which shows the age of its force. A light handle needs an extra weight of about 0.3 kg. Nobody may hold the handle.
+    /// docs/bringup.md describes the details.
     Loop(Box<joint_loop::Arguments>),
 }
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// Rig or device; `builtin:paper-admittance.yaml` names the copy inside the program
+    /// Rig or device; `builtin:paper-admittance.yaml` is the copy in the program
     #[arg(value_name = "RIG.yaml")]
     file: String,
-    /// Factor between the numbers given and the edge of stability, 1 or above
+    /// Factor between the printed numbers and the edge of stability, at least 1
     #[arg(long, value_name = "FACTOR", default_value_t = RESERVE, value_parser = parse_reserve)]
     reserve: f64,
-    /// For a rig: stiffness of a hand to look at in N/m, besides the scene's; may be given again. The other hands are damped
-    /// as the scene's and have its mass
+    /// For a rig: stiffness of a further hand in N/m, besides the scene's hands; repeatable. These hands have the damping and the
+    /// mass of the scene's hand
     #[arg(long, value_name = "N/M", value_parser = parse_stiffness)]
     hand_stiffness: Vec<f64>,
 }

@@ -29,30 +29,30 @@ const WIDTH: usize = 80;
 
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum Command {
-    /// Write the profile of a drive: asked of it and tried out in Switch On Disabled; all values are put back
+    /// Query and test a drive in Switch On Disabled, restore it, write its profile
     Adopt(Arguments),
 }
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// A node id, the position of a device on EtherCAT, or the name of a drive in the rig
+    /// Node id, EtherCAT position, or drive name from the rig
     #[arg(long)]
     node: String,
-    /// The profile's file; standard output unless one is named
+    /// File of the profile; default: standard output
     #[arg(long, value_name = "PROFILE.yaml")]
     out: Option<PathBuf>,
-    /// Name of the profile; made of the drive's own name unless given
+    /// Name of the profile; default: derived from the drive's own name
     #[arg(long)]
     name: Option<String>,
-    /// A data sheet: EDS or DCF, compared with the drive, whose word counts; on EtherCAT the device description (ESI), for its clock
-    /// and the modules in its slots
+    /// Data sheet to compare with the drive, whose values win: EDS or DCF, or on EtherCAT the device description (ESI) for its
+    /// clock and slot modules
     #[arg(long, value_name = "FILE")]
     eds: Option<PathBuf>,
-    /// The module in a slot of the device description, in place of the default: by type, name or number, `none` for an empty slot.
-    /// Slots count from 1
+    /// Module in a slot of the device description, by type, name or number, or `none` for an empty slot; replaces the default
+    /// module. Slots count from 1
     #[arg(long = "module", value_name = "SLOT=MODULE", value_parser = slot_module, requires = "eds")]
     modules: Vec<(u32, String)>,
-    /// Say which objects would be tried out, and write nothing
+    /// Print which objects would be tested, and write nothing
     #[arg(long)]
     dry_run: bool,
     #[command(flatten)]

@@ -11,9 +11,9 @@ use yieldwall_fieldbus::ethercat::sii::{Sii, SiiWarning, set_alias};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// A position, or the name of a device in the rig
+    /// EtherCAT position, or device name from the rig
     node: String,
-    /// Give it this alias, 1 to 65535, or 0 for none; asks before. Without a value the alias is shown
+    /// Set this alias, 1 to 65535, or 0 for none, after confirmation; without a value, print the alias
     value: Option<u16>,
     #[command(flatten)]
     asking: Asking,

@@ -11,7 +11,7 @@ use yieldwall_service::ClockFacts;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// A position, or the name of a device in the rig; all unless one is named
+    /// EtherCAT position, or device name from the rig; default: all devices
     node: Option<String>,
     #[command(flatten)]
     place: BusArguments,

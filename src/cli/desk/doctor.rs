@@ -23,36 +23,36 @@ const MOST_COMPARED: usize = 8;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// A node id, on EtherCAT a position, or the name of a device in the rig
+    /// Node id, EtherCAT position, or device name from the rig
     node: String,
-    /// Send nothing: judge by what is heard in 1 s; the way beside a master that runs
+    /// Send nothing, and diagnose from 1 s of received frames; use this beside a running master
     #[arg(long)]
     listen: bool,
-    /// A trouble that the simulated node shall have, to see how it is found
+    /// Fault of the simulated node, to see how the command finds it
     #[arg(long, value_enum, conflicts_with = "bus")]
     fault: Option<Fault>,
     #[command(flatten)]
     place: BusArguments,
 }
 
-/// A trouble of a simulated node.
+/// A fault of a simulated node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Fault {
-    /// It is switched off
+    /// The node is switched off
     NodeSilent,
-    /// It has node id 99
+    /// The node has node id 99
     WrongNodeId,
-    /// It is in Stopped
+    /// The node is in Stopped
     NodeStopped,
-    /// Another device has its node id too
+    /// Another device has the same node id
     DuplicateNode,
-    /// It has another bit rate than the bus
+    /// The node has another bit rate than the bus
     WrongBitRate,
     /// The adapter delivers answers under other identifiers
     WrongIdentifiers,
-    /// The controller of the interface leaves the bus
+    /// The interface's controller goes bus-off
     BusOff,
-    /// Frames come with 29-bit identifiers alone, of devices that do not speak CANopen
+    /// All frames have 29-bit identifiers, from devices that do not speak CANopen
     OtherTraffic,
 }
 

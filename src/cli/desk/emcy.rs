@@ -16,12 +16,12 @@ use yieldwall_service::{Bytes, Error, number, scan};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// A node id, on EtherCAT a position, or the name of a device in the rig; all that answer unless one is named
+    /// Node id, EtherCAT position, or device name from the rig; default: all that answer
     node: Option<String>,
-    /// Have the device forget its stored errors, after they were kept in a file
+    /// Save the device's stored errors to a file, then clear them
     #[arg(long, requires = "node")]
     clear: bool,
-    /// Say what would be written, and write nothing
+    /// Print what would be written, and write nothing
     #[arg(long, requires = "clear")]
     dry_run: bool,
     #[command(flatten)]

@@ -11,9 +11,9 @@ use yieldwall_service::{Counters, PortCounters};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// A position, or the name of a device in the rig; all unless one is named
+    /// EtherCAT position, or device name from the rig; default: all devices
     node: Option<String>,
-    /// Have the devices count from 0 again afterwards
+    /// Reset the counters of the devices afterwards
     #[arg(long)]
     clear: bool,
     #[command(flatten)]

@@ -16,7 +16,7 @@ use yieldwall_service::{Bytes, Error, FoundDevice, count_axes, identify, known, 
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// A node id, on EtherCAT a position, or the name of a device in the rig
+    /// Node id, EtherCAT position, or device name from the rig
     node: String,
     #[command(flatten)]
     place: BusArguments,

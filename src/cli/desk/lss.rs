@@ -15,9 +15,9 @@ use yieldwall_service::{Error, identify};
 
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum Command {
-    /// Find a device without a node id, and say who it is
+    /// Find a device without a node id, and print its identity
     Find(Find),
-    /// Give a device another node id; it holds from its next reset on, and with --save beyond power-off
+    /// Set a device's node id from its next reset on; --save keeps it at power-off
     SetId(SetId),
 }
 
@@ -29,15 +29,15 @@ pub(crate) struct Find {
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct SetId {
-    /// The device: its present node id, its name in the rig, or `new` for the one without a node id
+    /// Present node id, device name from the rig, or `new` for the device without a node id
     device: String,
-    /// The new node id, 1 to 127
+    /// New node id, 1 to 127
     #[arg(value_parser = clap::value_parser!(u8).range(1..=127))]
     node_id: u8,
-    /// Have the device keep it beyond power-off
+    /// Store the node id in the device, to survive power-off
     #[arg(long)]
     save: bool,
-    /// Say what would be sent, and send nothing but the search
+    /// Print what would be sent, and send only the search
     #[arg(long)]
     dry_run: bool,
     #[command(flatten)]

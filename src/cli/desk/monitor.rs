@@ -15,10 +15,10 @@ use yieldwall_run::explanation;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// How long to listen; Ctrl-C ends it earlier
+    /// Seconds to listen; Ctrl-C ends earlier
     #[arg(long = "for", value_name = "S", default_value_t = 3.0)]
     seconds: f64,
-    /// Leave out SYNC and process data
+    /// Hide SYNC and process data
     #[arg(long)]
     services: bool,
     #[command(flatten)]

@@ -14,12 +14,12 @@ use yieldwall_service::Error;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// A node id, the name of a device in the rig, or `all`
+    /// Node id, device name from the rig, or `all`
     node: String,
-    /// What it is told
+    /// NMT command to send
     #[arg(value_enum)]
     command: Command,
-    /// Say what would be sent, and send nothing
+    /// Print what would be sent, and send nothing
     #[arg(long)]
     dry_run: bool,
     #[command(flatten)]
@@ -28,15 +28,15 @@ pub(crate) struct Arguments {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Command {
-    /// To Operational: process data run. A drive does not move for that alone
+    /// Go to Operational: process data run. This alone does not move a drive
     Start,
-    /// To Stopped: it answers heartbeats and NMT alone
+    /// Go to Stopped: the device answers only heartbeats and NMT
     Stop,
-    /// To Pre-operational: objects can be read and written, process data rest
+    /// Go to Pre-operational: objects can be read and written, process data stop
     Preop,
-    /// Reset node: the whole device starts anew
+    /// Reset node: restart the whole device
     Reset,
-    /// Reset communication: the communication objects start anew
+    /// Reset communication: restart the communication objects
     ResetComm,
 }
 

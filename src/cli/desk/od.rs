@@ -25,24 +25,24 @@ use yieldwall_service::{Caution, Error, Step, WriteOutcome, carry_out, known, ty
 pub(crate) enum Command {
     /// Read objects
     Read(Read),
-    /// Write one object and read it back; what it held is kept in a file
+    /// Write one object and read it back; save the old value to a file
     Write(Write),
     /// Read all objects into a device configuration file (DCF)
     Dump(dump::Arguments),
-    /// Compare the parameters of two devices, of a device and a file, or of two files; 7 if they differ
+    /// Compare the parameters of devices or files; exit with 7 if they differ
     Diff(diff::Arguments),
-    /// Put the parameters of a device to those of a file, but for commutation, encoder and calibration
+    /// Restore parameters from a file, except commutation, encoder and calibration
     Restore(restore::Arguments),
 }
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Read {
-    /// A node id, on EtherCAT a position, or the name of a device in the rig
+    /// Node id, EtherCAT position, or device name from the rig
     node: String,
     /// Objects by address (6041h, 1018h:2) or by name (statusword, vendor-id)
     #[arg(required = true)]
     objects: Vec<String>,
-    /// A data sheet (EDS or DCF): names and types of the vendor's objects
+    /// Data sheet (EDS or DCF) with the names and types of vendor objects
     #[arg(long, value_name = "FILE.eds")]
     eds: Option<PathBuf>,
     #[command(flatten)]
@@ -51,17 +51,17 @@ pub(crate) struct Read {
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Write {
-    /// A node id, on EtherCAT a position, or the name of a device in the rig
+    /// Node id, EtherCAT position, or device name from the rig
     node: String,
-    /// The object by address (6072h) or by name (max-torque)
+    /// Object by address (6072h) or by name (max-torque)
     object: String,
-    /// Its value: decimal, hexadecimal behind 0x, or text
+    /// New value: decimal, hexadecimal after 0x, or text
     #[arg(allow_negative_numbers = true)]
     value: String,
-    /// A data sheet (EDS or DCF): names and types of the vendor's objects
+    /// Data sheet (EDS or DCF) with the names and types of vendor objects
     #[arg(long, value_name = "FILE.eds")]
     eds: Option<PathBuf>,
-    /// Say what would be written, and write nothing
+    /// Print what would be written, and write nothing
     #[arg(long)]
     dry_run: bool,
     #[command(flatten)]
@@ -70,13 +70,13 @@ pub(crate) struct Write {
     place: BusArguments,
 }
 
-/// Whether a device keeps what it was told.
+/// Options for storing the written values in the device.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct Saving {
-    /// Have the device store all its parameters afterwards (1010h); asks before
+    /// Store all parameters in the device afterwards (1010h), after confirmation
     #[arg(long)]
     save: bool,
-    /// Answer yes to what --save asks
+    /// Answer yes to the question of --save
     #[arg(long, requires = "save")]
     yes: bool,
 }

@@ -12,13 +12,13 @@ use yieldwall_service::{Error, number};
 
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum Command {
-    /// Show the PDOs of a device: identifier or sync manager, when they are exchanged, and what is mapped
+    /// Show a device's PDOs: identifier or sync manager, timing and mapping
     Show(Arguments),
 }
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// A node id, on EtherCAT a position, or the name of a device in the rig
+    /// Node id, EtherCAT position, or device name from the rig
     node: String,
     #[command(flatten)]
     place: BusArguments,

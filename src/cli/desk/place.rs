@@ -22,13 +22,13 @@ use yieldwall_service::{AnyService, Error, Service};
 /// The rig of the simulation unless another one is named.
 const USUAL_RIG: &str = "builtin:paper-admittance.yaml";
 
-/// Where the devices are.
+/// Bus and rig of the devices.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub(crate) struct BusArguments {
-    /// The interface of the bus; without it the devices of the rig's simulation are asked, and nothing is kept
+    /// Interface of the bus; without it the command uses the rig's simulation and saves nothing
     #[arg(long, value_name = "INTERFACE")]
     pub(super) bus: Option<String>,
-    /// The rig whose names, device profiles and units are used; for one of several buses --bus is NAME=INTERFACE
+    /// Rig for names, device profiles and units; for one of its buses, give --bus as NAME=INTERFACE
     #[arg(long, value_name = "RIG.yaml")]
     pub(super) rig: Option<String>,
 }

@@ -17,17 +17,17 @@ use yieldwall_service::{Bytes, SegmentError};
 pub(crate) enum Command {
     /// Read registers
     Read(Read),
-    /// Write one register and read it back; a device forgets it when it is switched off
+    /// Write one register and read it back; the value is lost at power-off
     Write(Write),
 }
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Read {
-    /// A position, or the name of a device in the rig
+    /// EtherCAT position, or device name from the rig
     node: String,
-    /// Registers by address (0130h) or by name (al-status); those that have a name unless one is given
+    /// Registers by address (0130h) or by name (al-status); default: all that have a name
     registers: Vec<String>,
-    /// Bytes of each; unless given, as many as a register of this name has, or 2
+    /// Bytes of each register; default: the length of the named register, or 2
     #[arg(long, value_name = "BYTES", value_parser = clap::value_parser!(u16).range(1..=1024), requires = "registers")]
     length: Option<u16>,
     #[command(flatten)]
@@ -36,16 +36,16 @@ pub(crate) struct Read {
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Write {
-    /// A position, or the name of a device in the rig
+    /// EtherCAT position, or device name from the rig
     node: String,
-    /// The register by address (0420h) or by name (watchdog-sync-manager)
+    /// Register by address (0420h) or by name (watchdog-sync-manager)
     register: String,
-    /// Its value: decimal, or hexadecimal behind 0x
+    /// New value: decimal, or hexadecimal after 0x
     value: String,
-    /// Bytes; unless given, as many as a register of this name has, or 2
+    /// Bytes to write; default: the length of the named register, or 2
     #[arg(long, value_name = "BYTES", value_parser = clap::value_parser!(u16).range(1..=8))]
     length: Option<u16>,
-    /// Say what would be written, and write nothing
+    /// Print what would be written, and write nothing
     #[arg(long)]
     dry_run: bool,
     #[command(flatten)]

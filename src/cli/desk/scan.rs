@@ -18,7 +18,7 @@ use yieldwall_service::{FoundDevice, scan};
 pub(crate) struct Arguments {
     #[command(flatten)]
     place: BusArguments,
-    /// Send nothing: list those that are heard within 3 s; the way beside a master that runs
+    /// Send nothing, and list devices heard within 3 s; use this beside a running master
     #[arg(long)]
     listen: bool,
 }

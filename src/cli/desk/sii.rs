@@ -21,21 +21,24 @@ use yieldwall_service::{Present, SegmentError};
 
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum Command {
-    /// Read the SII of a device: identity, mailboxes, sync managers, process data
+    /// Read a device's SII: identity, mailboxes, sync managers, process data
     Read(Read),
-    /// Write an image, or one made of the device description (ESI) of the vendor, into the memory chip of a device. The command keeps in
-    /// a file what the chip held, and asks before it writes. Other text, and an image that the chip has no room for, are refused
+    /// Write an SII image to a device's memory chip, after a backup and confirmation
+    ///
+    /// The image comes from a file, or from the vendor's device description (ESI). The command saves the chip's contents to a file,
+    /// and asks before it writes. It refuses other text files, and images that are too large for the chip.
     Write(Write),
-    /// Check the SII of devices: 7 if one is empty or cannot be read, or is of another device than the rig says. A damaged, missing
-    /// or unusual part of an image is a warning
+    /// Check the SII of devices; exit with 7 if one is empty, unreadable or wrong
+    ///
+    /// An SII is wrong if the rig expects another device. A damaged, missing or unusual part of an image is a warning.
     Check(Check),
 }
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Read {
-    /// A position, or the name of a device in the rig
+    /// EtherCAT position, or device name from the rig
     node: String,
-    /// Keep the image as it is in a new file
+    /// Save the raw image to a new file
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -44,15 +47,15 @@ pub(crate) struct Read {
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Write {
-    /// A position, or the name of a device in the rig
+    /// EtherCAT position, or device name from the rig
     node: String,
-    /// The image, as `sii read --out` writes it, with a checksum that is made anew; or a device description (ESI, XML)
+    /// Image from `sii read --out`, with a recomputed checksum, or device description (ESI, XML)
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// The device in a device description: its type or product code, where the chip does not report it
+    /// Device in the device description, by type or product code, if the chip does not report it
     #[arg(long, value_name = "TYPE")]
     device: Option<String>,
-    /// Write the image though it is of another device, or has no category of the standard
+    /// Write the image even if it is of another device, or has no standard category
     #[arg(long)]
     force: bool,
     #[command(flatten)]
@@ -61,20 +64,20 @@ pub(crate) struct Write {
     place: BusArguments,
 }
 
-/// How a memory chip is written.
+/// Options for writing a memory chip.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct Asking {
     /// Write without asking
     #[arg(long)]
     yes: bool,
-    /// Say what would be written, and write nothing
+    /// Print what would be written, and write nothing
     #[arg(long, conflicts_with = "yes")]
     dry_run: bool,
 }
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Check {
-    /// A position, or the name of a device in the rig; all unless one is named
+    /// EtherCAT position, or device name from the rig; default: all devices
     node: Option<String>,
     #[command(flatten)]
     place: BusArguments,

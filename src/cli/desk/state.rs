@@ -20,24 +20,25 @@ use yieldwall_service::{Error, MOST_AXES, number, statusword_of};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// A node id, on EtherCAT a position or `all`, or the name of a device in the rig
+    /// Node id, EtherCAT position or `all`, or device name from the rig
     node: String,
-    /// Axis of a device of several drives, 0 for the first; a drive of the rig has its own
+    /// Axis of a multi-axis device, 0 for the first; a drive of the rig uses its own axis
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..8))]
     axis: Option<u8>,
-    /// On EtherCAT: bring the device there
+    /// EtherCAT: bring the device to this state
     #[arg(value_enum, group = "change")]
     target: Option<Target>,
-    /// Take the drive from Fault to Switch On Disabled: it has no torque before and after
+    /// Reset a drive from Fault to Switch On Disabled; it has no torque before and after
     #[arg(long, group = "change")]
     reset_fault: bool,
-    /// Take the torque away from the drive, as from one that stays in Quick Stop Active. Hold the arm: it may drop
+    /// Remove the drive's torque, for example in Quick Stop Active. Hold the arm: it may drop
     #[arg(long, group = "change")]
     disable_voltage: bool,
-    /// On EtherCAT: change the state though another master has the devices; it loses them, and what moves comes to rest by its watchdog
+    /// EtherCAT: change the state even if another master controls the devices; that master loses them, and moving drives stop by
+    /// their watchdogs
     #[arg(long, requires = "target")]
     take_over: bool,
-    /// Say what would be written, and write nothing
+    /// Print what would be written, and write nothing
     #[arg(long, requires = "change")]
     dry_run: bool,
     #[command(flatten)]

@@ -34,10 +34,10 @@ const HEAD: usize = 10;
 /// Widest that an event is printed on a terminal, in columns.
 const WIDTH: usize = 110;
 
-/// How a command tells what goes on.
+/// Event output of a command.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(super) struct Stream {
-    /// Print each event as a JSON object in a line of its own, and what --json would print in the last line
+    /// Print each event as a JSON object on its own line; the last line is the document of --json
     #[arg(long)]
     pub(super) jsonl: bool,
 }

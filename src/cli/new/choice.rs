@@ -17,7 +17,7 @@ pub(super) const OWN_NODE: u8 = 127;
 /// Longest cycle in torque mode, us: drives have to stop within 10 ms when set-points stay away, and watch for five cycles.
 const LONGEST_IN_TORQUE_US: u32 = 2000;
 
-/// What the drives are commanded.
+/// Command mode of the drives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum Mode {
     /// Torque (CST): the control loop closes in this program
@@ -42,20 +42,20 @@ pub(super) enum Law {
 pub(super) enum BusKind {
     /// CAN of 1 Mbit/s
     Can,
-    /// An EtherCAT segment: left drive, right drive and force sensor in this order behind the computer
+    /// EtherCAT segment: left drive, right drive and force sensor, in this order from the computer
     Ethercat,
 }
 
-/// What the force sensor speaks.
+/// Protocol of the force sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum Protocol {
     /// CANopen: a node that answers SYNC
     Canopen,
-    /// Plain CAN: it sends by its own clock, as the Robotous RFT series does
+    /// Plain CAN: the sensor sends by its own clock, as the Robotous RFT series does
     Streaming,
-    /// Plain CAN: it is asked in every cycle, as the ATI Net F/T is
+    /// Plain CAN: the master polls the sensor in every cycle, as with the ATI Net F/T
     Polled,
-    /// EtherCAT, which `--bus` chooses
+    /// EtherCAT, selected by `--bus`
     #[value(skip)]
     Ethercat,
 }

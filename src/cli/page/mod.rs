@@ -51,39 +51,40 @@ impl From<super::pace::PaceArgument> for Pace {
     }
 }
 
-/// The page of a rig that runs.
+/// Page of a running rig.
 #[derive(Debug, clap::Args)]
 pub(super) struct ViewArgument {
-    /// Serve a page that shows the rig to a browser on this computer, and print its address; the simulation then runs by the wall clock
+    /// Serve a page that shows the rig to a browser on this computer, and print its address; the simulation then follows the wall
+    /// clock
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, require_equals = true, default_missing_value = ANY_PORT)]
     pub(super) view: Option<SocketAddr>,
 }
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The recording: a cycles.mcap, its folder, or the file of a black box. The page shows a second one over it
+    /// Recording: a cycles.mcap, its folder, or a black-box file. The page overlays a second one
     #[arg(value_name = "RECORDING", required = true, num_args = 1..=2)]
     recordings: Vec<PathBuf>,
-    /// Address of the page: a loopback address, with port 0 on any free port
+    /// Loopback address of the page; port 0 takes any free port
     #[arg(long, value_name = "ADDRESS", default_value = ANY_PORT)]
     on: SocketAddr,
-    /// Open no browser
+    /// Do not open a browser
     #[arg(long)]
     no_open: bool,
 }
 
 #[derive(Debug, clap::Args)]
 pub(super) struct PlayArguments {
-    /// The rig, with its simulation
+    /// Rig file with a simulation
     #[arg(value_name = "RIG.yaml", default_value = "builtin:play.yaml")]
     rig: String,
-    /// Address of the page: a loopback address, with port 0 on any free port
+    /// Loopback address of the page; port 0 takes any free port
     #[arg(long, value_name = "ADDRESS", default_value = ANY_PORT)]
     view: SocketAddr,
-    /// Open no browser
+    /// Do not open a browser
     #[arg(long)]
     no_open: bool,
-    /// Record every cycle and every frame: a new folder in this one for each fixture that is chosen on the page
+    /// Record every cycle and every frame: one new folder in this folder for each fixture chosen on the page
     #[arg(long, value_name = "DIR")]
     record: Option<PathBuf>,
 }

@@ -19,27 +19,28 @@ use yieldwall_study::sweep::{Store, StoreError, Study, Sweep, Table};
 /// Name of the file of a table that is not computed in shards.
 const WHOLE: &str = "whole";
 
-/// The points that are computed, their folder, and whether they are drawn.
+/// The points to compute, their folder, and whether to draw them.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Points {
-    /// Folder of the results; each study has one of its own within
+    /// Folder of the results, with a subfolder for each study
     ///
-    /// In it are each table as CSV, all of them as one JSON document, the charts as SVG and PNG, and every point that was
-    /// computed (*.jsonl), so that an interrupted study goes on where it stood.
+    /// A subfolder holds each table as CSV, all of them as one JSON document, the charts as SVG and PNG, and every computed point
+    /// (*.jsonl). An interrupted study continues from these points.
     #[arg(long, value_name = "DIR", default_value = "out/study")]
     pub(super) out: PathBuf,
-    /// Threads; as many as Slurm allots (SLURM_CPUS_PER_TASK) or, elsewhere, as there are cores unless given. Times are measured on one
+    /// Threads; default: the processors that Slurm allots (SLURM_CPUS_PER_TASK), otherwise the number of cores. Measurements of
+    /// time use one thread
     #[arg(long, value_name = "J")]
     jobs: Option<NonZeroUsize>,
     #[command(flatten)]
     pub(super) parts: Parts,
-    /// Compute one point alone, print it and keep nothing
+    /// Compute only one point, print it, and keep nothing
     #[arg(long, value_name = "TABLE:INDEX", value_parser = parse_point, conflicts_with_all = ["shard", "merge", "slurm", "missing"])]
     pub(crate) point: Option<(String, u64)>,
-    /// Take points that another build of this program has left
+    /// Accept points that another build of this program computed
     #[arg(long)]
     any_build: bool,
-    /// Throw away the points that the folder holds, and compute all
+    /// Delete the points in the folder, and compute all again
     #[arg(long, conflicts_with_all = ["merge", "any_build", "point", "shard", "slurm", "missing"])]
     fresh: bool,
 }

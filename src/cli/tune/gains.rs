@@ -23,13 +23,13 @@ use yieldwall_rig::analysis::{
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    /// Rig file; `builtin:paper-admittance.yaml` is the copy in the program
     #[arg(value_name = "RIG.yaml")]
     rig: String,
-    /// Write the gains into the file, once a person has said yes; nothing else of it changes
+    /// Write the gains into the file after a person confirms; change nothing else in it
     #[arg(long)]
     write: bool,
-    /// Say yes, for scripts
+    /// Confirm without a question, for scripts
     #[arg(long, requires = "write")]
     yes: bool,
 }

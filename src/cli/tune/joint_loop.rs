@@ -39,24 +39,24 @@ const FED_SHARE: f64 = 0.8;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    /// Rig file; `builtin:paper-admittance.yaml` is the copy in the program
     #[arg(value_name = "RIG.yaml")]
     rig: String,
-    /// Most torque of each drive, N m, which the drives are told (6072h); unless said 25 % of the lower rated torque, then 35 and 50 %
+    /// Torque limit of each drive in N m, written to 6072h; default: 25 % of the lower rated torque, then 35 and 50 %
     #[arg(long, value_name = "N_M", value_parser = torque)]
     torque: Option<Positive>,
-    /// Write the gains into the file, once a person has said yes; nothing else of it changes
+    /// Write the gains into the file after a person confirms; change nothing else in it
     #[arg(long)]
     write: bool,
-    /// Say yes, for scripts: to the motion on a bus, and to the gains
+    /// Confirm the motion on a bus and the gains without a question, for scripts
     #[arg(long)]
     yes: bool,
-    /// Write what was measured as a page, with Bode plot and step
+    /// Write the measurements as an HTML page, with Bode plot and step response
     #[arg(long, value_name = "FILE.html")]
     html: Option<PathBuf>,
     #[command(flatten)]
     replace: Replace,
-    /// Give the simulated machine a defect, as `commission`; may be repeated
+    /// Inject a defect into the simulated machine, as with `commission`; repeatable
     #[cfg_attr(target_os = "linux", arg(conflicts_with = "bus"))]
     #[arg(long, value_name = "NAME[=SIZE][:left|right]")]
     defect: Vec<String>,

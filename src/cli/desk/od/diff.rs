@@ -17,14 +17,14 @@ use yieldwall_service::{is_shown, known, of_node};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// A device (node id, on EtherCAT its position, or name), or a file with values (DCF or concise DCF)
+    /// Device (node id, EtherCAT position, or name), or file with values (DCF or concise DCF)
     first: String,
-    /// What it is compared with
+    /// Device or file to compare with the first
     second: String,
-    /// Compare also what a device shows and does not keep, such as its position
+    /// Also compare values that a device reports but does not store, such as its position
     #[arg(long)]
     all: bool,
-    /// A data sheet (EDS or DCF): names and types of the vendor's objects
+    /// Data sheet (EDS or DCF) with the names and types of vendor objects
     #[arg(long, value_name = "FILE.eds")]
     eds: Option<PathBuf>,
     #[command(flatten)]

@@ -21,16 +21,15 @@ use yieldwall_service::{Unread, UnreadObject, downloads, inventory, inventory_of
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// A node id, on EtherCAT a position, or the name of a device in the rig
+    /// Node id, EtherCAT position, or device name from the rig
     node: String,
-    /// The file; standard output unless one is named
+    /// Output file; default: standard output
     #[arg(long, value_name = "FILE.dcf")]
     out: Option<PathBuf>,
-    /// A data sheet (EDS or DCF): its objects are read, by their types; without one every index is asked for, which takes a minute
+    /// Data sheet (EDS or DCF): read its objects by their types. Without one, the command tries every index, which takes a minute
     #[arg(long, value_name = "FILE.eds")]
     eds: Option<PathBuf>,
-    /// Write a concise DCF, as a CANopen manager keeps one in 1F22h: the parameters alone, in the order in which they are written.
-    /// Objects of the vendor are in it only if --eds explains them
+    /// Write a concise DCF, as a CANopen manager keeps it in 1F22h: only the parameters, in write order. Vendor objects need --eds
     #[arg(long, requires = "out")]
     concise: bool,
     #[command(flatten)]

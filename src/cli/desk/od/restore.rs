@@ -17,14 +17,14 @@ use yieldwall_service::{Error, number, plan};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// The file, as `od dump` writes it, with --concise too, or a backup of another command
+    /// File from `od dump`, with or without --concise, or a backup by another command
     file: PathBuf,
-    /// A node id, on EtherCAT a position, or the name of a device in the rig
+    /// Node id, EtherCAT position, or device name from the rig
     node: String,
-    /// A data sheet (EDS or DCF) of the device: objects of the vendor are written only if it explains them
+    /// Data sheet (EDS or DCF) of the device; vendor objects are written only if it describes them
     #[arg(long, value_name = "FILE.eds")]
     eds: Option<PathBuf>,
-    /// Say what would be written, in which order, and write nothing
+    /// Print what would be written, in which order, and write nothing
     #[arg(long)]
     dry_run: bool,
     #[command(flatten)]

@@ -9,16 +9,16 @@ use crate::output::Output;
 use yieldwall_fieldbus::ethercat::{AlState, AlStatus, AlStatusCode};
 use yieldwall_run::explanation;
 
-/// What a device is asked for.
+/// Target state of a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub(in crate::desk) enum Target {
-    /// To INIT: registers alone. Its error is acknowledged
+    /// Go to INIT: only registers work. Acknowledges the device's error
     Init,
-    /// To PRE-OP: objects can be read and written, process data rest
+    /// Go to PRE-OP: objects can be read and written, process data stop
     Preop,
-    /// To SAFE-OP: inputs are exchanged, outputs are not taken
+    /// Go to SAFE-OP: inputs are exchanged, outputs are ignored
     Safeop,
-    /// Acknowledge its error and stay
+    /// Acknowledge the device's error, and keep its state
     Ack,
 }
 

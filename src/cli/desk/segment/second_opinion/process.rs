@@ -25,7 +25,7 @@ const LOOK_UP: Duration = Duration::from_millis(10);
 /// Bytes that are kept of what it prints: an answer has some 500 a device.
 const LONGEST: u64 = 1 << 20;
 
-/// The arguments of the process: the interface, to which its parent has the role of the master.
+/// Arguments of the process: the interface on which its parent holds the role of the master.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
     interface: String,
