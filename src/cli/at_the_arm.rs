@@ -21,7 +21,7 @@ impl Typed {
         Self { is_interrupted }
     }
 
-    /// What is answered; nothing where nobody answers, and after an interrupt.
+    /// Returns the answer; `None` if nobody answers, and after an interrupt.
     pub(super) fn ask(&self, question: &str) -> Option<String> {
         ask(question, || !self.is_interrupted.load(Ordering::Relaxed))
     }

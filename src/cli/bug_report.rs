@@ -76,7 +76,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     output.result(&text)
 }
 
-/// What the program has printed.
+/// Returns the messages that the program has printed.
 fn messages(path: &PathBuf) -> Result<String, Failure> {
     let refused = |message: String| {
         Failure::about_file(Exit::Usage, path, format!("{}: {message}", path.display()), "name a file of text")

@@ -157,8 +157,8 @@ impl Plan<'_> {
         }
     }
 
-    /// The least change with which everything is in time: the bit rate of a CAN bus, the period, and the first and the last moment of the
-    /// computation in whole us.
+    /// Returns the smallest change with which every frame is in time: the bit rate of a CAN bus, the period, and the first and last
+    /// moment of the computation in whole us.
     pub(super) fn advice(&self) -> Option<(Option<u32>, Duration, [u64; 2])> {
         match self {
             Plan::Can(plan) => plan.advice().map(|found| (Some(found.bit_rate), found.period, found.compute_at_us)),
@@ -182,8 +182,8 @@ impl Plan<'_> {
         }
     }
 
-    /// What a bus that cannot keep the cycle is for whoever wants to run the rig: an error, on a bus without timing a
-    /// warning. `None` if it can.
+    /// Returns the finding on a bus that cannot keep the cycle, for an operator who wants to run the rig: an error, or a warning
+    /// for a bus without timing. Returns `None` if the bus keeps the cycle.
     pub(super) fn finding(&self, file: &Loaded<Rig>) -> Option<Diagnostic> {
         match self {
             Plan::Can(plan) => plan.finding(file),

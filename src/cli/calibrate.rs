@@ -110,7 +110,7 @@ fn plate(arguments: &Arguments, rig: &config::Rig) -> Result<Vec<TipPoint>, Fail
     Ok(RADII.into_iter().flat_map(on).collect())
 }
 
-/// What stands in a table.
+/// Rows of a table.
 enum Rows {
     Points(Vec<TipPoint>),
     Visited(Vec<Visited>),
@@ -184,7 +184,7 @@ fn written(visited: &[Visited]) -> String {
     format!("x_m,y_m,left_rad,right_rad\n{}", visited.iter().map(row).collect::<String>())
 }
 
-/// Has the tool be led to points, by a person or in the simulation.
+/// Guides the tool to points, by a person or in the simulation.
 fn visit(
     arguments: &Arguments,
     rig: &Loaded<config::Rig>,

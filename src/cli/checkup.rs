@@ -14,7 +14,7 @@ const INDENT: usize = 24;
 /// Columns before a command.
 const COMMAND_INDENT: usize = 4;
 
-/// What was looked at in one place.
+/// Checks of one place.
 #[derive(Debug)]
 pub(super) struct Section {
     /// The place, such as the name of an interface.

@@ -178,7 +178,7 @@ fn run_simulated(
     end(arguments, rig, &Taken::new(earlier, commissioned, ran), &simulated, (|failure| failure, Ok(())), output)
 }
 
-/// What was commissioned.
+/// Machine that was commissioned.
 enum Machine {
     /// A simulated one with these defects.
     Simulated { defects: Vec<String> },
@@ -245,7 +245,7 @@ impl Taken {
     }
 }
 
-/// What a person reads of a step, be it that it was not taken again.
+/// Returns the text of a step, also of a step that was not repeated.
 fn told(earlier: Option<&Earlier>, report: &StepReport) -> String {
     let name = report.step.name();
     match earlier.and_then(|earlier| earlier.verdict(report.step)) {
@@ -256,7 +256,7 @@ fn told(earlier: Option<&Earlier>, report: &StepReport) -> String {
     }
 }
 
-/// What a person reads of a step that was taken.
+/// Returns the text of a step that was carried out.
 fn lines(report: &StepReport) -> String {
     let mut text = format!("{:9} {}", report.verdict.name(), report.step.name());
     if let Some(figure) = report.headline() {

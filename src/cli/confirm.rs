@@ -1,8 +1,8 @@
-//! What a person is asked before something is done.
+//! Questions to a person before an action.
 //!
-//! The answer to a question of safety has to come from a person who has read the question. On a terminal [`ask`] therefore throws away
-//! all input from before the question, and all input within [`READING`] after it; then it asks again. Only the word `yes` counts as a yes.
-//! Input that is no terminal cannot be thrown away: each question takes the next line of it.
+//! The answer to a question of safety has to come from a person who has read the question. On a terminal [`ask`] therefore discards
+//! all input from before the question, and all input within [`READING`] after it; then it asks again. Only the word `yes` counts as
+//! a yes. Input that is no terminal cannot be discarded: each question takes its next line.
 
 use std::io::{self, BufRead, Write};
 use std::os::fd::BorrowedFd;
@@ -33,8 +33,8 @@ pub(super) fn is_yes(answer: Option<&str>) -> bool {
     answer == Some("yes")
 }
 
-/// Returns what a person answers on standard input, without the spaces around it; `None` where nobody answers, at a signal that the
-/// program handles, and once `waits`, which is called several times a second, returns false.
+/// Returns a person's answer on standard input, without the spaces around it. Returns `None` if nobody answers, at a signal that
+/// the program handles, and once `waits` returns false. The function calls `waits` several times a second.
 pub(super) fn ask(question: &str, waits: impl FnMut() -> bool) -> Option<String> {
     let columns = fit::columns(io::stderr()).unwrap_or(fit::USUAL);
     ask_on(stdin(), &mut io::stderr(), &fit::fitted(&printable(question), columns), waits)

@@ -1,4 +1,4 @@
-//! `yieldwall doctor`: what keeps this computer, an interface or a node from being of use, and the command that mends it.
+//! `yieldwall doctor`: diagnoses this computer, an interface or a node, and prints the command that fixes it.
 
 use std::path::Path;
 use std::time::Duration;
@@ -59,7 +59,7 @@ enum Subject {
 /// An interface that is looked at.
 struct Wanted {
     interface: String,
-    /// What the commands that ask devices need to come there.
+    /// Arguments with which a device command reaches this place.
     argument: String,
     /// Bit rate of the rig in bit/s.
     bit_rate: Option<u32>,
@@ -150,7 +150,7 @@ fn wanted(arguments: &Arguments, rig: Option<&Rig>) -> Result<Vec<Wanted>, Failu
     Ok(rig.buses.iter().zip(interfaces.names()).map(of).collect())
 }
 
-/// What is said of this computer, and of each CAN interface that it has, without anything being sent.
+/// Returns the checks of this computer, and of each of its CAN interfaces, without sending a frame.
 #[cfg(feature = "full")]
 pub(super) fn text(rig: Option<&Rig>) -> String {
     let period = Duration::from_micros(period_us(rig).into());
@@ -204,7 +204,7 @@ pub(super) fn proven_tier(rig: &Rig) -> Option<String> {
     computer.check(rig, &folder, now_unix_s()).ok().map(|kept| kept.tier.to_string())
 }
 
-/// What this computer has proved of its timing for a rig.
+/// Checks the timing that this computer has proved for a rig.
 fn timing(rig: &Rig, limits: &Limits) -> Check {
     let subject = "timing";
     let Some(folder) = state_folder("latency") else {

@@ -12,7 +12,7 @@ use yieldwall_rig::report::RunReport;
 use yieldwall_rig::report::measures::Measures;
 use yieldwall_run::explanation::{self, Explanation};
 
-/// What to do about an impedance device that gives energy.
+/// Remedy for an impedance device that generates energy.
 pub(super) const SOFTER_COUPLING: &str =
     "lower fixture.coupling's stiffness_n_per_m; `yieldwall tune fixture` tells what the device bears";
 
@@ -29,7 +29,7 @@ pub(super) fn above_bound(measures: &Measures, what: &str, help: &str) -> Failur
     Failure::new(Exit::OutOfTolerance, message, help)
 }
 
-/// What is counted of the energy that the hand gets.
+/// Describes which part of the hand's energy is counted.
 fn scope_text(measures: &Measures) -> &'static str {
     match measures.energy_excess_j {
         Some(_) => "in one go beyond what the proxy held and moving surfaces brought",
@@ -146,8 +146,8 @@ pub(super) fn rig_failure(error: &RigError) -> Failure {
     Failure::new(exit, error.to_string(), help)
 }
 
-/// A failure with advice for the very node, and the command that finds out why it does not answer, where it does not; the profiles of force
-/// sensors, where the sensor of the rig is another one. `arguments` is what a command needs to come to the node.
+/// Adds advice on the node to a failure. If the node does not answer, the advice names the command that finds the cause. If the rig
+/// has another sensor, the advice names the profiles of force sensors. `arguments` are those with which a command reaches the node.
 pub(super) fn point_to_node(mut failure: Failure, error: &BootError, rig: &config::Rig, arguments: &str) -> Failure {
     let number = error.node_id.map(u16::from).or_else(|| position_of(&error.name, rig));
     let (Some(number), Some(finding)) = (number, failure.report.diagnostics.first_mut()) else { return failure };
@@ -218,7 +218,7 @@ fn boot_exit(failure: &BootFailure) -> Exit {
     }
 }
 
-/// What to try when the boot has failed.
+/// Returns the advice after a failed boot.
 fn boot_help(failure: &BootFailure) -> &'static str {
     match failure {
         BootFailure::Missing { .. } | BootFailure::NoSample { .. } | BootFailure::NoAnswer { .. } => {

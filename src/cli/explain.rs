@@ -189,8 +189,8 @@ fn size_words(size: &DefectSize) -> String {
     format!("{}, {} unless it is given, from {} to {}", size.what, size.usual, size.least, size.most)
 }
 
-/// What a word of two bytes may be, the likeliest first: an error code, an AL status code, an object, a statusword. What is unlikely is
-/// told only where nothing else is.
+/// Returns the possible readings of a word of two bytes, the most likely first: an error code, an AL status code, an object, a
+/// statusword. An unlikely reading appears only if there is no other one.
 fn of_two_bytes(code: u16, codes: Option<&ErrorCodes>) -> Vec<Explanation> {
     let of_error = explanation::error_code(code, codes);
     // Whoever names the device means its error codes.

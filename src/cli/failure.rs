@@ -62,7 +62,8 @@ impl From<Exit> for ExitCode {
     }
 }
 
-/// How a command ends of which two things may have failed: both are told, and the first one says how the program ends.
+/// Combines the ends of two parts of a command that may both fail: the result reports both failures, and the first one gives the
+/// exit code.
 pub(super) fn both(first: Result<(), Failure>, then: Result<(), Failure>) -> Result<(), Failure> {
     match (first, then) {
         (Err(mut first), Err(then)) => {
@@ -78,7 +79,7 @@ pub(super) fn both(first: Result<(), Failure>, then: Result<(), Failure>) -> Res
 pub struct Failure {
     /// How the program ends.
     pub exit: Exit,
-    /// What is printed; may be empty when all has been said.
+    /// Report to print; empty if everything was printed before.
     pub report: Report,
 }
 

@@ -183,7 +183,7 @@ fn recovery(expected: &Expected) -> &'static str {
     }
 }
 
-/// What follows when it happens.
+/// Returns the consequence of the fault.
 pub(super) fn consequence(row: &CatalogueRow) -> String {
     let told = |expected| format!("{}{}", ending(expected), recovery(expected));
     let other = row.on_ethercat.map_or(String::new(), |other| format!("; on EtherCAT {}", told(other)));

@@ -107,10 +107,10 @@ pub(super) fn concluded<T>(
     Ok((outcome, given_back))
 }
 
-/// Tells what does not concern a command, beside its results.
+/// Reports messages that are no result of the command.
 pub(super) type Tell<'a> = &'a dyn Fn(&mut Output, News);
 
-/// Has something done with a rig on a bus of which nothing is enabled; the devices are given back what they held.
+/// Runs an action on the bus of a rig with nothing enabled, and restores the devices' values.
 pub(super) fn at_rest<T>(
     arguments: &OnBus,
     (command, file): (&str, &str),

@@ -31,9 +31,9 @@ fn named(of_terminal: Option<usize>) -> Option<usize> {
     of_terminal.or_else(of_shell)
 }
 
-/// The text with each line that is too wide broken between words, and its rest indented to what follows the line's first gap of two
-/// spaces: to the text behind a key, or to the last column of a table. Neither a path nor what stands between back quotes is broken: it
-/// is there to be copied.
+/// Breaks each line of the text that is too wide between words. It indents the rest to the column after the first gap of two
+/// spaces: to the text after a key, or to the last column of a table. Paths and text in backquotes stay whole, so that a person can
+/// copy them.
 pub(super) fn fitted(text: &str, columns: usize) -> String {
     let columns = columns.max(LEAST);
     let each = text

@@ -54,7 +54,7 @@ fn within(text: &str) -> Result<f64, String> {
     if angle > 0.0 { Ok(angle) } else { Err(format!("write an angle above 0, such as 0.05deg, not `{text}`")) }
 }
 
-/// What is done, and within which bounds.
+/// Plan of the motion, with its bounds.
 struct Plan {
     home: HomePlan,
     /// How often.
@@ -141,7 +141,7 @@ fn ending(repeated: &Repeated) -> (Ended, Option<Cause>, f64) {
     led.or_else(homed).unwrap_or((Ended::Whole, None, 0.0))
 }
 
-/// Tells what became of each joint, and judges.
+/// Reports the result of each joint, and judges it.
 fn end(
     plan: &Plan,
     rig: &config::Rig,

@@ -44,7 +44,7 @@ impl Interfaces {
         each.collect::<Result<_, _>>().map(Self)
     }
 
-    /// That of one bus alone.
+    /// Returns the interface of a single bus of the rig.
     pub(super) fn one(rig: &config::Rig, arguments: &[String], bus: &str) -> Result<String, Failure> {
         let of_bus = |argument: &String| argument.split_once('=').is_some_and(|(name, _)| name == bus);
         let mut own = rig.clone();

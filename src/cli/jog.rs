@@ -94,7 +94,7 @@ pub(super) fn torque(text: &str) -> Result<Positive, String> {
     value.ok_or_else(|| format!("write a torque in N m above 0, such as 2.5, not `{text}`"))
 }
 
-/// What is done, and within which bounds.
+/// Plan of the motion, with its bounds.
 struct Plan<'a> {
     /// Index of the joint, 0 the left one.
     joint: usize,
@@ -141,9 +141,9 @@ impl<'a> Plan<'a> {
         off
     }
 
-    /// A failure with what it means for a joint that is led: one that hardly moves has too little torque, or is blocked. One that has moved
-    /// may run away, which more torque makes worse, and so may one that was to hold. The limit of a following error that `run` has is not that of
-    /// a joint that is led.
+    /// Explains a failure for a guided joint. A joint that hardly moves has too little torque, or is blocked. A joint that has
+    /// moved may be running away, which more torque makes worse; so may a joint that had to hold. The following-error limit of
+    /// `run` does not apply to a guided joint.
     fn told(&self, mut failure: Failure, jogged: &Jogged) -> Failure {
         let led = DeviceSet::drive(self.joint);
         let is_behind = jogged.cause.is_some_and(|cause| cause.fault == Fault::FollowingError && cause.devices == led);

@@ -46,7 +46,7 @@ pub(super) struct Arguments {
 /// Time from one look at a measurement that goes on to the next.
 const REFRESH: Duration = Duration::from_millis(50);
 
-/// What there is of a measurement, for another thread.
+/// Current state of a measurement, for another thread.
 #[derive(Debug, Default)]
 struct SoFar {
     cycles: AtomicU64,
@@ -64,7 +64,8 @@ impl SoFar {
         self.lost.store(latency.lost, Ordering::Relaxed);
     }
 
-    /// Tells of it until the measurement is over: its state on a terminal, each wake-up that was later than all before it to the rest.
+    /// Reports on the measurement until it is over: its state on a terminal; otherwise each wake-up that was later than all before
+    /// it.
     fn watch(&self, arguments: &Arguments, events: &Events, mut is_over: impl FnMut() -> bool) {
         let period_s = f64::from(arguments.period_us) * 1e-6;
         let text = format!("{} us for {} s", arguments.period_us, arguments.duration);
@@ -94,14 +95,14 @@ impl SoFar {
     }
 }
 
-/// What is told beside the times.
+/// Details of a measurement, besides the times.
 struct LatencyDetails {
     record: Option<Stored>,
     /// The load under which it was measured.
     load: Option<String>,
-    /// Of the computer, a line each.
+    /// Facts on the computer, a line each.
     computer: Vec<String>,
-    /// Of the interface, and whose stamps counted on it.
+    /// Facts on the interface, and the source of its timestamps.
     interface: Option<(InterfaceFacts, Stamps)>,
 }
 
@@ -248,7 +249,7 @@ fn open(bus: &str, is_over: &AtomicBool) -> Result<SocketCan, Failure> {
     }
 }
 
-/// What the tier means for this program.
+/// Explains the tier for this program.
 fn verdict(latency: &Latency, period_us: u32) -> String {
     let lateness = latency.lateness();
     let (tier, proven, cycles) = (lateness.tier(period_us), lateness.proven(period_us), lateness.cycles);

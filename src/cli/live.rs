@@ -39,7 +39,7 @@ use yieldwall_run::{Ended, Orders, Play};
 /// Cycles of which figure and measures are made, from the first one on: ten minutes at 1 kHz. A recording holds all.
 const LONGEST_TRACE: u64 = 600_000;
 
-/// What the cycles of the scene leave.
+/// Times that the cycles of the scene took.
 struct LoopTimes {
     stages: StageTimes,
     skipped: u64,
@@ -172,7 +172,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
     output.end(facts.json(time_s), end)
 }
 
-/// What the interfaces lack for this rig.
+/// Warns of features that the interfaces lack for this rig.
 fn warn_of_interfaces(on_bus: &RigOnBus, rig: &config::Loaded<config::Rig>, pace: PaceArgument, output: &mut Output) {
     if let Some(interface) = on_bus.unplugged() {
         warn(output, format!("`{interface}` has no link: plug the cable in, or switch the first device on"));
@@ -189,7 +189,7 @@ fn warn_of_interfaces(on_bus: &RigOnBus, rig: &config::Loaded<config::Rig>, pace
     }
 }
 
-/// What a recording says of the run.
+/// Returns the description of the run for a recording.
 fn about(rig: &config::Rig, scene: Option<&config::Scene>, arguments: &Arguments) -> Result<About, Failure> {
     let overrides = Overrides { duration_s: arguments.duration, ..Overrides::default() };
     let mut about = described(replay::about(rig, scene, &overrides))?;
@@ -222,7 +222,7 @@ pub(super) fn not_run<T>(
     }
 }
 
-/// What is wrong with how a run ended, if anything is.
+/// Returns the failure of a run, if it has one.
 pub(super) fn ended<T>(
     (ended, cause): (Ended, Option<Cause>),
     time_s: f64,

@@ -1,5 +1,5 @@
-//! `yieldwall completions` and `yieldwall man`: what a shell and a reader of manuals are told of the commands, made of the arguments
-//! themselves.
+//! `yieldwall completions` and `yieldwall man`: shell completions and manual pages, generated from the definitions of the
+//! arguments.
 
 use std::fs;
 use std::path::PathBuf;

@@ -8,7 +8,7 @@ use yieldwall_rig::analysis::{
     LEAST_MARGINS, PROPOSED_MARGINS, PoseMargins, has_margins, pose_margins, proposed_gains,
 };
 
-/// What is known of the stability of a rig's position loop.
+/// Stability of a rig's position loop, as far as it is known.
 #[derive(Debug)]
 pub(super) enum Margins {
     /// The loop closes in this program.
@@ -21,7 +21,7 @@ pub(super) enum Margins {
     Unknown(String),
 }
 
-/// Whether the simulated machine is known to have another inertia than the loop's margins count with: that is told in their place.
+/// Whether the simulated machine has another inertia than the loop's margins assume; a message then replaces the margins.
 pub(super) fn has_other_inertia(rig: &Loaded<Rig>) -> bool {
     rig.warnings.iter().any(|warning| warning.key == "control.feed_forward.inertia")
 }

@@ -16,10 +16,10 @@ use yieldwall_rig::analysis::{
 use yieldwall_rig::report::{Overrides, replay};
 use yieldwall_run::{ForceFound, JointFound};
 
-/// What to do where the loop closes in the drives, of which nothing was identified.
+/// Remedy if the loop closes in the drives, of which nothing was identified.
 const UNKNOWN: &str = "least virtual mass: not known by these measurements, since the loop closes in the drives; `yieldwall tune fixture` prints it \
                        by the loop of the simulated drives";
-/// What the numbers leave out.
+/// Effects that the numbers leave out.
 const LEFT_OUT: &str = "dry friction, torque limits and counts are left out: try the numbers in a run";
 
 /// Effects of a bus where the sensor has its own clock.
@@ -38,7 +38,7 @@ pub(crate) struct Masses {
     unmodelled: Vec<String>,
     /// Limits of drives that close a loop of their own.
     drives: Option<DriveLimits>,
-    /// What was measured on a bus, if that stands in place of the rig file's word.
+    /// Measured values, if they replace those of the rig file.
     measured: Option<Measured>,
     /// `None` where the loop is not known.
     holdings: Option<Vec<Holding>>,
@@ -119,7 +119,7 @@ impl Masses {
         format!("stable virtual masses by stiffness of the hand, worst pose: {}{further}", masses.join(", "))
     }
 
-    /// What to say of a rig whose mass its scene's hand does not allow.
+    /// Returns the finding on a rig whose mass is unstable with its scene's hand.
     pub(crate) fn finding(&self, rig: &Loaded<Rig>) -> Option<Diagnostic> {
         let scenes = self.holdings.as_ref()?.first().filter(|_| self.has_scene_hand)?;
         if scenes.is_configured_stable {
@@ -168,7 +168,7 @@ impl Masses {
         beside
     }
 
-    /// What the bus adds to the numbers.
+    /// Returns the effect of the bus on the numbers.
     fn bus_words(&self) -> Option<&'static str> {
         self.holdings.as_ref()?;
         self.uneven.map(|uneven| match uneven {
@@ -256,13 +256,13 @@ impl Masses {
     }
 }
 
-/// Whether two hands cannot be told apart in a table.
+/// Whether two hands look the same in a table.
 fn is_same(one: &Grip, other: &Grip) -> bool {
     let near = |a: f64, b: f64| (a - b).abs() <= 1e-9 * a.abs().max(b.abs());
     near(one.stiffness_n_per_m, other.stiffness_n_per_m) && near(one.damping_n_s_per_m, other.damping_n_s_per_m)
 }
 
-/// What to do about a rig that swings with its scene's hand, as far as its linear model knows.
+/// Returns the advice for a rig that oscillates with its scene's hand, as far as its linear model shows.
 pub(crate) fn advice(rig: &Rig, scene: &Scene) -> String {
     let Coupling::Admittance { mass_kg } = rig.fixture.coupling else { return String::new() };
     let hand = hand_of(scene);
@@ -275,7 +275,8 @@ pub(crate) fn advice(rig: &Rig, scene: &Scene) -> String {
     }
 }
 
-/// What makes a mass stable with a hand: what was tried in the rig's own linear model, and as a rig that is accepted.
+/// Returns the changes that make a mass stable with a hand. Each one was tested in the rig's own linear model, and as a rig that
+/// passes the check.
 fn remedy_words(rig: &Rig, scene: &Scene, hand: &Grip, mass_kg: f64) -> String {
     let found = remedies(rig, scene, hand, mass_kg).unwrap_or_default();
     let is_tried = |remedy: &Remedy| remedy.is_of_hand() || is_accepted(&remedy.of_rig(rig), scene);
@@ -325,7 +326,7 @@ fn range_words(masses: Option<&HeldMasses>) -> String {
     range(masses) + unit
 }
 
-/// The same without its unit.
+/// Returns the range without its unit.
 fn range(masses: Option<&HeldMasses>) -> String {
     let three = |mass_kg: f64| if mass_kg < 10.0 { format!("{mass_kg:.3}") } else { format!("{mass_kg:.0}") };
     match masses {
@@ -337,7 +338,7 @@ fn range(masses: Option<&HeldMasses>) -> String {
     }
 }
 
-/// What is left of a range when both ends keep a factor of `reserve` away from the edge.
+/// Returns the rest of a range whose two ends keep a factor of `reserve` from the edge.
 fn with_reserve(masses: &HeldMasses, reserve: f64) -> Option<HeldMasses> {
     let [least_kg, greatest_kg] = [masses.least_kg * reserve, masses.greatest_kg / reserve];
     (least_kg <= greatest_kg).then_some(HeldMasses { least_kg, greatest_kg, ..*masses })

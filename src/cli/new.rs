@@ -109,7 +109,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     next(&rig, &checked).iter().try_for_each(|paragraph| output.news(&fit::fitted(paragraph, fit::USUAL)))
 }
 
-/// What comes next for a new rig, a paragraph each.
+/// Returns the next steps for a new rig, a paragraph each.
 fn next(name: &str, checked: &Checked) -> Vec<String> {
     let edit =
         format!("What stands in these files is meant to be edited; `yieldwall config check {name}` checks it again.");

@@ -1,4 +1,4 @@
-//! What the commands that use an interface have in common: what they tell, and what they refuse.
+//! Messages and refusals that the commands on an interface share.
 
 mod emergencies;
 mod standstill;

@@ -41,7 +41,7 @@ impl Output {
         Self { is_quiet, is_json, is_stream: false, denies_warnings, warned: Vec::new(), renderer, columns }
     }
 
-    /// The same with the document in one line, behind lines of events.
+    /// Puts the document on one line, after lines of events.
     pub(super) fn streaming(self) -> Self {
         Self { is_json: true, is_stream: true, ..self }
     }
@@ -110,8 +110,8 @@ impl Output {
         }
     }
 
-    /// Ends a command whose JSON document this is: the warnings of the configuration stand in it; of a failure, the exit code and what is wrong stand in it, beside what was
-    /// measured.
+    /// Ends a command with this JSON document. The document gets the warnings of the configuration and, after a failure, the exit
+    /// code and the diagnosis, beside the measurements.
     ///
     /// # Errors
     /// The failure, of which nothing is left to print; as [`Output::result`].

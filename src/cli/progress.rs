@@ -25,12 +25,12 @@ impl Progress {
         Self(bar)
     }
 
-    /// One that nobody sees.
+    /// Returns a hidden progress display.
     pub(super) fn hidden() -> Self {
         Self(ProgressBar::hidden())
     }
 
-    /// What is being done.
+    /// Names the current activity.
     pub(super) fn begin(&self, what: &str) {
         if self.0.message() != what {
             self.0.set_message(what.to_owned());

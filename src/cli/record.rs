@@ -60,7 +60,7 @@ pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     }
 }
 
-/// What the records of a recording have in common.
+/// Common properties of the records of a recording.
 #[derive(Default)]
 struct Content {
     count: u64,
@@ -312,7 +312,7 @@ fn whole_lines(mut log: impl BufRead) -> io::Result<Whole> {
     }
 }
 
-/// What is missing of a recording, in words.
+/// Describes the missing part of a recording.
 fn lost(content: &Content, recording: &Recording<File>) -> String {
     match (content.missing, recording.damage_count()) {
         (0, 0) => "nothing is lost".to_owned(),

@@ -1,4 +1,4 @@
-//! What `run` will say of a rig or of a device, found by running its own scene before anybody asks for it.
+//! Prediction of the result of `run` for a rig or a device, from a simulation of its own scene.
 
 use std::ops::ControlFlow;
 
@@ -17,7 +17,7 @@ use yieldwall_rig::{self as rig, RigError};
 /// The most of a scene that is run, in s: a check is no study.
 pub(super) const LONGEST_S: f64 = 60.0;
 
-/// What came of a scene that was run.
+/// Result of a simulated scene.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Rehearsal {
     /// How long it ran, s.

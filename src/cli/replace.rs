@@ -12,7 +12,7 @@ const HEAD: u64 = 1024;
 /// How a recording begins.
 const RECORDING: &[u8] = b"\x89MCAP";
 
-/// What a command writes.
+/// File that a command writes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Written {
     /// A drawing.
@@ -105,7 +105,7 @@ impl Replace {
         Ok(())
     }
 
-    /// The same, and whether it can be written at all, for what is written once much was done: its folder is made.
+    /// Checks also that the file can be written at all, before a long computation; creates its folder.
     pub(super) fn check_can_write(self, path: &Path) -> Result<(), Failure> {
         let is_there = fs::symlink_metadata(path).is_ok();
         self.check_new(path)?;

@@ -104,7 +104,7 @@ pub(super) fn open(path: &Path) -> Result<Recording<File>, Failure> {
     recording::open(path).map_err(|error| read_failure(path, &error))
 }
 
-/// What its records are called.
+/// Returns the name of its records.
 pub(super) fn records(recording: &Recording<File>) -> &'static str {
     match recording {
         Recording::Rig(_) => "cycles",

@@ -1,4 +1,4 @@
-//! What was measured and what was tried before, for a person to read.
+//! Measurements and earlier tests as text.
 
 use std::time::Duration;
 
@@ -26,7 +26,7 @@ pub(crate) fn watchdogs_text(drilled: &Drilled) -> String {
     format!("watchdog  the drives stop {}{resolution}", findings.join(", "))
 }
 
-/// The same as data.
+/// Returns the watchdogs as data.
 pub(crate) fn watchdogs_json(drilled: &Drilled) -> Value {
     json!({
         "findings": drilled.findings.iter().map(finding_json).collect::<Vec<_>>(),
@@ -34,7 +34,7 @@ pub(crate) fn watchdogs_json(drilled: &Drilled) -> Value {
     })
 }
 
-/// What one watchdog does, as data.
+/// Returns the behaviour of one watchdog as data.
 pub(crate) fn finding_json(finding: &Finding) -> Value {
     let ms = |time: Duration| 1e3 * time.as_secs_f64();
     json!({
@@ -46,7 +46,7 @@ pub(crate) fn finding_json(finding: &Finding) -> Value {
     })
 }
 
-/// What one watchdog does, drive by drive.
+/// Describes the behaviour of one watchdog, drive by drive.
 pub(crate) fn finding_text(finding: &Finding) -> String {
     let drives = ["left", "right"].into_iter().zip(finding.stopped_after).zip(finding.stopped_in);
     let each: Vec<String> = drives
@@ -61,7 +61,7 @@ pub(crate) fn finding_text(finding: &Finding) -> String {
     format!("without {} {}", finding.watchdog.name(), each.join("; "))
 }
 
-/// What the drill has shown where a profile says too little, and the line to write there.
+/// Returns the results of the drill on which a profile states too little, with the line to write there.
 pub(crate) fn settled_text(settled: &[Settled]) -> Vec<String> {
     let mut lines = Vec::new();
     for Settled { profile, watchdog, stops, key, value, .. } in settled {
@@ -100,7 +100,7 @@ pub(crate) fn copy_of(profile: &str) -> String {
     format!("my-{profile}.yaml")
 }
 
-/// The same as data.
+/// Returns the results on incomplete profiles as data.
 pub(crate) fn settled_json(settled: &[Settled]) -> Value {
     let each = settled.iter().map(|settled| {
         json!({
@@ -115,7 +115,8 @@ pub(crate) fn settled_json(settled: &[Settled]) -> Value {
     each.collect()
 }
 
-/// What was counted and held nothing, a line each: faults with the number of cycles, and SDO downloads of somebody else.
+/// Lists events that were counted and stopped nothing, a line each: faults with the number of cycles, and SDO downloads by another
+/// master.
 pub(crate) fn counted_text(counted: &[(Fault, u32)], foreign_downloads: u32) -> Vec<String> {
     let faults = counted.iter().map(|(fault, cycles)| {
         let row = fault.row();
@@ -132,7 +133,7 @@ pub(crate) fn counted_json(counted: &[(Fault, u32)]) -> Value {
     counted.iter().map(|(fault, cycles)| (fault.row().name.to_owned(), Value::from(*cycles))).collect()
 }
 
-/// What a command mode is.
+/// Describes a command mode.
 pub(crate) fn mode_text(mode: config::CommandMode) -> &'static str {
     match mode {
         config::CommandMode::Torque => "torque mode (CST), the loop closes here",
@@ -141,7 +142,7 @@ pub(crate) fn mode_text(mode: config::CommandMode) -> &'static str {
     }
 }
 
-/// What was measured, a line each.
+/// Lists the measures, a line each.
 pub(crate) fn measures_text(measures: &Measures) -> Vec<String> {
     let mut lines = Vec::new();
     lines.push(impacts_text(measures));

@@ -263,7 +263,7 @@ fn not_run(
     ending::point_to_node(failure, boot, rig, &format!(" --rig {}{fault}", arguments.rig))
 }
 
-/// Whether a run ended as it should, but for what was injected into it.
+/// Judges whether a run ended as it should, except for injected faults.
 pub(super) fn judge_run(
     report: &RunReport,
     rig: &config::Rig,
@@ -292,7 +292,8 @@ pub(super) fn draw(trace: &Trace, name: &str, figure: Option<&Path>) -> Result<(
     write_drawing(&drawing, path)
 }
 
-/// How a run ends of which files may not have been written: that is told beside what else went wrong, whose exit code counts.
+/// Combines a run's end with files that may not have been written. The error on a file is printed after the run's failure, whose
+/// exit code counts.
 pub(super) fn with_files(end: Result<(), Failure>, files: [Result<(), Failure>; 2]) -> Result<(), Failure> {
     files.into_iter().fold(end, |end, file| match (end, file) {
         (Err(mut failure), Err(unwritten)) => {
@@ -311,7 +312,7 @@ pub(super) fn check_duration(duration_s: Option<f64>) -> Result<(), Failure> {
     Err(Failure::new(Exit::Usage, message, "give a number of seconds, such as --duration 5"))
 }
 
-/// What can be known to be wrong before anything is run.
+/// Reports errors that are detectable before a run.
 pub(super) fn check(arguments: &Arguments) -> Result<(), Failure> {
     check_duration(arguments.duration)?;
     if arguments.tui {
@@ -325,7 +326,7 @@ pub(super) fn check(arguments: &Arguments) -> Result<(), Failure> {
     files.try_for_each(|(path, what)| arguments.replace.check(path, what))
 }
 
-/// What a screen shows of a rig.
+/// Returns a rig's data for a screen.
 pub(super) fn view(rig: &config::Rig, place: &str, duration_s: f64) -> Arc<Mutex<View>> {
     let names = rig.drives.each_ref().map(|drive| drive.name.as_str());
     Arc::new(Mutex::new(View::new(&rig.rig.name, names, place, duration_s)))
@@ -342,7 +343,7 @@ pub(super) fn check_loop(rig: &Loaded<config::Rig>, has_hand: bool, output: &mut
     Ok(margins)
 }
 
-/// What the buses of the embedded simulation are called in logs, so that `canplayer` finds them.
+/// Returns the names of the embedded simulation's buses in logs, so that `canplayer` finds them.
 pub(super) fn simulated_interfaces(rig: &config::Rig) -> Vec<String> {
     (0..rig.buses.len()).map(|number| format!("vcan{number}")).collect()
 }

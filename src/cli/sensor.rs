@@ -243,7 +243,7 @@ fn zero(arguments: &Tare, rig: &Loaded<config::Rig>, output: &mut Output) -> Res
     output.result(&format!("{:>8}{heading}\n{:>8}{}\n{kept}\n", "", "zero", columns(zero)))
 }
 
-/// What a command has found that nobody broke off.
+/// Returns the result of a command that was not interrupted.
 fn ended<T>(found: Result<T, RunError>) -> Result<T, Failure> {
     found.map_err(|error| match error {
         RunError::Interrupted => Failure::new(Exit::Interrupted, "interrupted; nothing was enabled", ""),

@@ -179,7 +179,7 @@ impl Unwatched {
     }
 }
 
-/// Which of the rig's devices `--nodes` names.
+/// Returns the devices of the rig that `--nodes` names.
 fn named(arguments: &Arguments, rig: &config::Rig) -> Result<[bool; 3], Failure> {
     let [left, right] = &rig.drives;
     let devices = [
@@ -202,7 +202,7 @@ fn named(arguments: &Arguments, rig: &config::Rig) -> Result<[bool; 3], Failure>
     Ok([left || either, right || either, sensor])
 }
 
-/// Which of the rig's devices are simulated in this process.
+/// Returns the devices of the rig that this process simulates.
 fn chosen(arguments: &Arguments, rig: &config::Rig) -> Result<[bool; 3], Failure> {
     let here = named(arguments, rig)?;
     let count = here.iter().filter(|is_here| **is_here).count();
@@ -246,7 +246,7 @@ impl Own {
         Ok(Self { setup, devices })
     }
 
-    /// What only one process may be on a bus.
+    /// Returns the roles on a bus that only one process may have.
     fn roles(&self, bus: BusId) -> Vec<Role> {
         let drives = (0..).zip(&self.setup.drives).map(|(at, drive)| {
             let role = Role::Node(drive.node_id);

@@ -19,7 +19,7 @@ use yieldwall_config::Report;
 use yieldwall_rig::batch::Shard;
 use yieldwall_soak::{self as soak, Campaign, Script, SeedResult, Shipped, Store, StoreError, Tally};
 
-/// Violations that are told in full.
+/// Largest number of violations that are printed in full.
 const MOST_TOLD: usize = 20;
 /// Seeds from which on every injection has to have been met.
 const ALL_HIT_FROM: u64 = 200;
@@ -218,7 +218,7 @@ fn kept(folder: &Path, shard: Shard, outcomes: &BTreeMap<u64, SeedResult>, outpu
     ))
 }
 
-/// What did not hold, and how to see it again.
+/// Returns the invariants that did not hold, and how to reproduce each violation.
 fn judge(arguments: &Arguments, tally: &Tally, outcomes: &[SeedResult]) -> Result<(), Failure> {
     let mut failed = outcomes.iter().filter(|outcome| !outcome.violations.is_empty());
     if let Some(first) = failed.next() {

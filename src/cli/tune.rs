@@ -37,11 +37,11 @@ pub(super) enum Command {
     /// The command identifies inertia, friction and delay of each joint, and the age of the force. It prints the gains that leave
     /// margins of 6 dB and 45 degrees.
     ///
-    /// One joint after the other moves back and forth by 12 degrees while the other one holds: slowly at three rates, with small
-    /// vibrations (a sum of sines instead of a chirp), and with small steps. In torque mode this program sets the torque. It also
-    /// identifies the delay from an angle to the torque that was computed from it. In the other modes the drive closes the loop and
-    /// reports its torque (6077h), which shows friction and no inertia. Meanwhile the force sensor feels the mass of the handle,
-    /// which shows the age of its force. A light handle needs an extra weight of about 0.3 kg. Nobody may hold the handle.
+    /// One joint after the other moves back and forth by 12 degrees while the other one holds. The motions are slow ones at three
+    /// rates, small vibrations (a sum of sines instead of a chirp), and small steps. In torque mode this program sets the torque.
+    /// It also identifies the delay from an angle to the torque that was computed from it. In the other modes the drive closes the
+    /// loop and reports its torque (6077h), which shows friction and no inertia. Meanwhile the force sensor feels the mass of the
+    /// handle, which shows the age of its force. A light handle needs an extra weight of about 0.3 kg. Nobody may hold the handle.
     /// docs/bringup.md describes the details.
     Loop(Box<joint_loop::Arguments>),
 }

@@ -8,7 +8,7 @@ use super::report_text::{copy_of, copying};
 use yieldwall_config::{CommandMode, Drive, HEARTBEAT_CYCLES, Rig};
 use yieldwall_run::{Demands, Drilled, Unsafe};
 
-/// What a refusal says that comes before any drive on a bus was enabled.
+/// Statement of a refusal before any drive on a bus was enabled.
 pub(crate) const NOTHING_ENABLED: &str = "nothing was enabled";
 
 /// Refuses drives that would go on when their master has died; `before` says what was done with the rig.
@@ -104,7 +104,7 @@ fn goes_on(drive: &Drive, watchdog: Watchdog, rig: &Rig) -> String {
 
 /// Why a drive goes on that has a watch by its profile.
 enum Why {
-    /// What it does is not said; the key of the watch.
+    /// The profile does not state the reaction; the key of the watch.
     NoReaction(&'static str),
     /// How long it waits is not said.
     NoTime,

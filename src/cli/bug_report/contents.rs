@@ -1,4 +1,4 @@
-//! What goes into a report.
+//! Contents of a report.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -23,7 +23,7 @@ pub(super) struct Entry {
     pub(super) content: Content,
 }
 
-/// What is in it.
+/// Content of one file of the report.
 pub(super) enum Content {
     Text(String),
     /// A recording of a rig.

@@ -5,12 +5,12 @@ use std::path::Path;
 
 use super::contents::{Content, Entry};
 
-/// What stands for a name.
+/// Word that replaces a name.
 const USER: &str = "USER";
 const HOST: &str = "HOST";
 /// Folders below which each user has one.
 const HOMES: [&str; 4] = ["/home/", "/Users/", "/var/home/", "\\Users\\"];
-/// Names of users and computers that tell nothing.
+/// Names of users and computers that identify nobody.
 const NOBODY: [&str; 5] = ["root", "localhost", "user", "host", "nobody"];
 /// A serial number of fewer digits is looked for where it is called one, and not everywhere.
 const TELLING_DIGITS: usize = 5;

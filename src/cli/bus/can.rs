@@ -98,7 +98,7 @@ impl CanPlan<'_> {
         vec![format!("NOT schedulable{others}:"), format!("  {}", verdict(latest)), format!("  {}", self.help())]
     }
 
-    /// What to change.
+    /// Returns the advice: the values to change.
     fn help(&self) -> String {
         let Some(advice) = self.advice() else {
             return "no bit rate or period does: map less process data".to_owned();
@@ -129,8 +129,8 @@ impl CanPlan<'_> {
         }
     }
 
-    /// What a bus that cannot keep the cycle is for whoever wants to run the rig: an error, on a bus without timing a
-    /// warning. `None` if it can.
+    /// Returns the finding on a bus that cannot keep the cycle, for an operator who wants to run the rig: an error, or a warning
+    /// for a bus without timing. Returns `None` if the bus keeps the cycle.
     pub(crate) fn finding(&self, file: &Loaded<Rig>) -> Option<Diagnostic> {
         let latest = self.budget.latest().filter(|_| !self.budget.is_schedulable())?;
         let called = called(self.rig, " ", self.name);

@@ -64,7 +64,7 @@ impl<'a> SegmentPlan<'a> {
         format!("the {what} frame {done} {left_us} us {side} {by}")
     }
 
-    /// What to change.
+    /// Returns the advice: the values to change.
     fn help(&self) -> String {
         let Some(Advice { period, compute_at_us: [earliest, latest] }) = self.advice() else {
             return "no period does: map less process data".to_owned();
@@ -77,7 +77,7 @@ impl<'a> SegmentPlan<'a> {
         }
     }
 
-    /// What a segment that cannot keep the cycle is for whoever wants to run the rig.
+    /// Returns the finding on a segment that cannot keep the cycle, for an operator who wants to run the rig.
     pub(super) fn finding(&self, file: &Loaded<Rig>) -> Option<Diagnostic> {
         if self.is_schedulable() {
             return None;

@@ -13,7 +13,7 @@ use yieldwall_config as config;
 use yieldwall_run::commission::{Begin, Commissioned, Figure, STEPS, Step, StepReport, Verdict};
 use yieldwall_run::{DriveIdentity, fnv1a};
 
-/// What `--json` has written, as far as it counts here.
+/// The part of a `--json` document that counts here.
 #[derive(Deserialize)]
 struct Report {
     version: String,

@@ -10,7 +10,7 @@ use yieldwall_figures::chart::{Axis, Chart, Color, Mark, Panel, Series, svg};
 use yieldwall_run::DriveIdentity;
 use yieldwall_run::commission::{Commissioned, Curve, Figure, StepReport, Verdict};
 
-/// What a person reads of a figure.
+/// Returns the text of a figure.
 pub(super) fn figure_text(figure: &Figure) -> String {
     let unit = if figure.unit.is_empty() { String::new() } else { format!(" {}", figure.unit) };
     let number = |value: f64| if value.fract() == 0.0 { format!("{value:.0}") } else { format!("{value:.3}") };
@@ -56,7 +56,7 @@ pub(super) fn html(rig: &config::Rig, file: &str, commissioned: &Commissioned, m
     )
 }
 
-/// What a drive says that it is.
+/// Returns the identity that a drive reports.
 fn identity(drive: &DriveIdentity, name: &str) -> String {
     let node = drive.node_id.map_or(String::new(), |node| format!("node {node}, "));
     let DriveIdentity { vendor_id, product_code, revision, serial_number, .. } = drive;

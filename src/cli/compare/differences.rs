@@ -1,4 +1,4 @@
-//! What differs between documents, key by key.
+//! Differences between documents, key by key.
 
 use serde_json::Value;
 

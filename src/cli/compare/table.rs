@@ -37,7 +37,7 @@ impl Table {
 
 type Take = fn(&Item) -> Option<f64>;
 
-/// What is compared: name with unit, and the number.
+/// Compared measures: name with unit, and the number.
 const ROWS: [(&str, Take); 23] = [
     ("time, s", |item| Some(item.time_s())),
     ("held at rest by faults, s", |item| Some(item.held_s())),

@@ -21,7 +21,7 @@ use yieldwall_config::{self as config, Document, Severity, Source, builtin, buil
 /// Number of changes that a test run of every case tries, and the seed that draws them.
 const USUAL: (u32, u64) = (80, 1);
 type Wrong = fn(f64) -> f64;
-/// What is done to a number.
+/// Changes of a number.
 const CHANGES: [(&str, Wrong); 6] = [
     ("x 10", |value| value * 10.0),
     ("/ 10", |value| value / 10.0),
@@ -30,8 +30,8 @@ const CHANGES: [(&str, Wrong); 6] = [
     ("in degrees", f64::to_degrees),
     ("negative", |value| -value),
 ];
-/// Share of the warnings that a loop or a virtual mass is unstable that may be false: the run ends well, nothing holds it, and the tool
-/// traces as it does without the change, within a factor.
+/// Largest share of false warnings among those of an unstable loop or virtual mass. A warning is false if the run ends well,
+/// nothing stops it, and the tool traces as without the change, within a factor.
 const MOST_FALSE: f64 = 0.02;
 const TRACES_AS_WELL: f64 = 1.5;
 /// Dry friction of the fixture, N, where a warning is judged without: as good as none.
@@ -55,7 +55,7 @@ struct Change {
     what: usize,
 }
 
-/// What came of it.
+/// Effect of a change.
 struct ChangeEffect {
     is_refused: bool,
     /// The keys of the warnings that are made without a run.
@@ -175,7 +175,7 @@ fn run(machine: &Value, scene: &Value) -> Rehearsal {
     checked.rehearsal.unwrap_or_default()
 }
 
-/// The same machine without dry friction of fixture and arm.
+/// Returns the machine without dry friction of fixture and arm.
 fn without_friction(machine: &Value) -> Value {
     let mut machine = machine.clone();
     if let Some(friction) = machine.pointer_mut("/fixture/friction_n") {

@@ -1,4 +1,4 @@
-//! What is known of one file before anything is done with it.
+//! Findings on one file before a command uses it.
 
 use serde_json::{Value, json};
 
@@ -63,7 +63,7 @@ impl Checked {
         rig(&self.result).and_then(|rig| plans(&rig.value).ok()).unwrap_or_default()
     }
 
-    /// What was computed, for a person to read.
+    /// Returns the computed results as lines of text.
     pub(crate) fn lines(&self) -> impl Iterator<Item = String> {
         let device = device(&self.result).zip(self.coupled.as_ref());
         let coupled = device.map(|(device, coupled)| tune::coupled_lines(&device.value, coupled, 1.0));

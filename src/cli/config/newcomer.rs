@@ -1,4 +1,4 @@
-//! A newcomer's rig, mended by nothing but what the messages say.
+//! A newcomer's rig, fixed only by the advice of the messages.
 
 use serde_json::{Value, json};
 
@@ -51,7 +51,7 @@ fn source(rig: &Value, scene: &Value) -> Source {
     Source::among("rig.yaml", files.map(|(name, value)| (name.into(), value.to_string().into())))
 }
 
-/// What a finding says to write: what stands behind `write`, or in backquotes as `key: value`.
+/// Returns the key and value that a finding advises to write: the text after `write`, or in backquotes as `key: value`.
 fn advised(finding: &Diagnostic) -> Option<(String, Value)> {
     let help = finding.help.as_deref()?;
     if let Some((_, after)) = help.split_once("write ") {

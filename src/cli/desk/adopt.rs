@@ -314,7 +314,7 @@ fn refused(reached: &DeviceHandle, refusal: Refusal) -> Failure {
     }
 }
 
-/// What is put behind the name of a profile that is another one's.
+/// Suffix of a profile's name that another profile already has.
 const ADOPTED: &str = "-adopted";
 
 /// Whether a profile that comes with the program is called so.

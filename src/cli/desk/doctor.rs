@@ -281,7 +281,7 @@ fn missing(desk: &DeviceSession, found: &[FoundDevice], commands: &str) -> Vec<C
     told.collect()
 }
 
-/// What a pattern of reads shows of the devices that answer.
+/// Returns the findings that a pattern of reads gives on the devices that answer.
 fn compared(desk: &mut DeviceSession, found: &[FoundDevice], commands: &str) -> Result<Vec<Check>, Failure> {
     let mut wrong = Vec::new();
     let mut compared = NodeSet::default();

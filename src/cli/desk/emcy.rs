@@ -30,7 +30,7 @@ pub(crate) struct Arguments {
 
 /// Number of stored errors.
 const HISTORY: Address = Address::new(0x1003, 0);
-/// Those are read at most.
+/// Largest number of stored errors that are read.
 const MOST: u8 = 32;
 
 pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
@@ -72,7 +72,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     output.result(&lines)
 }
 
-/// What a device keeps of its errors.
+/// Returns the text on a device's stored errors.
 pub(super) fn text(words: &str, errors: Option<&[PastError]>, explained: impl Fn(u16) -> Explanation) -> String {
     let said = match errors {
         None => "keeps no errors (it has no 1003h)".to_owned(),
@@ -114,7 +114,7 @@ pub(super) fn history(read: &mut dyn FnMut(Address) -> Result<Bytes, Error>) -> 
     Ok(Some(errors))
 }
 
-/// The same for a program.
+/// Returns the stored errors as data.
 pub(super) fn stored(errors: Option<&[PastError]>, explained: impl Fn(u16) -> Explanation) -> Value {
     let each = |error: &PastError| {
         let mut keys = explain::document(&explained(error.code.0));
@@ -132,7 +132,7 @@ fn document(desk: &DeviceSession, node: &Node, errors: Option<&[PastError]>) -> 
     })
 }
 
-/// Has a device forget its stored errors, if there are any, after they were kept in a file.
+/// Clears a device's stored errors, if there are any, after they were saved to a file.
 fn forget(word: &str, arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let mut reached = DeviceHandle::open(&arguments.place, word, output)?;
     let errors = history(&mut |at| reached.read(at));

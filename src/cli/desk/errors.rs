@@ -43,7 +43,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     output.result(&(text(&counted) + cleared))
 }
 
-/// Whether a port has anything to tell.
+/// Whether a port has counted anything.
 fn is_used(port: &PortCounters) -> bool {
     *port != PortCounters::default()
 }
@@ -80,7 +80,7 @@ fn times(count: u8) -> String {
     if count == 1 { "once".to_owned() } else { format!("{count} times") }
 }
 
-/// What the counters of a device say, and what to look at.
+/// Returns the findings from a device's counters, and the advice on them.
 pub(super) fn found(device: &Device, counters: &Counters) -> Vec<String> {
     let name = device.words();
     let mut findings = Vec::new();

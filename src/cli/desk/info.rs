@@ -27,7 +27,7 @@ const HEARTBEAT_CONSUMER: u16 = 0x1016;
 /// The last error of a drive.
 const ERROR_CODE: u16 = 0x603f;
 
-/// What is read of any device, and of a drive.
+/// Objects that are read from any device, and from a drive.
 const OBJECTS: [(u16, u8, &str); 14] = [
     (0x1009, 0, "hardware"),
     (0x100a, 0, "software"),
@@ -104,12 +104,12 @@ pub(super) fn axes_row(axes: u8) -> Option<[String; 2]> {
     (axes > 1).then(|| ["axes".to_owned(), axes.to_string()])
 }
 
-/// What is read of any device, of this axis of a drive.
+/// Returns the objects that are read from any device, for this axis of a drive.
 pub(super) fn asked(axis: AxisOffset) -> impl Iterator<Item = Address> {
     OBJECTS.into_iter().map(move |(index, sub, _)| Address::new(axis.index(index), sub))
 }
 
-/// What the answers say, in the order in which they were [`asked`]: for a person and for a program.
+/// Returns the content of the answers, in the order of [`asked`], as text and as data.
 pub(super) fn objects(
     answers: impl IntoIterator<Item = Result<Bytes, Error>>,
     scaling: Option<&AxisScaling>,

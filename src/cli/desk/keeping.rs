@@ -1,4 +1,4 @@
-//! What is kept before something is overwritten, and what is asked before a device stores it.
+//! Backups before an overwrite, and the question before a device stores its parameters.
 
 use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -58,7 +58,7 @@ impl Named {
     }
 }
 
-/// Writes what objects hold into a file that `od restore` takes; its path. Of simulated devices nothing is kept.
+/// Writes the values of objects into a file that `od restore` takes, and returns its path. Nothing is saved of simulated devices.
 pub(super) fn back_up(
     is_simulated: bool,
     device: Named,
@@ -105,7 +105,7 @@ fn doubt(answer: u32) -> Option<&'static str> {
     }
 }
 
-/// Has a device store its parameters, once a person has said yes.
+/// Makes a device store its parameters, once a person has agreed.
 pub(super) fn store(reached: &mut DeviceHandle, is_agreed: bool, output: &mut Output) -> Result<(), Failure> {
     let at = Address::new(objects::STORE_PARAMETERS.index, objects::STORE_PARAMETERS.sub);
     if let Ok(answer) = reached.read(at)

@@ -44,7 +44,7 @@ pub(crate) struct SetId {
     place: BusArguments,
 }
 
-/// How long a device may take to answer. Of a search silence is an answer: 133 of them.
+/// Longest time that a device may take to answer. In a search, silence is an answer too: there are 133 silences.
 const ANSWER: Duration = Duration::from_millis(200);
 const SEARCH: Duration = Duration::from_millis(20);
 

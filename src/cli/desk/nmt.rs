@@ -114,7 +114,8 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     output.result(&wrapped(&format!("told {who}: {words}; state {state}")))
 }
 
-/// Whether a device is there, and its state, where it tells one: by node guarding, a heartbeat, or an answer to a read of its type.
+/// Returns whether a device is there, and its state if it reports one: by node guarding, a heartbeat, or an answer to a read of its
+/// type.
 fn presence(desk: &mut DeviceSession, node: &Node) -> Result<Option<Option<NmtState>>, Failure> {
     let state = desk.service.state(node.id).map_err(|error| desk.failure(node, "asking its state", error))?;
     if state.is_some() {

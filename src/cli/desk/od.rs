@@ -82,13 +82,13 @@ pub(super) struct Saving {
 }
 
 impl Saving {
-    /// Has the device store what was written, if that is wanted and agreed to; whether it has.
+    /// Makes the device store the written values, if this is requested and agreed to. Returns whether it did.
     fn after(self, reached: &mut DeviceHandle, output: &mut Output) -> Result<bool, Failure> {
         if self.save { store(reached, self.yes, output).map(|()| true) } else { Ok(false) }
     }
 }
 
-/// What became of a write.
+/// Result of a write.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Fate {
     /// It would be made.
@@ -113,7 +113,7 @@ pub(super) struct Done {
     end: Result<(), Failure>,
     /// Whether nothing was to be written.
     is_dry: bool,
-    /// Whether the device was told to store its parameters, and did.
+    /// Whether the device got the command to store its parameters, and did so.
     is_stored: bool,
 }
 
@@ -123,7 +123,7 @@ impl Done {
         Self { fates: vec![Fate::Planned; steps.len()], end: Ok(()), is_dry: true, is_stored: false }
     }
 
-    /// Has the device store what was written, if all of it was.
+    /// Makes the device store the written values, if all of them were written.
     pub(super) fn saved(mut self, saving: Saving, reached: &mut DeviceHandle, output: &mut Output) -> Self {
         match &mut self.end {
             Ok(()) => match saving.after(reached, output) {
@@ -409,7 +409,7 @@ fn ended(reached: &DeviceHandle, step: &Step, fate: &Fate, eds: Option<&Eds>, ba
     }
 }
 
-/// What was written, or would be, old -> new, and what was not; and how all of it has ended.
+/// Returns the values that were written, or would be, old -> new, the values that were not written, and the overall result.
 pub(super) fn told(reached: &DeviceHandle, steps: &[Step], done: Done, output: &mut Output) -> Result<(), Failure> {
     let shown = |step: &Step, bytes: &[u8]| {
         let shown = words::value(step.at, Some(step.data_type), bytes, reached.scaling());
@@ -454,7 +454,7 @@ pub(super) fn told(reached: &DeviceHandle, steps: &[Step], done: Done, output: &
 }
 
 impl Fate {
-    /// What became of it, and why if that is the device's doing.
+    /// Returns the result, and the reason if the device caused it.
     fn words(&self) -> (&'static str, Option<String>) {
         match self {
             Self::Planned => ("would write", None),

@@ -34,7 +34,7 @@ pub(crate) struct BusArguments {
 }
 
 impl BusArguments {
-    /// What any other command needs to come to the same devices, with a space before.
+    /// Returns the arguments with which another command reaches the same devices, after a space.
     pub(super) fn arguments(&self) -> String {
         arguments(self.bus.as_deref(), self.rig.as_deref())
     }
@@ -45,18 +45,18 @@ fn arguments(bus: Option<&str>, rig: Option<&str>) -> String {
     option("bus", bus) + &option("rig", rig)
 }
 
-/// What a rig says of a node.
+/// A rig's entry for a node.
 #[derive(Clone, Debug)]
 pub(super) struct Entry {
     pub(super) name: String,
     pub(super) bus: BusId,
     pub(super) node: NodeId,
     pub(super) profile: Option<Arc<DeviceProfile>>,
-    /// What its vendor's error codes mean.
+    /// Meanings of its vendor's error codes.
     pub(super) codes: Option<Arc<ErrorCodes>>,
-    /// Of a drive: the mode in which the rig commands it.
+    /// Mode in which the rig commands the drive; only of a drive.
     pub(super) mode: Option<OperationMode>,
-    /// Of a drive.
+    /// Scaling of the axis; only of a drive.
     pub(super) scaling: Option<AxisScaling>,
 }
 
@@ -77,7 +77,7 @@ pub(super) struct DeviceSession {
     pub(super) buses: Vec<(BusId, String)>,
     /// Where it is, for a person.
     pub(super) place: String,
-    /// What any other command needs to come to the same devices, with a space before: ` --bus can0`.
+    /// Arguments with which another command reaches the same devices, after a space: ` --bus can0`.
     pub(super) arguments: String,
     /// The file of the rig, if there is one.
     pub(super) rig: Option<String>,
@@ -294,7 +294,7 @@ impl DeviceSession {
         format!("`yieldwall {words} {}{}`", node.id.raw(), self.arguments)
     }
 
-    /// What an error code of a node means; its advice is for this place.
+    /// Explains an error code of a node, with advice for this place.
     pub(super) fn explained(&self, node: &Node, code: u16) -> Explanation {
         let codes = node.entry.as_ref().and_then(|entry| entry.codes.as_deref());
         self.placed(node, explanation::error_code(code, codes))
@@ -305,7 +305,7 @@ impl DeviceSession {
         placed(explanation, node.id.raw().into(), &self.arguments, self.rig.as_deref())
     }
 
-    /// The same where no single device is to blame.
+    /// Returns the failure for an error that no single device caused.
     pub(super) fn bus_failure(&self, error: Error) -> Failure {
         match error {
             Error::Interrupted => Failure::new(Exit::Interrupted, error.to_string(), ""),

@@ -27,7 +27,7 @@ const COLUMNS: usize = 80;
 /// The part in which nodes are configured.
 const CONFIGURE: &str = "configure";
 
-/// Who would send.
+/// The sender of the frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Sender {
     /// `run`.
@@ -222,7 +222,7 @@ fn lines(rig: &Rig, plan: &BootPlan, desks: &mut [DeviceSession]) -> Result<(Vec
     Ok((lines, end))
 }
 
-/// What would be written to one node; and that it does not answer, or would be refused.
+/// Returns the values that would be written to one node, and whether it does not answer or would be refused.
 fn ask(
     plan: &NodePlan,
     rig: &Rig,

@@ -64,7 +64,7 @@ impl DeviceHandle {
         Ok(())
     }
 
-    /// Has time pass at the device.
+    /// Listens at the device for this time.
     pub(super) fn pause(&mut self, time: Duration) -> Result<(), Failure> {
         match self {
             Self::Node(desk, _) => desk.service.listen(time, |_| {}).map_err(|error| desk.bus_failure(error)),
@@ -188,7 +188,7 @@ impl DeviceHandle {
         }
     }
 
-    /// What any other command needs to come to the same devices, with a space before.
+    /// Returns the arguments with which another command reaches the same devices, after a space.
     pub(super) fn arguments(&self) -> &str {
         match self {
             Self::Node(desk, _) => &desk.arguments,
@@ -212,7 +212,7 @@ impl DeviceHandle {
         document
     }
 
-    /// What an error code of its means, with advice for this place.
+    /// Explains one of the device's error codes, with advice for this place.
     pub(super) fn explained(&self, code: u16) -> Explanation {
         match self {
             Self::Node(desk, node) => desk.explained(node, code),

@@ -66,7 +66,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     output.result(&rows.concat())
 }
 
-/// Those that are heard without being asked.
+/// Returns the devices that are heard without a request.
 fn heard(desk: &mut DeviceSession) -> Result<Vec<FoundDevice>, Failure> {
     desk.service.listen(LISTENING, |_| {}).map_err(|error| desk.bus_failure(error))?;
     let nodes = (1..=127).filter_map(|raw| yieldwall_fieldbus::canopen::node_id(raw).ok());
@@ -125,12 +125,12 @@ fn none(others: OtherTraffic) -> String {
     }
 }
 
-/// Its NMT state, where it tells one.
+/// Returns the device's NMT state, if it reports one.
 fn state(found: &FoundDevice) -> String {
     found.heard.state.map_or("tells none", nmt_words).to_owned()
 }
 
-/// What kind of device says this type.
+/// Returns the kind of device for this device type.
 pub(super) fn kind(device_type: Option<u32>) -> String {
     match device_type.map(|device_type| (device_type & 0xffff, device_type >> 16 & 0xff)) {
         None => "-".to_owned(),
@@ -162,7 +162,7 @@ pub(super) fn fit(desk: &DeviceSession, found: &FoundDevice) -> String {
     fit_of(entry, found.identity, found.device_type)
 }
 
-/// What a device of a rig has to be, and what that is called.
+/// Kind that a device of a rig has to have, and its name.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DeviceKind<'a> {
     pub(super) identity: &'a Wanted,
@@ -176,7 +176,7 @@ impl<'a> DeviceKind<'a> {
     }
 }
 
-/// The same of an entry by its name and kind.
+/// Returns the fit of an entry, given its name and kind.
 pub(super) fn fit_of(
     entry: Option<(&str, Option<DeviceKind<'_>>)>,
     identity: [Option<u32>; 4],

@@ -186,7 +186,7 @@ enum Content {
     Description(Esi),
 }
 
-/// The content of a file, by what can be told without the device.
+/// Returns the content of a file, as far as it is known without the device.
 fn content_of(path: &Path, is_forced: bool) -> Result<Content, Failure> {
     let mut image = Vec::new();
     let most = esi::MAX_BYTES as u64 + 1;

@@ -24,7 +24,7 @@ pub(super) const COLUMNS: usize = 80;
 pub(super) struct Shown {
     /// As the device has it.
     pub(super) raw: String,
-    /// What it means: in SI with its unit, or a state by its name.
+    /// Meaning of the value: in SI units, or the name of a state.
     pub(super) means: Option<String>,
 }
 
@@ -85,7 +85,8 @@ pub(super) fn name(at: Address, eds: Option<&Eds>) -> String {
     known(at, eds).map_or_else(String::new, |known| known.name)
 }
 
-/// What values an object takes, by the limits of its data sheet and by its type: `0 to 1000`; `None` for what is no whole number.
+/// Returns the range of an object, from the limits of its data sheet and its type: `0 to 1000`; `None` for other types than whole
+/// numbers.
 pub(super) fn range(at: Address, data_type: u16, node_id: u8, eds: Option<&Eds>) -> Option<String> {
     let of_type = Value::range(data_type)?;
     let entry = eds.and_then(|eds| eds.entry(at.index, at.sub));
@@ -201,7 +202,7 @@ pub(super) fn spaced(name: &str) -> String {
     words
 }
 
-/// What a code of 6060h or 6061h says.
+/// Describes a code of 6060h or 6061h.
 pub(super) fn mode_code_words(code: i8) -> String {
     match (OperationMode::from_code(code), code) {
         (Some(mode), _) => mode_words(mode).to_owned(),
@@ -238,7 +239,7 @@ pub(super) fn wrapped(text: &str) -> String {
     wrapped_behind("", text)
 }
 
-/// The same, each line behind `head`.
+/// Wraps the text and puts `head` before each line.
 pub(super) fn wrapped_behind(head: &str, text: &str) -> String {
     let options = textwrap::Options::new(COLUMNS).initial_indent(head).subsequent_indent(head).break_words(false);
     let options = options.word_separator(textwrap::WordSeparator::AsciiSpace);

@@ -75,16 +75,17 @@ impl Listening {
         Ok((Self(feed), watch))
     }
 
-    /// Waits until everything was told.
+    /// Waits until every event was reported.
     pub(crate) fn finish(self) -> Result<(), Failure> {
         self.0.finish().map(|_| ()).map_err(|error| Failure::new(Exit::Internal, error.to_string(), ""))
     }
 }
 
-/// What comes beside the cycles, with the cycle before which it came. A ring that is empty now has more later, which a `Peekable` forgets.
+/// A stream beside the cycles, each item with the cycle before which it came. An empty ring may have more items later, which a
+/// `Peekable` forgets.
 struct Aside<T> {
     outlet: Outlet<(u64, T)>,
-    /// What came before a cycle that was not taken yet.
+    /// Item that came before a cycle that was not taken yet.
     waiting: Option<(u64, T)>,
 }
 
@@ -113,7 +114,7 @@ struct Listener {
 }
 
 impl Listener {
-    /// Tells what came before this cycle.
+    /// Reports the items that came before this cycle.
     fn take_aside(&mut self, cycle: u64) {
         while let Some(frame) = self.emergencies.next_before(cycle) {
             self.narrator.emergency(&frame).iter().for_each(|event| self.events.tell(event));

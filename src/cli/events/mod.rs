@@ -1,11 +1,11 @@
-//! What a rig does while it lives, one event at a time.
+//! Events of a running rig, one at a time.
 //!
 //! ```text
 //! loop --CycleRecord, EMCY, DriveError (rings)--> Listener [ Narrator ] --Event--> Events --> standard output, line of the terminal
 //! boot --News-------------------------------------------------------------------------^
 //! ```
-//! [`Events`] prints: a line each where nobody sits at a terminal, an object each with `--jsonl`, and on a terminal what a person has
-//! to know at once, above one line that is refreshed.
+//! [`Events`] prints them: a line each without a terminal, and an object each with `--jsonl`. On a terminal it prints urgent events
+//! above one line that it refreshes.
 
 mod listener;
 mod narrator;
@@ -49,11 +49,11 @@ pub(super) struct Event {
     pub(super) name: &'static str,
     /// Time of the scene in s; `None` before it began.
     pub(super) time_s: Option<f64>,
-    /// What has happened.
+    /// Description of the event.
     pub(super) text: String,
-    /// What it means, by the words of `explain`.
+    /// Meaning of the event, in the words of `explain`.
     pub(super) words: Vec<(&'static str, String)>,
-    /// The same for a program.
+    /// Event as data.
     pub(super) facts: Map<String, Value>,
 }
 
@@ -62,13 +62,13 @@ impl Event {
         Self { name, time_s, text: text.into(), words: Vec::new(), facts: Map::new() }
     }
 
-    /// The same with a fact.
+    /// Adds a fact to the event.
     pub(super) fn with(mut self, key: &str, value: impl Into<Value>) -> Self {
         self.facts.insert(key.to_owned(), value.into());
         self
     }
 
-    /// The same with what it means.
+    /// Adds a meaning to the event.
     pub(super) fn meaning(mut self, words: Vec<(&'static str, String)>) -> Self {
         self.words = words;
         self
@@ -89,7 +89,7 @@ impl Event {
         format!("event {:>9} s  {:10} {}{words}\n", self.time(), self.name, self.text)
     }
 
-    /// The same for a terminal of so many columns.
+    /// Returns the event for a terminal of this width in columns.
     fn paragraph(&self, width: usize) -> String {
         let filled = |head: String, text: &str, indent: usize| {
             fit::filled(&head, &" ".repeat(indent), text, width.min(WIDTH)) + "\n"
@@ -113,7 +113,7 @@ impl Event {
     }
 }
 
-/// Who gets the events.
+/// Receiver of the events.
 #[derive(Clone, Debug)]
 enum Form {
     Nobody,
@@ -167,7 +167,7 @@ impl Events {
         self.lock().tell(event);
     }
 
-    /// Has a screen get them from now on, in place of standard output and the line.
+    /// Sends later events to a screen, instead of standard output and the line.
     pub(super) fn show_on(&self, view: &Arc<Mutex<View>>) {
         self.clear();
         self.lock().form = Form::Screen(Arc::clone(view));
@@ -181,7 +181,7 @@ impl Events {
         }
     }
 
-    /// Has the line of the terminal say this.
+    /// Shows this text in the line of the terminal.
     pub(super) fn show(&self, line: &str) {
         if let Some(bar) = &self.lock().bar {
             bar.set_message(printable(line).into_owned());
@@ -200,7 +200,7 @@ impl Events {
         }
     }
 
-    /// Tells how the command ends: the last event, before its result. Nothing where nothing was told.
+    /// Reports how the command ends: the last event, before its result. Reports nothing if no event was reported before.
     pub(super) fn end(&self, end: &Result<(), Failure>) {
         self.clear();
         let mut teller = self.lock();
@@ -219,7 +219,7 @@ impl Events {
         teller.tell(&event.with("exit_code", exit.code()));
     }
 
-    /// Tells what the thread of the cycle has to tell.
+    /// Reports the news of the thread of the cycle.
     #[cfg(target_os = "linux")]
     pub(super) fn news(&self, news: News) {
         match news {
@@ -236,7 +236,7 @@ impl Events {
     }
 }
 
-/// What a watchdog of the drives did in a drill.
+/// Returns the event for a watchdog of the drives in a drill.
 #[cfg(target_os = "linux")]
 fn watchdog(finding: &Finding) -> Event {
     let mut event = Event::new("watchdog", None, finding_text(finding));

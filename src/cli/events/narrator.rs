@@ -26,12 +26,12 @@ struct Now {
     worst_late_us: f64,
 }
 
-/// Tells what is new.
+/// Narrator of new events.
 pub(super) struct Narrator {
     rig: config::Rig,
     is_on_bus: bool,
     buses: Vec<String>,
-    /// Of the last cycle; none before the first.
+    /// States in the last cycle; `None` before the first cycle.
     drives: Option<[cia402::State; 2]>,
     cause: Option<Cause>,
     /// Last standstill of the computer before the present cycle.
@@ -57,7 +57,7 @@ impl Narrator {
         }
     }
 
-    /// Tells what is new in a cycle.
+    /// Reports the new events of a cycle.
     pub(super) fn record(&mut self, record: &CycleRecord, tell: &mut impl FnMut(Event)) {
         let time_s = Some(record.moment.scene_time_s).filter(|time_s| time_s.is_finite());
         let state = record.directive.state;
@@ -130,7 +130,7 @@ impl Narrator {
         tell(event.meaning(said_first(why, words_of_fault(cause.fault))));
     }
 
-    /// What a device has told by an emergency message; of a frame that is none, nothing.
+    /// Returns the event for a device's emergency message; `None` for any other frame.
     pub(super) fn emergency(&self, frame: &Frame) -> Option<Event> {
         let emergency = Emergency::decode(frame)?;
         let node = emergency.node.raw();
@@ -149,7 +149,7 @@ impl Narrator {
         Some(event.meaning(said_first(why, words)))
     }
 
-    /// What a drive has said of a fault.
+    /// Returns the event for a fault that a drive reports.
     pub(super) fn error(&self, error: &DriveError) -> Event {
         let mut event = Event::new("error", self.now.time_s, drive_error_text(error, &self.rig));
         if let Value::Object(facts) = drive_error_json(error, &self.rig) {

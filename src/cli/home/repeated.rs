@@ -9,12 +9,12 @@ use yieldwall_motion::identification::Estimate;
 use yieldwall_run::assembly::scaling;
 use yieldwall_run::{NoShift, Repeated};
 
-/// What is known of the references of the joints that were homed more than once.
+/// Shifts of the references of the joints that were homed more than once.
 pub(super) struct Shifts {
     joints: [Option<OfJoint>; 2],
 }
 
-/// Of one joint.
+/// Shifts of one joint.
 struct OfJoint {
     shifts_rad: Vec<f64>,
     counts_per_rad: f64,
@@ -61,7 +61,7 @@ fn deviation(values: &[f64]) -> Option<f64> {
 }
 
 impl Shifts {
-    /// Those of an act that was to home more than once; `None` if it was not.
+    /// Returns the shifts of an act that homed more than once; `None` for any other act.
     pub(super) fn of(plan: &Plan, rig: &config::Rig, repeated: &Repeated) -> Option<Self> {
         if plan.times < 2 {
             return None;
@@ -132,7 +132,7 @@ impl Shifts {
         Err(Failure::new(Exit::OutOfTolerance, message, help))
     }
 
-    /// The same for a program.
+    /// Returns the shifts of a joint as data.
     pub(super) fn document(&self, joint: usize) -> Option<Value> {
         let joint = self.joints.get(joint)?.as_ref()?;
         let counts = |rad: f64| rad * joint.counts_per_rad;

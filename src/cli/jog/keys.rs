@@ -24,14 +24,14 @@ const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
 /// Time from one line to the next.
 const REFRESH: Duration = Duration::from_millis(100);
 
-/// What the keys are, for a person.
+/// Description of the keys.
 pub(super) const KEYS: &str =
     "right or + turns the joint counter-clockwise, left or - clockwise, while it is pressed; space rests, q ends";
 
 /// So near to its bound a joint is at it, rad.
 const AT_BOUND_RAD: f64 = 1e-3;
 
-/// An angle in rad that one thread tells and another one shows; not a number until it is told.
+/// An angle in rad that one thread sets and another one shows; not a number until it is set.
 #[derive(Debug)]
 pub(super) struct Shown(AtomicU64);
 
@@ -62,7 +62,8 @@ pub(super) struct Reader {
 }
 
 impl Reader {
-    /// Has the keys of standard input be told, and the angle of this joint, which goes so many rad to either side, be shown if `shows`.
+    /// Forwards the keys of standard input. If `shows`, it also displays the angle of this joint, whose travel to either side is
+    /// limited to a number of rad.
     pub(super) fn start(
         keys: Arc<Keys>,
         shown: Arc<Shown>,
@@ -122,14 +123,14 @@ impl Drop for Reader {
     }
 }
 
-/// What a person sees of a joint at this angle that has gone this way, rad.
+/// Returns the line for a joint at this angle after this travel in rad.
 fn line(name: &str, angle_rad: f64, way_rad: f64, within_rad: f64) -> String {
     let is_at_bound = way_rad.abs() >= within_rad.abs() - AT_BOUND_RAD;
     let bound = if is_at_bound { ", as far as --within lets it go" } else { "" };
     format!("{name}: {:.2} deg{bound}", angle_rad.to_degrees())
 }
 
-/// Tells keys until it is over, standard input ends or the terminal is gone.
+/// Forwards keys until the motion is over, standard input ends or the terminal closes.
 fn attend(keys: &Keys, is_over: &AtomicBool, mut show: impl FnMut()) {
     let mut shown_at: Option<Instant> = None;
     while !is_over.load(Ordering::Relaxed) {

@@ -1,4 +1,4 @@
-//! What a run on a real bus says when it is over.
+//! Results of a run on a real bus.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! What has to be shown before a rig on a real bus is enabled.
+//! Proofs that a rig on a real bus needs before it is enabled.
 
 use std::path::{Path, PathBuf};
 
@@ -104,7 +104,7 @@ pub(super) fn check_measured_loop(
     Err(refused(message, &again))
 }
 
-/// What there is to say of the virtual mass by what was measured on a bus, if anything was.
+/// Returns the findings on the virtual mass from values that were measured on a bus, if there are any.
 pub(super) fn measured_masses(rig: &config::Loaded<config::Rig>, folder: &Path) -> Result<Vec<Diagnostic>, Failure> {
     // Masses are those of hands, of which the scene has one.
     if rig.value.simulation.is_none() {

@@ -16,7 +16,7 @@ use yieldwall_run::assembly::period_s;
 /// Stiffness of a usual hand, N/m: softer ones ask for less.
 const USUAL_N_PER_M: f64 = 500.0;
 
-/// What stands in place of the rig file's word.
+/// Measured values that replace those of the rig file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Measured {
     delay_cycles: f64,
@@ -65,7 +65,8 @@ impl Masses {
         Ok(Some(masses))
     }
 
-    /// What to say before a run on a bus, where nobody knows whose hand it will be: that the mass is unstable with the softest usual one.
+    /// Returns the finding before a run on a bus, where the operator's hand is unknown: the mass is unstable with the softest usual
+    /// hand.
     pub(crate) fn measured_finding(&self, rig: &Loaded<Rig>) -> Option<Diagnostic> {
         let measured = self.measured?;
         let usual = self.holdings.as_ref()?.iter().filter(|holding| holding.grip.stiffness_n_per_m >= USUAL_N_PER_M);

@@ -1,4 +1,4 @@
-//! What a new rig shall be: flags, answers, and usual values for the rest.
+//! Choices for a new rig: flags, answers, and defaults for the rest.
 
 use std::io::{BufRead, Write};
 use std::path::{Path, PathBuf};
@@ -72,7 +72,7 @@ pub(super) struct Choice {
     pub(super) sensor: Protocol,
     /// Profiles of the left and of the right drive, as the rig writes them.
     pub(super) profiles: [String; 2],
-    /// Those that are files: as the rig writes them, and where they are.
+    /// Profiles that are files: as the rig writes them, and their paths.
     pub(super) profile_files: ProfileFiles,
     pub(super) encoder: Option<EncoderKind>,
     /// Node ids of the left and of the right drive and of the sensor.
@@ -286,7 +286,7 @@ fn profiles(drives: &[String], rig: &Path) -> Result<([String; 2], ProfileFiles)
     Ok(([left, right], files))
 }
 
-/// Who is asked: where answers come from, and where questions go.
+/// The person to ask: the source of the answers, and the output for the questions.
 pub(super) struct Person<'a> {
     pub(super) answers: &'a mut dyn BufRead,
     pub(super) questions: &'a mut dyn Write,

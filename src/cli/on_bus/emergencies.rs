@@ -1,4 +1,4 @@
-//! What devices have told of themselves, in words: by emergency messages (EMCY), and asked after a fault (603Fh, 6041h).
+//! Messages of devices about themselves, in words: from emergency messages (EMCY), and from reads after a fault (603Fh, 6041h).
 
 use serde_json::{Value, json};
 
@@ -14,7 +14,7 @@ use yieldwall_motion::guard::{Cause, Device, DeviceSet, Fault};
 use yieldwall_run::explanation::{self, Explanation};
 use yieldwall_run::{DriveError, RunError};
 
-/// The emergencies without those that say the same again, in their order. One that has come again is withdrawn if the last one is.
+/// Returns the emergencies in their order, without repetitions. A repeated emergency counts as withdrawn if its last message is.
 pub(crate) fn different(emergencies: impl Iterator<Item = EmergencyReport>) -> Vec<EmergencyReport> {
     let mut different: Vec<EmergencyReport> = Vec::new();
     for told in emergencies {
@@ -38,12 +38,12 @@ pub(crate) fn text(told: &EmergencyReport, rig: &config::Rig) -> String {
     format!("{device}: {}{}", of_told(told, rig), if told.is_withdrawn { "; withdrawn since" } else { "" })
 }
 
-/// What the code of an emergency means, by the table of the device's vendor.
+/// Explains the code of an emergency by the table of the device's vendor.
 fn of_told(told: &EmergencyReport, rig: &config::Rig) -> Explanation {
     explained(told.code, Some(told.device), rig)
 }
 
-/// What a code of a device means, by the table of its vendor.
+/// Explains a code of a device by the table of its vendor.
 fn explained(code: EmcyCode, device: Option<Device>, rig: &config::Rig) -> Explanation {
     let profile = match device {
         None => None,
@@ -55,7 +55,7 @@ fn explained(code: EmcyCode, device: Option<Device>, rig: &config::Rig) -> Expla
     explanation::error_code(code.0, codes.map(|codes| &**codes))
 }
 
-/// The same as data.
+/// Returns the emergency as data.
 pub(crate) fn document(told: &EmergencyReport, rig: &config::Rig) -> Value {
     let (node_id, position) = address(told.device, rig);
     let explained = of_told(told, rig);
@@ -74,7 +74,7 @@ pub(crate) fn document(told: &EmergencyReport, rig: &config::Rig) -> Value {
     })
 }
 
-/// What a code of a device means, and its cause and next step.
+/// Returns the meaning of a device's code, with its cause and the next step.
 pub(crate) fn words_of_code(
     code: EmcyCode,
     device: Option<Device>,
@@ -84,7 +84,7 @@ pub(crate) fn words_of_code(
     (meaning.into_owned(), words(cause.into_owned(), next.into_owned()))
 }
 
-/// What a fault of the rig comes from, and what to do next.
+/// Returns the cause of a rig's fault and the next step.
 pub(crate) fn words_of_fault(fault: Fault) -> Vec<(&'static str, String)> {
     let Explanation { cause, next, .. } = explanation::fault(fault);
     words(cause.into_owned(), next.into_owned())
@@ -94,7 +94,7 @@ fn words(cause: String, next: String) -> Vec<(&'static str, String)> {
     vec![("cause", cause), ("next", next)]
 }
 
-/// What a drive says of a fault.
+/// Returns the text of a drive's report on a fault.
 pub(crate) fn drive_error_text(error: &DriveError, rig: &config::Rig) -> String {
     let name = name(error.drive, rig);
     let code = match error.code {
@@ -109,7 +109,7 @@ pub(crate) fn drive_error_text(error: &DriveError, rig: &config::Rig) -> String 
     format!("{name}: {code}{status}")
 }
 
-/// The same as data.
+/// Returns a drive's report on a fault as data.
 pub(crate) fn drive_error_json(error: &DriveError, rig: &config::Rig) -> Value {
     let code = error.code.map(EmcyCode);
     let words = code.filter(|code| !code.is_reset()).map(|code| words_of_code(code, Some(error.drive), rig));
@@ -167,7 +167,7 @@ pub(crate) fn with_findings(mut failure: Failure, findings: &[String]) -> Failur
     failure
 }
 
-/// The failure with what the devices told and what to do about that, if they told anything.
+/// Adds the devices' messages and the advice on them to the failure, if there are any.
 pub(crate) fn with_told(
     mut failure: Failure,
     emergencies: &[EmergencyReport],

@@ -130,7 +130,7 @@ pub(super) fn fed(ring: usize) -> Result<(Stream, Producer<CycleRecord>, Feed<()
     Ok((stream, producer, feed))
 }
 
-/// Prints the address of a page, and opens a browser unless told otherwise; the file that leads there goes when it is dropped.
+/// Prints the address of a page, and opens a browser unless `no_open`. The file that redirects to the page is deleted on drop.
 pub(super) fn announce(server: &Server, no_open: bool, output: &mut Output) -> Result<Option<LeadingFile>, Failure> {
     let address = server.address_line();
     if output.is_json() {

@@ -1,4 +1,4 @@
-//! What a run on the embedded simulation leaves to tell.
+//! Results of a run on the embedded simulation.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -33,7 +33,7 @@ pub(super) struct Facts<'a> {
 }
 
 impl Facts<'_> {
-    /// What the drill has shown of other drives than those that the profiles describe.
+    /// Returns the drill's results on drives other than those that the profiles describe.
     fn settled(&self) -> Vec<Settled> {
         let is_other = self.rig.simulated().is_ok_and(|simulation| simulation.drive_model.is_some());
         if is_other { self.drilled.settled(self.rig) } else { Vec::new() }

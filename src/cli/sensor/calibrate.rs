@@ -11,8 +11,8 @@ use yieldwall_config::{self as config, Loaded};
 use yieldwall_motion::identification::{ForceMap, force_map};
 use yieldwall_run::Pulled;
 
-/// How far a gain may be from 1, how far axes may be turned, degrees, and how much of a force may be felt along the other axis: beyond it
-/// the rig is not run with what its file says.
+/// Largest deviation of a gain from 1, rotation of the axes in degrees, and share of a force along the other axis. Beyond these
+/// limits the rig does not run with the values of its file.
 const GAIN: f64 = 0.1;
 const TURN_DEG: f64 = 10.0;
 const CROSS_TALK: f64 = 0.1;
@@ -101,7 +101,7 @@ fn corrected(calibration: &[[config::Finite; 6]; 6], map: &ForceMap) -> Option<[
     Some(inverse.map(row))
 }
 
-/// What a person reads; without `map` of pulls that were not felt.
+/// Returns the result as text; without `map`, of pulls that the sensor did not feel.
 fn text(rig: &config::Rig, pulled: &[Pulled], map: Option<&ForceMap>, rows: Option<&[[f64; 6]; 2]>) -> String {
     let heading = super::AXES.map(|(axis, unit)| format!("{:>11}", format!("{axis} {unit}"))).concat();
     let mut text = format!("{:>16}{heading}\n", "pull x, y N");

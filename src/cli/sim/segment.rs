@@ -98,7 +98,7 @@ pub(super) fn run(
     end
 }
 
-/// What is for devices on CAN.
+/// Refuses arguments for devices on CAN.
 fn refuse(arguments: &Arguments, faults: &[Injection]) -> Result<(), Failure> {
     only_for_can(&[
         (

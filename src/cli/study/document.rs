@@ -1,4 +1,4 @@
-//! What a study leaves: tables, charts, and one document that says with what they were computed.
+//! Results of a study: tables, charts, and one document that names the program and computer behind them.
 
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -55,11 +55,11 @@ impl Pace {
     }
 }
 
-/// What is in the document beside the tables.
+/// Content of the document besides the tables.
 pub(super) struct Origin<'a> {
     pub(super) origin: &'a super::Origin,
     pub(super) build: &'a str,
-    /// What this run computed; points that were there are not in it.
+    /// Points that this run computed, without the points that existed before.
     pub(super) computed: &'a [Pace],
 }
 
@@ -105,7 +105,7 @@ pub(super) fn document(study: &dyn Study, tables: &[Table], report: &Report, ori
     })
 }
 
-/// What the results were computed with.
+/// Returns the machine that computed the results.
 fn machine(origin: &Origin<'_>) -> Value {
     let processors = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model =

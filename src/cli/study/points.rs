@@ -280,7 +280,7 @@ fn compute(
     Ok((table, Some(pace)))
 }
 
-/// The program's own bytes, which tell one build from another.
+/// Returns a checksum of the program's own file, which distinguishes one build from another.
 fn build() -> String {
     let sum = std::env::current_exe().and_then(std::fs::read).map_or(0, |bytes| crc32fast::hash(&bytes));
     format!("{sum:08x}")

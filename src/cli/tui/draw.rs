@@ -18,14 +18,14 @@ const LEAST: (u16, u16) = (40, 8);
 /// Rows of the histogram below its head.
 const BARS: usize = 8;
 
-/// What the keys do now.
+/// Current actions of the keys.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Offer {
     /// A stop was asked for.
     pub(super) is_stopping: bool,
     /// The loop takes orders to reset and to enable.
     pub(super) can_come_back: bool,
-    /// What waits for the second key.
+    /// Act that waits for the second key.
     pub(super) armed: Option<Act>,
 }
 

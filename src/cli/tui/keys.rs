@@ -1,4 +1,4 @@
-//! What keys ask for: one stops, two reset or enable.
+//! Acts of the keys: one key stops, two keys reset or enable.
 
 use std::time::{Duration, Instant};
 
@@ -7,7 +7,7 @@ use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 /// How long the first of two keys waits for the second.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// What may be asked for.
+/// Act that a key requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub(super) enum Act {
@@ -30,7 +30,7 @@ pub(super) struct Keys {
 }
 
 impl Keys {
-    /// Which act waits for Enter.
+    /// Returns the act that waits for Enter.
     pub(super) fn armed(&self, now: Instant) -> Option<Act> {
         self.armed.filter(|(_, at)| now.duration_since(*at) <= PATIENCE).map(|(act, _)| act)
     }

@@ -1,4 +1,4 @@
-//! What the screen shows, as the thread of the events leaves it.
+//! Content of the screen, as the thread of the events leaves it.
 
 use std::collections::VecDeque;
 
@@ -44,7 +44,7 @@ pub(crate) struct View {
 }
 
 impl View {
-    /// Of a rig with drives of these names, that runs somewhere for so long.
+    /// Returns the view of a rig with drives of these names, at this place and for this duration.
     pub(crate) fn new(rig: &str, drives: [&str; 2], place: &str, duration_s: f64) -> Self {
         let axes = drives.map(|name| Axis { name: name.to_owned(), ..Axis::default() });
         Self { rig: rig.to_owned(), place: place.to_owned(), duration_s, axes, ..Self::default() }

@@ -1,4 +1,4 @@
-//! What the virtual coupling of an impedance device bears, for a person and for a program to read.
+//! Limits of the virtual coupling of an impedance device, as text and as data.
 
 use serde_json::{Value, json};
 
@@ -10,7 +10,7 @@ fn four_digits(value: f64) -> f64 {
     format!("{value:.3e}").parse().unwrap_or(value)
 }
 
-/// What the coupling of a device bears, for a person to read.
+/// Returns the limits of a device's coupling as text.
 pub(crate) fn coupled_lines(device: &ImpedanceDevice, coupled: &Coupled, reserve: f64) -> Vec<String> {
     let Coupling::Impedance { stiffness_n_per_m, damping_n_s_per_m } = device.fixture.coupling else { return vec![] };
     let own = device.plant.damping_n_s_per_m.get();
@@ -31,7 +31,7 @@ pub(crate) fn coupled_lines(device: &ImpedanceDevice, coupled: &Coupled, reserve
     ]
 }
 
-/// The same for a program to read.
+/// Returns the limits of a device's coupling as data.
 pub(crate) fn coupled_json(coupled: &Coupled, reserve: f64) -> Value {
     json!({
         "reserve": reserve,
@@ -42,7 +42,7 @@ pub(crate) fn coupled_json(coupled: &Coupled, reserve: f64) -> Value {
     })
 }
 
-/// What to say of a device whose coupling is unstable.
+/// Returns the finding on a device whose coupling is unstable.
 pub(crate) fn coupled_finding(device: &Loaded<ImpedanceDevice>, coupled: &Coupled) -> Option<Diagnostic> {
     if coupled.is_stable {
         return None;

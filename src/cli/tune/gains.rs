@@ -208,7 +208,7 @@ fn changes(old: &ControlGains, new: &ControlGains) -> Vec<Change> {
     pairs.map(|((key, old), (_, new))| (key, old, new)).collect()
 }
 
-/// What is tuned, and from what it is computed.
+/// Returns the tuned object, and the source of the computation.
 fn title(rig: &Rig) -> String {
     match rig.rig.command_mode {
         CommandMode::Velocity => "the rate gain, from the cycle time".to_owned(),

@@ -250,7 +250,7 @@ fn end(
     }
 }
 
-/// What kept a joint from going its whole course.
+/// Returns the failure of a joint that did not complete its course.
 fn failure(traced: &LoopTraced, joint: usize, name: &str, rig: &Rig) -> Failure {
     let torque = traced.torque_n_m;
     let is_weak = traced.cause.is_some_and(|cause| cause.fault == Fault::FollowingError);
@@ -311,7 +311,7 @@ fn judge(found: &[&JointLoop], rig: &Rig) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What was identified of both joints, if this program closes their loop.
+/// Returns the identified values of both joints, if this program closes their loop.
 fn joints_found(found: &[&JointLoop], rig: &Rig) -> Option<[JointFound; 2]> {
     let [left, right] = found else { return None };
     (rig.rig.command_mode == CommandMode::Torque).then_some([left.found()?, right.found()?])
@@ -400,7 +400,7 @@ fn joint_text(joint: &JointLoop, rig: &Rig) -> String {
     lines.iter().map(|line| format!("{name:9} {line}\n")).collect()
 }
 
-/// What else of the rig file what was identified says something about.
+/// Returns further conclusions on the rig file from the identified values.
 fn advice(found: &[&JointLoop], rig: &Rig) -> Vec<String> {
     let mut lines = Vec::new();
     for joint in found {

@@ -91,7 +91,7 @@ struct Difference {
     second: Option<String>,
 }
 
-/// What is shown of a side that has no value.
+/// Text for a side without a value.
 const NONE: &str = "(none)";
 
 /// The differences, a line each; where that is too long, values stand below.

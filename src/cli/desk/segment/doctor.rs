@@ -13,7 +13,7 @@ use yieldwall_fieldbus::objects::Address;
 use yieldwall_link::checkup::{Check, Verdict};
 use yieldwall_service::{Counters, Present, number};
 
-/// What every device has: its type; and the last error of a drive.
+/// Objects that every device has: its type, and a drive's last error.
 const DEVICE_TYPE: Address = Address::new(0x1000, 0);
 const ERROR_CODE: Address = Address::new(0x603f, 0);
 

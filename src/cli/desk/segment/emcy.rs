@@ -16,7 +16,7 @@ use yieldwall_service::ObjectAccess;
 /// How long a device is listened to.
 const LISTENING: Duration = Duration::from_millis(100);
 
-/// What a device tells of its errors.
+/// Errors that a device reports.
 pub(super) struct DeviceErrors {
     device: Device,
     stored: Option<Vec<PastError>>,

@@ -100,7 +100,7 @@ pub(super) fn read(number_of: &mut Numbers<'_>) -> Result<Vec<Exchange>, Failure
     Ok(exchanged)
 }
 
-/// What a synchronisation type says.
+/// Describes a synchronisation type.
 fn when(sync_type: u32) -> String {
     match sync_type {
         0 => "free run".to_owned(),

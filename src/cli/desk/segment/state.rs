@@ -37,7 +37,7 @@ impl Target {
     }
 }
 
-/// What became of a device.
+/// Result of a state change of a device.
 pub(super) struct StateChange {
     pub(super) device: Device,
     pub(super) before: AlStatus,
@@ -74,8 +74,8 @@ pub(in crate::desk) fn run(
     end
 }
 
-/// Asks a device for a state, if one is wanted; its states, and why it is not where it should be. What keeps all devices from answering is a
-/// failure at once.
+/// Requests a state from a device, if one is given. Returns its states, and the reason if it did not reach the state. An obstacle
+/// that keeps all devices from answering is a failure at once.
 pub(super) fn change(
     desk: &mut SegmentSession,
     device: Device,

@@ -43,8 +43,8 @@ pub(in crate::desk) fn image(
     Ok(made.image)
 }
 
-/// The device of a description that is meant: the one that is named, else the one that the chip reports, else the only one. Of several
-/// revisions it is that of the chip, else the newest.
+/// Returns the selected device of a description: the named one, or else the one that the chip reports, or else the only one. Among
+/// several revisions, the function takes the chip's revision, or else the newest.
 fn described<'a>(
     esi: &'a Esi,
     device: &Device,

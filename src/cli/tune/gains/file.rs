@@ -20,7 +20,7 @@ pub(super) enum GainsSource {
     },
     /// Somewhere in its own file where they cannot be replaced.
     Unclear {
-        /// Which one.
+        /// Key of the gain.
         key: String,
     },
 }
@@ -30,7 +30,7 @@ pub(super) struct Edit {
     path: PathBuf,
     /// The whole text.
     text: String,
-    /// What the rig is then.
+    /// Rig after the change.
     wanted: Rig,
     words: String,
 }
@@ -108,12 +108,13 @@ impl Edit {
         &self.path
     }
 
-    /// What would be done, for a person.
+    /// Describes the change.
     pub(super) fn words(&self) -> &str {
         &self.words
     }
 
-    /// Writes it beside the file, reads it as a rig, and puts it in the place of the file if it is the same rig but for the gains.
+    /// Writes the new content beside the file and reads it as a rig. If this rig differs only in its gains, the content replaces
+    /// the file.
     pub(super) fn carry_out(self) -> Result<PathBuf, Failure> {
         let refused = |message: String| Failure::about_file(Exit::Usage, &self.path, message, "nothing was written");
         let io = |error: std::io::Error| refused(format!("{}: {error}", self.path.display()));

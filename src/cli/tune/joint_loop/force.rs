@@ -1,4 +1,4 @@
-//! What is told of the age of the force and of the handle.
+//! Text on the age of the force and on the handle.
 
 use serde_json::{Value, json};
 
@@ -8,13 +8,13 @@ use yieldwall_motion::identification::{Handle, NotIdentified};
 use yieldwall_rig::analysis::{believed_age_s, later_s};
 use yieldwall_run::{ForceFound, JointLoop};
 
-/// What shows the age of a force whose sensor carries too little, in words.
+/// Advice for a sensor that carries too little mass to show the age of its force.
 const WEIGHT: &str = "fix a weight of some 0.3 kg to the handle, beyond the sensor, and begin again";
 /// Masses that differ by less, kg, or by less than this share, are the same.
 const SAME_KG: f64 = 0.01;
 const SAME_SHARE: f64 = 0.05;
 
-/// What was identified at a joint.
+/// Returns the identified values of a joint.
 pub(super) fn line(handle: &Result<Handle, NotIdentified>) -> String {
     let handle = match handle {
         Ok(handle) => handle,
@@ -28,7 +28,7 @@ pub(super) fn line(handle: &Result<Handle, NotIdentified>) -> String {
     )
 }
 
-/// What that says of the rig file.
+/// Returns the conclusions for the rig file.
 pub(super) fn advice(found: &[&JointLoop], rig: &Rig) -> Vec<String> {
     let Some(force) = ForceFound::of(found) else {
         let feels_too_little = |joint: &&JointLoop| matches!(joint.handle, Err(NotIdentified::NoHandle { .. }));
@@ -57,7 +57,7 @@ pub(super) fn advice(found: &[&JointLoop], rig: &Rig) -> Vec<String> {
     lines
 }
 
-/// What was identified at a joint, for a program to read.
+/// Returns the identified values of a joint as data.
 pub(super) fn handle_json(handle: &Result<Handle, NotIdentified>) -> Value {
     let estimate = super::estimate_json;
     match handle {
@@ -72,7 +72,7 @@ pub(super) fn handle_json(handle: &Result<Handle, NotIdentified>) -> Value {
     }
 }
 
-/// What that says of the rig file, for a program to read.
+/// Returns the conclusions for the rig file as data.
 pub(super) fn json(found: &[&JointLoop], rig: &Rig) -> Value {
     let force = ForceFound::of(found);
     json!({

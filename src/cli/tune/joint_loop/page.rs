@@ -1,4 +1,4 @@
-//! What was measured of the joints' loops, as a page that needs nothing beside it.
+//! Measurements of the joints' loops, as a self-contained page.
 
 use nalgebra::Complex;
 
@@ -43,11 +43,11 @@ fn section(rig: &Rig, joint: &JointLoop, tuned: Option<&Rig>) -> String {
     format!("<h2>{}</h2>\n<pre>{lines}</pre>\n{bode}\n{step}\n", escaped(name))
 }
 
-/// What is known at frequencies in Hz.
+/// Known values at frequencies in Hz.
 type Known = [(f64, Complex<f64>)];
 /// A curve in a Bode plot: its name, what is known, and how it is drawn.
 type Curve = (String, Vec<(f64, Complex<f64>)>, Mark);
-/// What is drawn over the frequency.
+/// Curve over the frequency.
 type Drawn = fn(&Known) -> Vec<(f64, f64)>;
 
 fn bode(title: &str, curves: &[Curve]) -> Chart {

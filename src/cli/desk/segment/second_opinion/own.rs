@@ -1,5 +1,5 @@
-//! The readings of this program of the devices, as `doctor` does: it writes no register but those of the memory chips, and brings a device in INIT
-//! to PRE-OP for its objects, and back.
+//! This program's own readings of the devices, as in `doctor`. The program writes no registers except those of the memory chips. It
+//! brings a device in INIT to PRE-OP for its objects, and back.
 
 use super::super::pdo;
 use super::super::{Device, SegmentSession};

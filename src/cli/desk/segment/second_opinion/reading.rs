@@ -118,7 +118,7 @@ impl DeviceReading {
         ]
     }
 
-    /// Whether the delays of both are the same but for rounding.
+    /// Whether both have the same delays, except for rounding.
     fn has_delay_of(&self, other: &Self) -> bool {
         self.delay_ns.zip(other.delay_ns).is_some_and(|(own, other)| own.abs_diff(other) <= ROUNDING_NS)
     }
