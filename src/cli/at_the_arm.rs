@@ -8,10 +8,10 @@ use super::confirm::{ask, is_yes};
 use yieldwall_motion::quantity::Force;
 use yieldwall_run::Task;
 
-/// How often a wait looks whether a person has asked for the end.
+/// Interval at which a wait checks whether a person has asked for the end.
 const LOOK_UP: Duration = Duration::from_millis(100);
 
-/// Where answers are typed.
+/// Source of typed answers.
 pub(super) struct Typed {
     is_interrupted: Arc<AtomicBool>,
 }

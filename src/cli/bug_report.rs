@@ -42,7 +42,7 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     if let Some(rig) = &arguments.rig {
-        // One that is refused is reported; one that is not there is a slip.
+        // A refused file is reported; a missing one is a typing error.
         Source::named(rig).read()?;
     }
     arguments.replace.check_new(&arguments.out)?;

@@ -111,12 +111,12 @@ fn plans_under(rig: &Rig, change: impl Fn(Conditions) -> Conditions) -> Result<V
     Ok(plans.into_iter().flatten().collect())
 }
 
-/// How a bus is called where there are several.
+/// Names the bus, if there are several.
 fn called(rig: &Rig, before: &str, name: &str) -> String {
     if rig.buses.len() > 1 { format!("{before}{name}") } else { String::new() }
 }
 
-/// One table for each bus.
+/// Returns the text: one table for each bus.
 fn text(plans: &[Plan<'_>]) -> String {
     plans.iter().map(Plan::text).collect::<Vec<_>>().join("\n")
 }
@@ -157,8 +157,8 @@ impl Plan<'_> {
         }
     }
 
-    /// Returns the smallest change with which every frame is in time: the bit rate of a CAN bus, the period, and the first and last
-    /// moment of the computation in whole us.
+    /// Returns the smallest change with which every frame is in time. It holds the bit rate of a CAN bus, the period, and the first
+    /// and last moment of the computation in whole us.
     pub(super) fn advice(&self) -> Option<(Option<u32>, Duration, [u64; 2])> {
         match self {
             Plan::Can(plan) => plan.advice().map(|found| (Some(found.bit_rate), found.period, found.compute_at_us)),
@@ -166,7 +166,7 @@ impl Plan<'_> {
         }
     }
 
-    /// One line for `config check`.
+    /// Returns the line for `config check`.
     pub(super) fn line(&self) -> String {
         match self {
             Plan::Can(plan) => plan.line(),

@@ -127,7 +127,7 @@ fn check_points(rows: &Rows, path: &Path, rig: &config::Rig) -> Result<(), Failu
         let help = "spread them over the working disc";
         return Err(Failure::about_file(Exit::ConfigInvalid, path, message, help));
     }
-    // What is wrong with the linkage was told when the rig was read.
+    // Errors of the linkage were reported when the rig was read.
     let Ok(linkage) = FiveBar::new(rig.linkage.geometry()) else { return Ok(()) };
     let beyond = (1..).zip(&points).find(|(_, point)| linkage.inverse(**point).is_err());
     beyond.map_or(Ok(()), |(number, point)| {
@@ -232,7 +232,7 @@ fn rows(rig: &config::Rig, found: &Kinematics) -> Vec<Row> {
         }
     }
     for (joint, (drive, zero)) in rig.drives.iter().zip(found.zero_rad).enumerate() {
-        // Of a drive that is homed the angle at home says where its zero is.
+        // The zero of a drive that homes follows from its angle at home.
         let (key, old) = match drive.homing {
             Some(homing) => ("homing.angle_rad", homing.angle_rad.get()),
             None => ("zero_offset_rad", drive.zero_offset_rad.get()),

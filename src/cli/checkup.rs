@@ -19,7 +19,7 @@ const COMMAND_INDENT: usize = 4;
 pub(super) struct Section {
     /// The place, such as the name of an interface.
     pub(super) about: String,
-    /// How the program ends if something of it is wrong.
+    /// Exit code if a check fails.
     pub(super) exit: Exit,
     pub(super) checks: Vec<Check>,
 }
@@ -98,7 +98,7 @@ fn command_lines(command: &str) -> impl Iterator<Item = String> {
     lines.into_iter().map(|line| line.trim_end().to_owned())
 }
 
-/// Prints all of it, and fails if something is wrong; `document` stands beside it in the JSON document.
+/// Prints all sections, and fails if a check fails; the JSON document also holds `document`.
 pub(super) fn finish(sections: &[Section], mut document: Value, output: &mut Output) -> Result<(), Failure> {
     let end = match sections.iter().find(|section| section.is_wrong()) {
         None => Ok(()),

@@ -214,7 +214,7 @@ impl Machine {
     }
 }
 
-/// Where a run begins, and the earlier one that it goes on from.
+/// Returns the first step of a run, and the earlier run that it continues.
 fn begin(
     arguments: &Arguments,
     rig: &config::Rig,
@@ -282,7 +282,7 @@ fn end(
     output: &mut Output,
 ) -> Result<(), Failure> {
     let commissioned = &taken.commissioned;
-    // What was found is told, whatever becomes of the file.
+    // The results are printed, whatever happens to the file.
     let mut page = Ok(());
     if let Some(html) = &arguments.html {
         let file = arguments.rig.as_deref().unwrap_or_default();

@@ -18,7 +18,7 @@ use super::printable::printable;
 
 /// Nobody reads a question and answers it in less time.
 const READING: Duration = Duration::from_millis(300);
-/// How often a question looks whether it still waits for an answer.
+/// Interval at which a question checks whether it still waits for an answer.
 const LOOK_UP: Duration = Duration::from_millis(100);
 /// Longest answer in bytes; a longer one is none.
 const LONGEST: usize = 4096;
@@ -46,7 +46,7 @@ fn ask_on(from: BorrowedFd<'_>, to: &mut dyn Write, question: &str, mut waits: i
         if is_terminal {
             tcflush(from, QueueSelector::IFlush).ok()?;
         }
-        // Nobody can be told that standard error is closed.
+        // If standard error is closed, no message can reach anybody.
         let _ = write!(to, "{question} ").and_then(|()| to.flush());
         if !is_terminal || !comes_within_reading(from, &mut waits)? {
             break;

@@ -162,7 +162,7 @@ fn period_us(rig: Option<&Rig>) -> u32 {
     rig.map_or(PERIOD_US, |rig| rig.cycle.period_us)
 }
 
-/// How this computer is.
+/// Checks this computer.
 fn of_computer(rig: Option<&Rig>) -> Section {
     let period_us = period_us(rig);
     let limits = limits();
@@ -172,7 +172,7 @@ fn of_computer(rig: Option<&Rig>) -> Section {
     Section::new(format!("this computer, for a cycle of {period_us} us"), Exit::TimingMissed, checks)
 }
 
-/// How an interface is.
+/// Checks an interface.
 fn of_interface(name: &str, bit_rate: Option<u32>, period: Duration) -> Section {
     let checks = match InterfaceFacts::read(name, bit_rate) {
         Err(error) => vec![error.check()],

@@ -1,4 +1,4 @@
-//! Why a run ended badly, and with which exit code.
+//! Causes of a failed run, and their exit codes.
 
 use super::desk::placed_text;
 use super::failure::{Exit, Failure};
@@ -18,7 +18,7 @@ pub(super) const SOFTER_COUPLING: &str =
 
 /// The failure of a run that gave the hand more energy than a fixture that stores none can; `help` says what to do about it.
 pub(super) fn above_bound(measures: &Measures, what: &str, help: &str) -> Failure {
-    // A stiff coupling bounds it to what one decimal does not tell from nothing.
+    // With a stiff coupling the bound rounds to zero at one decimal.
     let decimals = if measures.energy_bound_j < 1e-3 { 6 } else { 1 };
     let message = format!(
         "{what} gave the hand {:.decimals$} mJ {}, above the bound of {:.decimals$} mJ: the loop of hand, fixture and arm swings",
@@ -107,7 +107,7 @@ pub(super) fn exit_of(cause: Cause) -> Exit {
     }
 }
 
-/// Where a fault showed: the stage, and the devices if there are any.
+/// Describes the place of a fault: the stage, and the devices if there are any.
 pub(super) fn describe(cause: Cause, buses: &[String]) -> String {
     let stage = format!("{:?}", cause.fault.row().stage).to_lowercase();
     if cause.devices.is_empty() { stage } else { format!("{stage}, {}", devices_text(cause.devices, buses)) }
@@ -206,7 +206,7 @@ fn other_sensor(sensor: &config::Sensor) -> String {
     )
 }
 
-/// How the program ends when the boot has failed.
+/// Returns the exit code of a failed boot.
 fn boot_exit(failure: &BootFailure) -> Exit {
     let BootFailure::Segment(failure) = failure else { return Exit::DeviceMismatch };
     match **failure {

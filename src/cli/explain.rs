@@ -46,7 +46,7 @@ pub(super) struct Arguments {
     node: Option<String>,
 }
 
-/// One meaning of a word, and what it has beside the explanation.
+/// A meaning of a word, and its data besides the explanation.
 struct Meaning {
     explanation: Explanation,
     more: Vec<(&'static str, String)>,
@@ -193,7 +193,7 @@ fn size_words(size: &DefectSize) -> String {
 /// statusword. An unlikely reading appears only if there is no other one.
 fn of_two_bytes(code: u16, codes: Option<&ErrorCodes>) -> Vec<Explanation> {
     let of_error = explanation::error_code(code, codes);
-    // Whoever names the device means its error codes.
+    // A person who names the device means its error codes.
     if of_error.source.is_some() {
         return vec![of_error];
     }

@@ -1,4 +1,4 @@
-//! Why a command failed, and the exit code that says so.
+//! Reason for the failure of a command, and its exit code.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use yieldwall_config::{Diagnostic, Report};
 use yieldwall_rig::batch::LinesError;
 
-/// How the program ended.
+/// Exit code of the program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Exit {
@@ -77,7 +77,7 @@ pub(super) fn both(first: Result<(), Failure>, then: Result<(), Failure>) -> Res
 /// A command that did not do what it was asked for.
 #[derive(Debug)]
 pub struct Failure {
-    /// How the program ends.
+    /// Exit code of the program.
     pub exit: Exit,
     /// Report to print; empty if everything was printed before.
     pub report: Report,

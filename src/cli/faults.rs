@@ -11,7 +11,7 @@ use yieldwall_config::injection::{
     CATALOGUE, CatalogueRow, Ending, Expected, Injection, Kind, Lasts, Recovery, Target,
 };
 
-/// One `--fault NAME@TIME[+DURATION][:TARGET]`.
+/// Argument `--fault NAME@TIME[+DURATION][:TARGET]`.
 #[derive(Clone, Debug)]
 pub(super) struct FaultArgument {
     injection: Injection,

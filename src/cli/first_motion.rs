@@ -51,7 +51,7 @@ impl OnBus {
         self.pace
     }
 
-    /// Whether its cycles follow the wall clock.
+    /// Whether the cycles follow the wall clock.
     pub(super) fn is_by_the_clock(&self) -> bool {
         self.pace == PaceArgument::Free
     }
@@ -126,7 +126,7 @@ pub(super) fn at_rest<T>(
 ) -> Result<T, Failure> {
     let events = Events::of(output);
     let Opened { on_bus, terms, interfaces, is_interrupted } = arguments.open(command, file, rig, output)?;
-    // Nothing is enabled that would have to be in time.
+    // Nothing that has deadlines is enabled.
     let terms = Terms { ignores_latency: true, ..terms };
     let tell = |output: &mut Output, news: News| match news {
         News::Refused(refusal) => warn(output, refusal),

@@ -6,7 +6,7 @@ use terminal_size::{Width, terminal_size_of};
 use textwrap::core::{Word, display_width};
 use textwrap::{Options, WordSeparator, WordSplitter};
 
-/// Least width that is kept to, in columns, however narrow the terminal is.
+/// Minimum width in columns, however narrow the terminal is.
 pub(super) const LEAST: usize = 40;
 
 /// Columns of a terminal that does not say how many it has.
@@ -65,7 +65,7 @@ pub(super) fn filled(head: &str, indent: &str, text: &str, columns: usize) -> St
     )
 }
 
-/// Where a line may be broken: at spaces that are neither between back quotes nor between a number and what it counts.
+/// Places where a line may break: at spaces that are neither within backquotes nor between a number and its unit.
 pub(super) const SEPARATOR: WordSeparator = WordSeparator::Custom(words);
 
 fn words(line: &str) -> Box<dyn Iterator<Item = Word<'_>> + '_> {
@@ -143,7 +143,7 @@ mod tests {
         assert_eq!(fitted("one\n\ntwo\n", 80), "one\n\ntwo\n");
     }
 
-    /// Nothing is lost but spaces, and a line is too wide only where it is a single word.
+    /// Only spaces are lost, and a line is too wide only if it is a single word.
     #[test]
     fn every_line_fits_or_is_one_word() {
         use proptest::prelude::*;

@@ -57,7 +57,7 @@ fn within(text: &str) -> Result<f64, String> {
 /// Plan of the motion, with its bounds.
 struct Plan {
     home: HomePlan,
-    /// How often.
+    /// Number of homings.
     times: u32,
     /// By how much a reference may shift, rad.
     within_rad: Option<f64>,
@@ -134,7 +134,7 @@ fn count(done: &mut u32, times: u32, homed: &Homed, output: &Output) {
     }
 }
 
-/// How all of it ended, the fault that led to it, and the time since the drives were enabled last, s.
+/// Returns the end of all homings, the fault behind it, and the time since the drives were last enabled, s.
 fn ending(repeated: &Repeated) -> (Ended, Option<Cause>, f64) {
     let homed = || repeated.homed.last().map(|homed| (homed.ended, homed.cause, homed.time_s));
     let led = repeated.stopped.map(|jogged| (jogged.ended, jogged.cause, jogged.time_s));

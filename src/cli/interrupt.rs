@@ -1,4 +1,4 @@
-//! Whoever wants the program to end.
+//! Requests to end the program.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use super::failure::{Exit, Failure};
 /// was started to outlive it (`nohup`).
 pub(super) fn on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
     let flag = Arc::new(AtomicBool::new(false));
-    // Where the system does not tell, a terminal that goes away stops the rig.
+    // If the system does not report it, a closed terminal stops the rig.
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let hangup = Some(SIGHUP).filter(|signal| !is_ignored(*signal, &status));
     for signal in [SIGINT, SIGTERM].into_iter().chain(hangup) {
@@ -27,7 +27,7 @@ pub(super) fn unless(is_interrupted: &AtomicBool) -> ControlFlow<()> {
     if is_interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
 }
 
-/// How a run ends that was broken off.
+/// Returns the failure of an interrupted run.
 pub(super) fn interrupted(time_s: f64) -> Failure {
     Failure::new(Exit::Interrupted, format!("interrupted after {time_s:.3} s; the rig was stopped"), "")
 }

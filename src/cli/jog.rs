@@ -30,7 +30,7 @@ const MOST_RATE: f64 = 30.0 * PI / 180.0;
 const COMES_UP_S: f64 = 0.2;
 /// Share of the rated torque of a drive, unless said otherwise: what dry friction takes, and a little more.
 const TORQUE_SHARE: f64 = 0.25;
-/// How far a joint may be led beyond its way before the rig is stopped, and how far from its target it may rest, rad.
+/// Largest travel of a joint beyond its range before the rig is stopped, and largest distance from its target at rest, rad.
 const BEYOND_RAD: f64 = 0.02;
 const OFF_RAD: f64 = 2e-3;
 
@@ -132,7 +132,7 @@ impl<'a> Plan<'a> {
         Ok(Self { joint, jog, bounds: Bounds { motion_rad, torque_n_m: positive(torque)? } })
     }
 
-    /// How far a joint has gone, against what was asked of it, rad. Keys ask for nothing that is known before.
+    /// Returns the difference between a joint's travel and the requested travel, rad. With keys, no travel is known in advance.
     fn off(&self, jogged: &Jogged) -> [f64; 2] {
         let mut off = (jogged.to - jogged.from - self.jog.by).to_array();
         if self.jog.keys.is_some() {
@@ -295,7 +295,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     plan.end(arguments, rig, &jogged, failure.map_or(Ok(()), Err), output)
 }
 
-/// The failure that the joints were not led to their targets, though no fault stopped the rig.
+/// Returns the failure for joints that did not reach their targets, although no fault stopped the rig.
 pub(super) fn short_of(jogged: &Jogged) -> Failure {
     let message =
         format!("after {:.3} s the rig was stopped before its joints were where they should go", jogged.time_s);
@@ -395,7 +395,7 @@ mod tests {
         };
         let [left, right] = [0, 1].map(DeviceSet::drive);
         assert!(advice(Fault::FollowingError, left, 1e-4).contains("raise --torque"));
-        // One that ran away, or did not go on.
+        // A joint that ran away, or did not continue.
         assert!(advice(Fault::FollowingError, left, -5e-3).contains("went 0.29 deg the other way than it was led"));
         assert!(advice(Fault::FollowingError, left, 5e-3).contains("an encoder that stands still"));
         // The one that was to hold, and another fault.

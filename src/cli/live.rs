@@ -59,7 +59,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
     check_candump(arguments, &rig)?;
     output.configuration(&rig.warnings)?;
     check_buses(&rig, Some(arguments.ignore_bus_budget), output)?;
-    // Whoever holds the tool is not the hand of the scene.
+    // The person who holds the tool is not the hand of the scene.
     check_loop(&rig, false, output)?;
     if arguments.dry_run {
         let buses = Interfaces::of(&rig.value, &arguments.bus)?.named(&rig.value);
@@ -199,7 +199,7 @@ fn about(rig: &config::Rig, scene: Option<&config::Scene>, arguments: &Arguments
     Ok(about)
 }
 
-/// Why the rig did not run.
+/// Returns the failure of a rig that did not run.
 pub(super) fn not_run<T>(
     error: &NotRun,
     outcome: &HostedRun<T>,

@@ -249,7 +249,7 @@ mod tests {
             .into();
         assert!(found[1].message.contains("unstable"), "{}", found[1].message);
         insta::assert_snapshot!("margins-findings", super::super::render::Renderer::new(false).render(&found));
-        // What stands in the advice, in place of what the rig has.
+        // The loop applies the advised values to the rig.
         for finding in found {
             let help = finding.help.unwrap();
             let (_, gains) = help.split_once('{').unwrap();

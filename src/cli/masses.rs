@@ -28,7 +28,7 @@ const SYNC_WAITS: &str = "SYNC waits for frames that the sensor sends by its own
 const SAMPLE_MISSED: &str = "heartbeats that delay SYNC can decide whether a sample of the sensor's own clock is in time, which is left out: \
                              at some of its phases the rig may need more mass, 1.5 times the least in the worst of 60 drawn rigs";
 
-/// How light a rig may be, by hands; the first is the scene's, if it has a spring.
+/// Smallest stable virtual masses of a rig, by hands; the first hand is the scene's, if it has a spring.
 pub(crate) struct Masses {
     name: String,
     configured_kg: f64,
@@ -102,7 +102,7 @@ impl Masses {
         })
     }
 
-    /// One line for `config check`.
+    /// Returns the line for `config check`.
     pub(crate) fn line(&self) -> String {
         let Some(holdings) = &self.holdings else {
             return UNKNOWN.to_owned();
@@ -344,7 +344,7 @@ fn with_reserve(masses: &HeldMasses, reserve: f64) -> Option<HeldMasses> {
     (least_kg <= greatest_kg).then_some(HeldMasses { least_kg, greatest_kg, ..*masses })
 }
 
-/// Why a range of masses ends, or why there is none, as a line; nothing of a range without an upper end.
+/// Explains the end of a range of masses, or its absence, as a line; `None` for a range without an upper end.
 fn why(holding: &Holding) -> String {
     let Holding { grip, masses, lag_s, .. } = holding;
     let [lag_ms, allowed_ms] = [*lag_s, grip.damping_n_s_per_m / grip.stiffness_n_per_m].map(|time| 1e3 * time);

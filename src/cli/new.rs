@@ -271,7 +271,7 @@ impl Files {
     fn load(&self, choice: &Choice) -> Result<Loaded<Rig>, Failure> {
         let rig = config::load_rig(self.source(choice)?).map_err(|report| {
             let mut failure = Failure::from(report);
-            // Nothing was written that could be looked into.
+            // No file was written, so a finding has no place to show.
             failure.report.diagnostics.retain(|finding| finding.severity == Severity::Error);
             for finding in &mut failure.report.diagnostics {
                 (finding.place, finding.text) = (None, None);

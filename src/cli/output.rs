@@ -1,4 +1,4 @@
-//! Where a command prints: text or JSON, loud or quiet.
+//! Output of a command: text or JSON, verbose or quiet.
 
 use std::io::{self, IsTerminal, Write};
 
@@ -137,7 +137,7 @@ impl Output {
         if !self.is_quiet && !self.is_json {
             let [_, columns] = self.columns;
             let line = columns.map_or_else(|| line.to_owned(), |columns| fit::fitted(line, columns));
-            // Nobody can be told that standard error is closed.
+            // If standard error is closed, no message can reach anybody.
             let _ = io::stderr().lock().write_all(format!("{}\n", printable(&line)).as_bytes());
         }
     }
@@ -182,7 +182,7 @@ impl Output {
             return;
         }
         if self.is_json {
-            // Nothing is left to tell if this cannot be printed.
+            // If this print fails, no other output is possible.
             let _ = self.json(&json!({ "exit_code": failure.exit.code(), "diagnostics": failure.report }));
         } else {
             self.print(&failure.report.diagnostics);
@@ -190,7 +190,7 @@ impl Output {
     }
 
     fn print(&self, findings: &[Diagnostic]) {
-        // Nobody can be told that standard error is closed.
+        // If standard error is closed, no message can reach anybody.
         let _ = io::stderr().lock().write_all(self.renderer.render(findings).as_bytes());
     }
 }

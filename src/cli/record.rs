@@ -212,7 +212,7 @@ struct FramesFile {
 }
 
 impl FramesFile {
-    /// Looks at the files of a recorded folder, whose copies go beside `out`. Writes nothing.
+    /// Reads the files of a recorded folder, whose copies go beside `out`. Writes nothing.
     fn all_in(folder: &Path, out: &Path) -> Result<Vec<Self>, Failure> {
         let there = [CAPTURE, LOG].map(|name| folder.join(name)).into_iter().filter(|file| file.is_file());
         let mut all = Vec::new();

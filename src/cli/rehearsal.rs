@@ -20,13 +20,13 @@ pub(super) const LONGEST_S: f64 = 60.0;
 /// Result of a simulated scene.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Rehearsal {
-    /// How long it ran, s.
+    /// Duration of the run, s.
     simulated_s: f64,
-    /// How long faults held the rig at rest, s.
+    /// Time for which faults held the rig at rest, s.
     pub(super) held_s: f64,
-    /// How far the tool was off the surface that it traced, RMS in mm; of all contacts where it traced none.
+    /// Distance of the tool from the traced surface, RMS in mm; of all contacts if it traced none.
     pub(super) tracing_mm: Option<f64>,
-    /// Why `run` ends badly with it, at the limit that ends it.
+    /// Reason why `run` fails with it, at the limit that ends the run.
     pub(super) finding: Option<Diagnostic>,
 }
 

@@ -93,7 +93,7 @@ impl Shown {
         for text in [&mut finding.message, &mut finding.file].into_iter().chain(&mut finding.help) {
             *text = printable(text).into_owned();
         }
-        // Of the same length, so that places stay where they are; an escape is longer.
+        // The replacement has the same length, so that places stay where they are; an escape is longer.
         let plain = |one: char| match one {
             '\n' | '\r' | '\t' => one,
             _ if one.is_control() && one.len_utf8() == 1 => ' ',

@@ -9,7 +9,7 @@ use super::failure::{Exit, Failure};
 /// Bytes by which a file is known.
 const HEAD: u64 = 1024;
 
-/// How a recording begins.
+/// First bytes of a recording.
 const RECORDING: &[u8] = b"\x89MCAP";
 
 /// File that a command writes.
@@ -69,8 +69,8 @@ impl Replace {
         self.force
     }
 
-    /// Refuses to write over a file of another kind than what is written there, unless forced; and whatever is no file, which could
-    /// block for ever. A file that cannot be looked into is left to whoever writes it.
+    /// Refuses to overwrite a file of another kind than the new one, unless forced. Refuses also anything other than a file, since
+    /// it could block for ever. If a file cannot be read, the later write reports it.
     pub(super) fn check(self, path: &Path, what: Written) -> Result<(), Failure> {
         if !check_regular(path)? {
             return Ok(());
@@ -133,7 +133,7 @@ impl Replace {
     }
 }
 
-/// The failure that a file could not be written, whoever writes it.
+/// Returns the failure that a file could not be written.
 pub(super) fn unwritten(path: &Path, error: &io::Error) -> Failure {
     let help = match error.kind() {
         ErrorKind::StorageFull | ErrorKind::FileTooLarge | ErrorKind::QuotaExceeded => {
@@ -151,12 +151,12 @@ pub(super) fn unwritten(path: &Path, error: &io::Error) -> Failure {
 /// Takes away half a file, which is of use to nobody: not a device, a pipe or a link that was written to.
 pub(super) fn discard(path: &Path) {
     if fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_file()) {
-        // The failure that is told says that there is no such file.
+        // The reported failure states that there is no such file.
         let _ = fs::remove_file(path);
     }
 }
 
-/// How a file begins.
+/// Returns the first bytes of a file.
 fn head(path: &Path) -> io::Result<Vec<u8>> {
     let mut head = Vec::new();
     File::open(path)?.take(HEAD).read_to_end(&mut head)?;
@@ -222,14 +222,14 @@ pub(super) fn no_folder(folder: &Path, error: &io::Error) -> Failure {
     Failure::about_file(Exit::Usage, folder, message, "choose a folder you can write to")
 }
 
-/// The path beside a file at which its new text waits.
+/// Returns the path beside a file at which its new text waits.
 pub(super) fn beside(path: &Path) -> PathBuf {
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(format!(".new-{}", std::process::id()));
     path.with_file_name(name)
 }
 
-/// Writes a new text beside a file and puts it in place of the file once `check` accepts it there. Without that the file stays as it is.
+/// Writes a new text beside a file, and replaces the file once `check` accepts the text there. Otherwise the file stays as it is.
 pub(super) fn exchange(
     path: &Path,
     text: &str,

@@ -10,7 +10,7 @@ use yieldwall_rig::report::measures::Measures;
 use yieldwall_run::explanation::state_name;
 use yieldwall_run::{Drilled, Finding, Settled};
 
-/// How soon the drives stop by themselves, the slower one.
+/// Describes how soon the drives stop by themselves; the slower drive counts.
 pub(crate) fn watchdogs_text(drilled: &Drilled) -> String {
     let after = |finding: &Finding| {
         let slowest = finding.stopped_after.iter().copied().collect::<Option<Vec<_>>>();
@@ -184,7 +184,7 @@ pub(crate) fn measures_text(measures: &Measures) -> Vec<String> {
     lines
 }
 
-/// How far the tool was from the surface, if it was on it.
+/// Describes the distance of the tool from the surface, if it touched the surface.
 pub(crate) fn tool_text(measures: &Measures) -> Option<String> {
     let (tracing, whole) = (measures.tool_rms_tracing_mm?, measures.tool_rms_on_surface_mm?);
     let most = measures.tool_max_on_surface_mm?;

@@ -146,7 +146,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
         | Document::Simulation(_)
         | Document::ErrorCodes(_) => config::load_rig(source)?,
     };
-    // Those of the scene are among them.
+    // The warnings of the scene are among them.
     output.configuration(&rig.warnings)?;
     check_buses(&rig, Some(arguments.ignore_bus_budget), output)?;
     let margins = check_loop(&rig, true, output)?;
@@ -244,7 +244,7 @@ pub(super) fn check_candump(arguments: &Arguments, rig: &Loaded<config::Rig>) ->
     Err(Failure { exit: Exit::Usage, report: finding.into() })
 }
 
-/// Why a simulated rig did not run.
+/// Returns the failure of a simulated rig that did not run.
 fn not_run(
     error: &RigError,
     arguments: &Arguments,
@@ -285,7 +285,7 @@ pub(super) fn judge_run(
     })
 }
 
-/// Draws a run into a file, if there is to be one.
+/// Draws a run into a file, if one is requested.
 pub(super) fn draw(trace: &Trace, name: &str, figure: Option<&Path>) -> Result<(), Failure> {
     let Some(path) = figure else { return Ok(()) };
     let drawing = yieldwall_figures::run(trace, Some(name.to_owned())).map_err(|error| drawing_failure(&error))?;

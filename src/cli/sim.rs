@@ -309,7 +309,7 @@ fn not_attached(path: &Path, error: &AttachError) -> Failure {
     Failure::new(exit, format!("--attach {}: {error}", path.display()), help)
 }
 
-/// One device of an arm that is in another process.
+/// Attaches one device to an arm in another process.
 fn attach_one(
     arguments: &Arguments,
     path: &Path,
@@ -342,7 +342,7 @@ fn attach_one(
     let roles = own.roles(on);
     let settings = SocketCanSettings { bit_rate, roles, ..SocketCanSettings::everything(&interface) };
     let mut link = SocketCan::open(&settings).map_err(|error| link_failure(&error))?;
-    // Whoever is attached has little time to answer: before that.
+    // An attached device has little time to answer, so the process listens first.
     own.listen(&mut link, &is_interrupted, |frame| frame.on_bus(on))?;
     output.news(&format!("simulated {} on {interface}; Ctrl-C ends it", names(rig, here).join(", ")))?;
     attach(&mut device, &mut link, path, &is_interrupted).map_err(|error| not_attached(path, &error))

@@ -33,7 +33,7 @@ fn help_lists_every_exit_code() {
     }
 }
 
-/// What a newcomer reads for each malformed file, one snapshot for each class.
+/// Messages for a newcomer on each malformed file, one snapshot for each class.
 #[test]
 fn messages_of_malformed_files() {
     let renderer = super::render::Renderer::new(false);
@@ -176,7 +176,7 @@ fn a_soak_in_parts_is_judged_as_one_run() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// Who is not there is told apart from who refuses, with the exit code for it.
+/// The exit code distinguishes a missing device from a device that refuses.
 #[test]
 fn devices_that_are_not_there_are_no_success() {
     let folder = std::env::temp_dir().join(format!("yieldwall-absent-{}", std::process::id()));
@@ -282,7 +282,7 @@ fn files_of_another_kind_stay_as_they_are() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// What `config check` takes, a command runs: a device, and a figure in a file.
+/// A command runs every kind of file that `config check` accepts: a device, and a figure in a file.
 #[test]
 fn devices_and_figures_in_files_are_run_and_drawn() {
     let out = std::env::temp_dir().join(format!("yieldwall-files-{}", std::process::id()));
@@ -315,7 +315,7 @@ fn findings_as_json_have_line_and_column() {
     insta::assert_snapshot!("json", serde_json::to_string_pretty(&report).unwrap());
 }
 
-/// What stands between back quotes and begins with the name of the program, in all sources and pages.
+/// Returns the texts in backquotes that begin with the name of the program, from all sources and pages.
 fn advised() -> Vec<(String, String)> {
     fn files(folder: &std::path::Path, found: &mut Vec<std::path::PathBuf>) {
         for entry in std::fs::read_dir(folder).unwrap() {

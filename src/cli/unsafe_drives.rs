@@ -102,11 +102,11 @@ fn goes_on(drive: &Drive, watchdog: Watchdog, rig: &Rig) -> String {
     format!("the profile `{name}` {says}; or `{key}: none` if it has no such watch: {enough}{copy}")
 }
 
-/// Why a drive goes on that has a watch by its profile.
+/// Reason why a drive continues although its profile has a watch.
 enum Why {
     /// The profile does not state the reaction; the key of the watch.
     NoReaction(&'static str),
-    /// How long it waits is not said.
+    /// The profile does not state its waiting time.
     NoTime,
     /// It does nothing by its profile.
     Nothing,

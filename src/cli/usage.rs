@@ -1,4 +1,4 @@
-//! Tips beside what the parser of the command line says, where people slip.
+//! Tips for common slips, besides the messages of the command-line parser.
 
 use std::ffi::OsString;
 use std::str::FromStr;

@@ -30,7 +30,7 @@ pub(super) enum Content {
     Recording(PathBuf),
 }
 
-/// Where the program keeps what it leaves.
+/// Folders in which the program leaves its files.
 pub(super) struct Folders {
     pub(super) black_boxes: PathBuf,
     pub(super) drills: PathBuf,

@@ -110,7 +110,7 @@ impl Stripper {
     }
 }
 
-/// The name behind `/home/`, whoever it is.
+/// Replaces the name after `/home/`, whoever's it is.
 fn without_homes(text: &str, home: &str) -> String {
     let mut parts = text.split(home);
     let mut whole = parts.next().unwrap_or_default().to_owned();
@@ -158,7 +158,7 @@ fn without_word(text: &str, word: &str, by: &str) -> String {
     whole
 }
 
-/// Where numbers stand that are called serial ones: from and to, bytes.
+/// Returns the places of serial numbers: first and last byte.
 fn serial_spans(text: &str) -> Vec<(usize, usize)> {
     let mut spans = Vec::new();
     let lower = text.to_ascii_lowercase();

@@ -35,7 +35,7 @@ impl CanPlan<'_> {
         advise(&self.setup, self.budget.conditions, &self.others).ok().flatten()
     }
 
-    /// One line for `config check`.
+    /// Returns the line for `config check`.
     pub(crate) fn line(&self) -> String {
         let load = 100.0 * self.budget.load();
         let nearest = self.budget.latest().map(|latest| format!(", {}", verdict(latest))).unwrap_or_default();

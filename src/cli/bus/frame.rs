@@ -69,7 +69,7 @@ fn moment(from: Moment) -> &'static str {
     }
 }
 
-/// How a frame stands against its deadline, in words.
+/// Describes a frame's slack against its deadline.
 pub(super) fn verdict(frame: &FrameBudget) -> String {
     let what = format!("{:03X}h {}", frame.frame.cob_id, frame.frame.name);
     let by = match (frame.frame.usage, frame.from) {

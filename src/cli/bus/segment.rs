@@ -41,7 +41,7 @@ impl<'a> SegmentPlan<'a> {
         advise(&self.setup)
     }
 
-    /// One line for `config check`.
+    /// Returns the line for `config check`.
     pub(super) fn line(&self) -> String {
         let load = 100.0 * self.budget.load();
         format!(
@@ -51,7 +51,7 @@ impl<'a> SegmentPlan<'a> {
         )
     }
 
-    /// How a frame stands against its deadline, in words.
+    /// Describes a frame's slack against its deadline.
     fn verdict(&self, frame: &FrameBudget) -> String {
         let [done, by] = match frame.frame.purpose {
             Purpose::Inputs => ["is back", "the control step"],
@@ -193,7 +193,7 @@ fn datagrams(purpose: Purpose, all: &[PlannedDatagram]) -> Vec<String> {
         let words = format!("{} {len}", command.name());
         match lines.last_mut() {
             Some((last, line)) if *last == device.as_deref() && last.is_some() => line.push(words),
-            // Of the ports of all devices the first one stands for the others.
+            // The first of all devices' ports represents the others.
             Some((None, _)) if device.is_none() => {}
             _ => lines.push((device.as_deref(), vec![words])),
         }

@@ -39,7 +39,7 @@ struct Reported {
 
 /// An earlier run of the same steps with the same rig file.
 pub(super) struct Earlier {
-    /// Where this one goes on.
+    /// The step with which this run continues.
     pub(super) begin: Begin,
     /// The steps before, and when they ran, s since 1970.
     steps: Vec<(StepReport, Option<u64>)>,
@@ -109,12 +109,12 @@ impl Earlier {
         Ok(Self { begin: Begin { from, drives }, steps: steps.map(|(step, which)| step.report(which)).collect() })
     }
 
-    /// How a step ended that is not taken again.
+    /// Returns the result of a step that is not repeated.
     pub(super) fn verdict(&self, step: Step) -> Option<Verdict> {
         self.steps.iter().find(|(report, _)| report.step == step).map(|(report, _)| report.verdict)
     }
 
-    /// How many steps had passed.
+    /// Returns the number of steps that passed.
     pub(super) fn passed(&self) -> usize {
         self.steps.iter().filter(|(step, _)| step.verdict == Verdict::Pass).count()
     }

@@ -141,7 +141,7 @@ pub(super) fn run(
             let bound = step
                 .motion_bound_rad()
                 .map_or(String::new(), |bound| format!(" (a joint goes {:.1} deg at most)", bound.to_degrees()));
-            // Whoever is asked reads it, whatever is printed else.
+            // The person who is asked reads it, whatever else is printed.
             let _ = writeln!(io::stderr(), "{:14} {}{bound}", step.name(), step.does());
         }
         if !agreed("Is the arm free to move, does nobody hold it, and has somebody a hand on the emergency stop") {

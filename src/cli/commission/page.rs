@@ -1,4 +1,4 @@
-//! The report of a commissioning as a page that needs nothing beside it.
+//! The report of a commissioning as a self-contained page.
 
 use chrono::DateTime;
 

@@ -1,4 +1,4 @@
-//! One of what is compared: run, or read from a recording.
+//! An item to compare: a run, or a recording.
 
 use std::fs::File;
 use std::io::Read;
@@ -109,12 +109,12 @@ impl Item {
         format!("{} {}", self.label, self.trace.title)
     }
 
-    /// How long it ran, s.
+    /// Returns the duration of the run, s.
     pub(super) fn time_s(&self) -> f64 {
         self.trace.rows.len() as f64 * self.period_s
     }
 
-    /// How long faults held it at rest, s.
+    /// Returns the time for which faults held it at rest, s.
     pub(super) fn held_s(&self) -> f64 {
         let is_held = |row: &&Row| row.supervisor_state == State::Holding as u8;
         self.trace.rows.iter().filter(is_held).count() as f64 * self.period_s

@@ -62,7 +62,7 @@ struct ChangeEffect {
     told: Vec<String>,
     /// Whether one of those says that the rig is unstable.
     is_unstable: bool,
-    /// How a run ends, if not well.
+    /// Failure of the run, if it did not end well.
     ends: Option<String>,
     /// Whether nothing held a run of a rig that is said to be unstable, and it traces as without the change.
     is_as_before: bool,
@@ -214,7 +214,7 @@ fn attempt_all(bases: &[Base], tried: &[Change]) -> Vec<ChangeEffect> {
     outcomes.into_inner().unwrap_or_else(PoisonError::into_inner).into_values().collect()
 }
 
-/// How many changes are tried, and by which seed they are drawn.
+/// Returns the number of changes to test, and the seed that selects them.
 fn wanted(all: usize) -> (usize, u64) {
     match std::env::var("YIELDWALL_CHANGES").as_deref() {
         Ok("all") => (all, 0),

@@ -276,7 +276,7 @@ fn sync1_us(device: &EsiDevice) -> Option<u32> {
     mode.has_sync1().then_some(shift_ns / 1000)
 }
 
-/// Why a drive is not adopted.
+/// Explains why a drive is not adopted.
 fn refused(reached: &DeviceHandle, refusal: Refusal) -> Failure {
     let message = format!("{}: {refusal}", reached.words());
     let untouched = format!("{message}; nothing was written");

@@ -172,15 +172,15 @@ fn simulated_bit_rate(desk: &DeviceSession) -> Result<Option<u32>, Failure> {
 /// The bit rate of the rig's bus in bit/s, where there is a rig.
 fn of_rig(place: &BusArguments) -> Result<Option<u32>, Failure> {
     let (Some(rig), Some(bus)) = (&place.rig, &place.bus) else { return Ok(None) };
-    // Its warnings are told when the devices are asked.
+    // Its warnings are printed when the devices are read.
     let rig = config::load_rig(Source::named(rig))?.value;
     let named = bus.split_once('=').and_then(|(name, _)| rig.buses.get(name));
     let bus = named.or_else(|| rig.buses.values().next());
     Ok(bus.and_then(Bus::canopen).map(|bus| bus.bit_rate_bit_per_s))
 }
 
-/// The devices of a segment, by its interface: what is wrong with them, or with the interface. With a person's consent the second opinion of
-/// another master too, as a document beside the sections.
+/// Checks the devices of a segment, by its interface, and the interface itself. If a person consents, a second opinion of another
+/// master follows, as a document beside the sections.
 pub(crate) fn on_segment(
     interface: &str,
     argument: &str,
@@ -209,7 +209,7 @@ pub(crate) fn on_segment(
     }
 }
 
-/// Why something could not be looked at, as a section; none where all has been said.
+/// Returns a section on the reason for a missing check; none if the reason was printed before.
 fn refused(about: String, failure: Failure) -> Vec<Section> {
     let finding = failure.report.diagnostics.into_iter().next();
     let check =
@@ -222,7 +222,7 @@ fn refused(about: String, failure: Failure) -> Vec<Section> {
 pub(crate) fn devices(argument: &str, rig: Option<&Rig>, commands: &str) -> Result<Vec<Check>, Failure> {
     let mut desk = match DeviceSession::on_bus(argument, rig, on_interrupt()?) {
         Ok(desk) => desk,
-        // A master that is there is no trouble, and nothing is asked beside it.
+        // A master that is present is no fault, and the command sends nothing beside it.
         Err(failure) => {
             let why = failure.report.diagnostics.first().map(|finding| finding.message.clone()).unwrap_or_default();
             return Ok(vec![

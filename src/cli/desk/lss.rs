@@ -102,7 +102,7 @@ fn set_id(arguments: &SetId, output: &mut Output) -> Result<(), Failure> {
         (unconfigured(&mut desk)?.ok_or_else(no_device)?, "the device without a node id".to_owned())
     } else {
         let node = desk.node(&arguments.device)?;
-        // Who refuses to tell what it is is there.
+        // A device that refuses to identify itself is there.
         if let Err(error @ Error::NoAnswer) = desk.service.read(node.id, Address::new(0x1000, 0)) {
             let mut failure = desk.failure(&node, "asking who it is", error);
             if let Some(help) = failure.report.diagnostics.first_mut().and_then(|finding| finding.help.as_mut()) {

@@ -69,7 +69,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     };
     let listened = desk.service.listen(Duration::from_secs_f64(arguments.seconds), each);
     failed?;
-    // Whoever ends it has seen enough.
+    // An interruption by the person is no failure.
     if let Err(error) = listened
         && error != yieldwall_service::Error::Interrupted
     {

@@ -40,11 +40,11 @@ enum Command {
     ResetComm,
 }
 
-/// How long a device that was reset is waited for.
+/// Longest wait for a device that was reset.
 const BOOT_UP: Duration = Duration::from_secs(5);
-/// How long any other command may take.
+/// Longest time that any other command may take.
 const SETTLING: Duration = Duration::from_millis(100);
-/// How long a device may take to answer whether it is there.
+/// Longest time in which a device has to answer whether it is there.
 const ANSWER: Duration = Duration::from_millis(400);
 
 impl Command {

@@ -105,11 +105,11 @@ enum Fate {
     NotTried,
 }
 
-/// How far a row of writes came.
+/// Progress of a sequence of writes.
 pub(super) struct Done {
-    /// One for each write.
+    /// Result of each write.
     fates: Vec<Fate>,
-    /// Why it ended before the last.
+    /// Failure that ended the sequence early.
     end: Result<(), Failure>,
     /// Whether nothing was to be written.
     is_dry: bool,
@@ -118,7 +118,7 @@ pub(super) struct Done {
 }
 
 impl Done {
-    /// Nothing was written, since that was not wanted.
+    /// Returns the steps as not written, since no write was requested.
     pub(super) fn planned(steps: &[Step]) -> Self {
         Self { fates: vec![Fate::Planned; steps.len()], end: Ok(()), is_dry: true, is_stored: false }
     }
@@ -326,7 +326,7 @@ pub(super) fn write_all(
     eds: Option<&Eds>,
     output: &mut Output,
 ) -> Result<Done, Failure> {
-    // Of an object that is written twice the first value counts.
+    // If an object is written twice, the first value counts.
     let mut held: Vec<(Address, Vec<u8>)> = Vec::new();
     for step in steps {
         if let Some(old) = &step.old
@@ -364,7 +364,7 @@ pub(super) fn write_all(
     Ok(Done { fates, end, is_dry: false, is_stored: false })
 }
 
-/// How to undo what was written.
+/// Describes how to undo the writes.
 fn way_back(reached: &DeviceHandle, kept: Option<&Path>, has_written: bool) -> String {
     match kept {
         _ if !has_written => "nothing was written".to_owned(),

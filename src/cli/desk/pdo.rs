@@ -87,7 +87,7 @@ fn pdo(desk: &mut DeviceSession, node: &Node, direction: &str, index: u16) -> Re
     Ok(Some(pdo))
 }
 
-/// When a PDO is sent or takes effect.
+/// Describes when a PDO is sent or takes effect.
 fn when(transmission_type: u8) -> String {
     match transmission_type {
         0 => "at SYNC after a change".to_owned(),

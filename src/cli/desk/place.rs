@@ -1,4 +1,4 @@
-//! Where devices are asked, and which of them is meant.
+//! Place of the devices, and the selection among them.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -75,7 +75,7 @@ pub(super) struct DeviceSession {
     pub(super) entries: Vec<Entry>,
     /// The buses that can be turned to, with their names in the rig.
     pub(super) buses: Vec<(BusId, String)>,
-    /// Where it is, for a person.
+    /// Place of the device, as text.
     pub(super) place: String,
     /// Arguments with which another command reaches the same devices, after a space: ` --bus can0`.
     pub(super) arguments: String,
@@ -218,7 +218,7 @@ impl DeviceSession {
             false => AnyService::on_interface(interface, bit_rate, &is_over),
         };
         let service = service.map_err(|error| connect_failure(&error))?;
-        // One interface is one bus to its link.
+        // An interface is a single bus to its link.
         entries.retain(|entry| entry.bus == bus);
         entries.iter_mut().for_each(|entry| entry.bus = BusId::FIRST);
         Ok(Self {

@@ -36,7 +36,7 @@ pub(crate) enum Sender {
     Drill,
 }
 
-/// One thing that would be sent.
+/// One frame or setting that would be sent.
 #[derive(Clone, Debug)]
 struct Line {
     part: &'static str,
@@ -79,7 +79,7 @@ enum What {
     Command(NmtCommand),
     /// A frame, and what it is.
     Frame(Frame, String),
-    /// A setting of a device on EtherCAT beside its objects.
+    /// A setting of a device on EtherCAT that is no object.
     Set(String),
     /// An object.
     Write(PlannedWrite),
@@ -309,7 +309,7 @@ impl Line {
     }
 
     fn words(&self, rig: &Rig, scalings: &Scalings) -> String {
-        // Where there is one bus, its name says nothing.
+        // The name of a single bus adds no information.
         let bus = match rig.buses.keys().nth(self.bus.index()).filter(|_| rig.buses.len() > 1) {
             Some(name) => format!("{name}: "),
             None => String::new(),

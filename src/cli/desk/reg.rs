@@ -120,7 +120,7 @@ fn read(arguments: &Read, output: &mut Output) -> Result<(), Failure> {
     output.result(&text(&device, &read))
 }
 
-/// Why a register is not written here, and what writes it.
+/// Returns the reason if this command does not write a register, and the command that does.
 fn refusal(register: Register) -> Option<(&'static str, &'static str)> {
     let (first, end) = (register.address, usize::from(register.address) + register.len);
     let touches = |from: u16, to: u16| first < to && end > from.into();

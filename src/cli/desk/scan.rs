@@ -23,7 +23,7 @@ pub(crate) struct Arguments {
     listen: bool,
 }
 
-/// How long is listened.
+/// Duration of listening.
 const LISTENING: Duration = Duration::from_secs(3);
 
 pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
@@ -170,7 +170,7 @@ pub(super) struct DeviceKind<'a> {
 }
 
 impl<'a> DeviceKind<'a> {
-    /// One for which the profile is.
+    /// Returns the kind of device that the profile describes.
     pub(super) fn of(profile: &'a DeviceProfile) -> Self {
         Self { identity: &profile.identity, name: profile.name() }
     }

@@ -276,7 +276,7 @@ fn refuse_another_kind(device: &Device, present: &Present, image: &Sii) -> Resul
     Err(Failure::new(Exit::DeviceMismatch, message, help))
 }
 
-/// Writes the words of an image that differ, once a person has said yes and what the chip holds is kept.
+/// Writes the words of an image that differ, after a person has agreed and the chip's contents are saved.
 pub(super) fn overwrite(
     desk: &mut SegmentSession,
     device: &Device,

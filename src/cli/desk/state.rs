@@ -140,7 +140,7 @@ pub(super) fn statusword(reached: &mut DeviceHandle) -> Result<u16, Failure> {
     }
 }
 
-/// Why a device gets nothing written: the power stage of an axis is on, or about to go off.
+/// Returns the reason against a write to a device: the power stage of an axis is on, or about to go off.
 pub(super) fn refuse_powered(reached: &mut DeviceHandle) -> Result<(), Failure> {
     for axis in 0..MOST_AXES {
         // Without the first statusword it is no drive; axes may lie farther apart than by CiA 402.

@@ -1,4 +1,4 @@
-//! What no command line can bring about on a simulation that has just begun.
+//! Cases that no command line can produce on a simulation that has just begun.
 
 use std::time::Duration;
 

@@ -272,7 +272,7 @@ impl Teller {
             if has_other_bar {
                 let _ = stdout.write_all(b"\r\x1b[2K");
             }
-            // A reader that has gone away stops nothing; a disk that is full is told by the result.
+            // A reader that has gone away stops nothing; the result reports a full disk.
             let _ = stdout.write_all(printable(&text).as_bytes()).and_then(|()| stdout.flush());
         };
         match &self.bar {

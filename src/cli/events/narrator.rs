@@ -14,7 +14,7 @@ use yieldwall_record::{CycleRecord, Standstill};
 use yieldwall_run::DriveError;
 use yieldwall_run::explanation::state_name;
 
-/// How the rig is now, for a line.
+/// Current state of the rig, for a line.
 #[derive(Clone, Copy, Debug, Default)]
 struct Now {
     state: State,
@@ -42,7 +42,7 @@ pub(super) struct Narrator {
 }
 
 impl Narrator {
-    /// One of a rig on interfaces, or of the embedded simulation, which has no time to miss.
+    /// Creates the narrator of a rig on interfaces, or of the embedded simulation, which has no deadlines to miss.
     pub(super) fn new(rig: &config::Rig, is_on_bus: bool) -> Self {
         let buses = bus_names(rig);
         Self {
@@ -106,7 +106,7 @@ impl Narrator {
             (State::Stopping, Some(cause)) => self.fault("fault", cause, tell),
             (State::Holding, None) => {}
             (state @ (State::Stopped | State::Disabled | State::Lost), fault) => {
-                // One that has led to the ramp was told.
+                // A fault that caused the ramp was reported before.
                 if let Some(cause) = fault.filter(|_| is_new || before != State::Stopping) {
                     self.fault("fault", cause, tell);
                 }
@@ -159,7 +159,7 @@ impl Narrator {
         event.meaning(code.map_or_else(Vec::new, |code| words_of_code(code, Some(error.drive), &self.rig).1))
     }
 
-    /// How the rig is now, in 77 columns.
+    /// Returns the current state of the rig, in 77 columns.
     pub(super) fn line(&self) -> String {
         let Now { state, time_s, force_n, off_proxy_mm, worst_late_us } = self.now;
         let state = format!("{state:?}");
@@ -276,7 +276,7 @@ mod tests {
         assert!(line.ends_with("faults 1"), "{line}");
     }
 
-    /// Where the bus is gone, the drives' own watchdogs have to act: nothing is asked.
+    /// Without the bus, the drives' own watchdogs have to act: there is no question.
     #[test]
     fn nobody_is_asked_where_nothing_may_be_sent() {
         for fault in ["interface-down@0.2", "intruder-sync@0.2+0.2", "duplicate-node@0.2:left_drive"] {

@@ -114,7 +114,7 @@ fn kinds(word: &str) -> Vec<&'static str> {
         .collect()
 }
 
-/// What is improbable is not said where something else is meant.
+/// An improbable reading does not appear beside a likely one.
 #[test]
 fn the_likeliest_reading_comes_first_and_an_unlikely_one_not_at_all() {
     for (word, wanted) in [

@@ -22,16 +22,16 @@ struct OfJoint {
     deviation_rad: Option<f64>,
     /// The greatest shift, rad.
     greatest_rad: f64,
-    /// Standard deviation of where home is found, beside a steady drift.
+    /// Standard deviation of the home positions, without a steady drift.
     home: Option<Estimate>,
-    /// Where home was found last, less where it was found first, rad.
+    /// Last home position minus the first one, rad.
     drift_rad: f64,
 }
 
 impl OfJoint {
     fn new(drive: &config::Drive, shifts_rad: &[f64]) -> Option<Self> {
         let counts_per_rad = scaling(drive).ok()?.counts_per_rad();
-        // Where home was found, from where it was found first.
+        // Home positions, relative to the first one.
         let mut homes = vec![0.0];
         homes.extend(shifts_rad.iter().scan(0.0, |home, shift| {
             *home += shift;
@@ -47,7 +47,7 @@ impl OfJoint {
         })
     }
 
-    /// How well the drift is known, rad: each shift is known to a count, and the same error may be in all of them.
+    /// Returns the uncertainty of the drift, rad: each shift is known to one count, and all of them may have the same error.
     fn drift_known_to_rad(&self) -> f64 {
         self.shifts_rad.len() as f64 / self.counts_per_rad
     }
@@ -149,7 +149,7 @@ impl Shifts {
     }
 }
 
-/// Why the shifts of a joint are not known.
+/// Explains why the shifts of a joint are not known.
 fn unknown(name: &str, why: NoShift) -> Failure {
     let (message, help) = match why {
         NoShift::NoJump => (

@@ -19,7 +19,7 @@ use rustix::termios::{InputModes, LocalModes, OptionalActions, SpecialCodeIndex,
 use crate::failure::{Exit, Failure};
 use yieldwall_run::{Key, Keys};
 
-/// How often it is looked whether the reading is over.
+/// Interval at which the thread checks whether the reading is over.
 const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
 /// Time from one line to the next.
 const REFRESH: Duration = Duration::from_millis(100);
@@ -94,7 +94,7 @@ impl Reader {
             attend(&keys, &is_over, || {
                 if let Some(angle) = shown.angle_rad().filter(|_| shows) {
                     let way = angle - *from.get_or_insert(angle);
-                    // Nobody can be told that standard error is closed.
+                    // If standard error is closed, no message can reach anybody.
                     let _ = write!(io::stderr(), "\r{}\u{1b}[K", line(&name, angle, way, within_rad));
                 }
             });
@@ -110,14 +110,14 @@ impl Drop for Reader {
     fn drop(&mut self) {
         self.is_over.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
-            // One that has panicked has told its end before.
+            // A thread that panicked has reported its end before.
             let _ = thread.join();
         }
         if self.shows {
             let _ = write!(io::stderr(), "\r\u{1b}[K");
         }
         if let Some(before) = &self.before {
-            // Keys that nobody has read are not for whoever reads next. A terminal that is gone takes nothing.
+            // Unread keys are not for the next reader. A closed terminal takes nothing.
             let _ = tcsetattr(stdin(), OptionalActions::Flush, before);
         }
     }

@@ -96,7 +96,7 @@ pub(super) fn parse_encoder(text: &str) -> Result<EncoderKind, String> {
     }
 }
 
-/// Takes what the flags say, asks for the rest if somebody can be asked, and checks what does not go together.
+/// Takes the values of the flags, asks a person for the rest if there is one, and checks that they fit together.
 pub(super) fn ask(arguments: &Arguments, person: Option<Person<'_>>) -> Result<Choice, Failure> {
     let mut asking = Asking { person };
     let mode = asking.word("what the drives are commanded", arguments.mode, Mode::Torque)?;
@@ -294,7 +294,7 @@ pub(super) struct Person<'a> {
     pub(super) columns: usize,
 }
 
-/// Somebody, if there is somebody who can be asked.
+/// The person to ask, if there is one.
 struct Asking<'a> {
     person: Option<Person<'a>>,
 }

@@ -1,4 +1,4 @@
-//! Where the arm of a new rig stands and how far it works, from the lengths of its links.
+//! Place and reach of a new rig's arm, from the lengths of its links.
 
 use crate::failure::{Exit, Failure};
 use yieldwall_config::{Finite, Positive, builtin, load_rig};
@@ -22,7 +22,7 @@ pub(super) struct Geometry {
     pub(super) links_m: [f64; 2],
     /// Half the distance of the base joints.
     pub(super) half_base_m: f64,
-    /// How far the base line lies below the origin.
+    /// Distance of the base line below the origin.
     pub(super) below_m: f64,
     /// Radius of the working disc.
     pub(super) working_m: f64,

@@ -31,7 +31,7 @@ impl Numbers {
     }
 }
 
-/// The rig in `file`, with its simulation in the file beside it.
+/// Returns the rig in `file`, with its simulation in the file beside it.
 pub(super) fn rig(choice: &Choice, geometry: &Geometry, numbers: &Numbers, file: &str, simulation: &str) -> String {
     let Choice { period_us, nodes: [left, right, _], .. } = choice;
     let name = quoted(file.trim_end_matches(".yml").trim_end_matches(".yaml"));
@@ -263,7 +263,7 @@ fn control(choice: &Choice, numbers: &Numbers) -> String {
     format!("{head}{gains}  sliding_time_s: 0.02          # H of PSMC\n")
 }
 
-/// The simulation of the rig in `rig`, with its scene in the file beside it.
+/// Returns the simulation of the rig in `rig`, with its scene in the file beside it.
 pub(super) fn simulation(rig: &str, scene: &str) -> String {
     format!(
         "# What the simulation takes the machine of {rig} to be, and what happens in it. Nothing of it is used on a real bus.

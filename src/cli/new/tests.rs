@@ -48,8 +48,8 @@ struct Flags {
     arguments: super::Arguments,
 }
 
-/// What `config check` finds in a rig that is made with these flags: it runs the scene as `run` does, and an exit code other than 0 is a
-/// warning. Or how the flags are refused.
+/// Returns the findings of `config check` on a rig with these flags, or the exit code with which the flags are refused. The check runs
+/// the scene as `run` does, and an exit code other than 0 is a warning.
 fn findings(flags: &[&str]) -> Result<Vec<yieldwall_config::Diagnostic>, Exit> {
     let flags = Flags::try_parse_from(["new", "rig.yaml", "--yes"].iter().chain(flags)).map_err(|_| Exit::Usage)?;
     let made = ask(&flags.arguments, None).and_then(|choice| {
@@ -158,7 +158,7 @@ fn a_profile_of_ones_own_is_a_file() {
     assert_eq!(exit(&["config", "check", &rig]), Exit::Ok);
 }
 
-/// What a person at a terminal answers: nothing for the usual value, a wrong answer is asked again, and nobody who answers makes no rig.
+/// An empty answer at a terminal takes the default, a wrong answer repeats the question, and without an answer no rig is created.
 #[test]
 fn what_is_not_given_is_asked() {
     let asked = |flags: &[&str], said: &str| {
@@ -203,7 +203,7 @@ fn what_is_not_given_is_asked() {
     assert!(questions.ends_with(" \n"), "what follows begins a line: {questions:?}");
 }
 
-/// What a real drive's profile leaves open is told with what comes next; nothing of the kind of simulated drives.
+/// The next steps name the values that a real drive's profile leaves open; for simulated drives they name none.
 #[test]
 fn what_comes_next_is_what_the_profile_allows() {
     let next = |flags: &[&str]| {

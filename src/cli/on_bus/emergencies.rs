@@ -27,7 +27,7 @@ pub(crate) fn different(emergencies: impl Iterator<Item = EmergencyReport>) -> V
     different
 }
 
-/// One of them: the device with its address, and the code with meaning and cause, by the table of its vendor.
+/// Describes an emergency: the device with its address, and the code with meaning and cause, by the table of its vendor.
 pub(crate) fn text(told: &EmergencyReport, rig: &config::Rig) -> String {
     let (name, address) = (names(told.device, rig), address(told.device, rig));
     let device = match address {
@@ -144,7 +144,7 @@ pub(crate) fn told_before(error: &RunError, known: &[EmergencyReport], rig: &con
     }
 }
 
-/// The last report of a node while the network did not come up, beside what is known already and not withdrawn.
+/// Returns the known reports that are not withdrawn, and the last report of a node while the network did not come up.
 pub(crate) fn told_at_boot(error: &BootError, known: &[EmergencyReport], rig: &config::Rig) -> Vec<EmergencyReport> {
     let known = standing(known, None);
     let (BootFailure::NotStarted { said, .. } | BootFailure::Missing { said, .. }) = &error.failure else {
@@ -303,7 +303,7 @@ mod tests {
         });
         let told = different(heard);
         let failure = Failure::new(Exit::SafetyStop, "stopped by emergency", "see the code");
-        // One that an emergency told already is not told again.
+        // An error that an emergency has reported is not repeated.
         let error = |drive, code| DriveError { drive, code, register: Some(1), statusword: Some(0x1208) };
         let errors = [error(Device::LeftDrive, Some(0x5043)), error(Device::RightDrive, Some(0x8611))];
         let failure = with_told(failure, &told, &errors, &rig);

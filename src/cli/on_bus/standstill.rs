@@ -20,8 +20,8 @@ pub(crate) fn stood(standstill: Standstill) -> String {
     format!("this computer stood still for {lasted}, until {ago} before")
 }
 
-/// Explains why a fault may not point to cable, node or arm: this computer stood still before it, or the devices are simulated by a
-/// program that has to run in time. Returns `None` if neither applies.
+/// Explains why a fault may not point to cable, node or arm. Either this computer stood still before it, or a program that has to run
+/// in time simulates the devices. Returns `None` if neither applies.
 pub(crate) fn not_in_time(fault: Fault, standstill: Option<Standstill>, rig: &config::Rig) -> Option<String> {
     if !fault.may_follow_standstill() {
         return None;

@@ -23,7 +23,7 @@ pub(crate) fn play(arguments: &PlayArguments, _: &mut Output) -> Result<(), Fail
     Err(lacks("play"))
 }
 
-/// No page.
+/// Placeholder of the page.
 #[derive(Default)]
 pub(crate) struct Page(());
 
@@ -39,12 +39,12 @@ impl Page {
         false
     }
 
-    /// No observer.
+    /// Returns no observer.
     pub(crate) fn watch(&mut self) -> Watch {
         Watch::default()
     }
 
-    /// No observer.
+    /// Returns no observer.
     pub(crate) fn watch_by_the_clock(&mut self) -> Watch {
         Watch::default()
     }

@@ -24,11 +24,11 @@ use yieldwall_run::recorder::{Wanted, Watched};
 use yieldwall_run::{Observer, Watch};
 use yieldwall_view::{Choice, Hello, Injectable, Order, Play, RING, Server, Setting, Source, orders};
 
-/// Longest time that the simulation catches up with the wall clock; what is beyond is left out.
+/// Longest time by which the simulation catches up with the wall clock; it skips the rest.
 const CATCH_UP: Duration = Duration::from_millis(50);
 /// Greatest force of the hand where its scene names none, N.
 const HAND_LIMIT_N: f64 = 60.0;
-/// Spring of the elastic wall, N/m, as in `config/play-spring.yaml`. No damper takes from what it stores.
+/// Spring of the elastic wall, N/m, as in `config/play-spring.yaml`. No damper removes the energy that it stores.
 const SPRING_N_PER_M: f64 = 1500.0;
 /// Damping of the viscous wall across and along, N s/m.
 const VISCOUS_N_S_PER_M: [f64; 2] = [200.0, 10.0];

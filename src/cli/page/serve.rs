@@ -56,7 +56,7 @@ impl Page {
         let (stream, producer, feed) = fed(RING)?;
         let server = start(address, hello(of.command, tier, description::of_rig(rig)), Source::Live(stream))?;
         server.set_buses(loads(rig));
-        // Nobody can be told that standard error is closed.
+        // If standard error is closed, no message can reach anybody.
         let _ = writeln!(io::stderr(), "view      {}", server.address_line());
         self.0 = Some(Viewing { server, producer: Some(producer), feed });
         Ok(())

@@ -20,7 +20,7 @@ use yieldwall_rig::report::{Overrides, RunReport, replay, run_device};
 
 pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
-    // Those of the scene are among them.
+    // The warnings of the scene are among them.
     output.configuration(&device.warnings)?;
     let scene = device.scene()?.value;
     let overrides = Overrides { duration_s: arguments.duration, seed: arguments.seed, ..Overrides::default() };

@@ -16,7 +16,7 @@ use yieldwall_run::Pulled;
 const GAIN: f64 = 0.1;
 const TURN_DEG: f64 = 10.0;
 const CROSS_TALK: f64 = 0.1;
-/// How many times the noise a pull has to be, and how much of it a map may leave.
+/// Smallest ratio of a pull to the noise, and largest share of the pull that a map may leave.
 const NOISES: f64 = 20.0;
 const RESIDUAL: f64 = 0.05;
 /// Share of a pull that has to be felt at least along each axis; what is felt of less is no calibration.

@@ -10,7 +10,7 @@ use crate::replace::unwritten;
 use yieldwall_figures::chart;
 use yieldwall_study::sweep::{Report, Study, Table};
 
-/// How fast the points of a table were computed in this run.
+/// Speed of the computation of a table's points in this run.
 #[derive(Clone, Debug)]
 pub(super) struct Pace {
     pub(super) table: String,
@@ -27,8 +27,8 @@ impl Pace {
         self.runs as f64 / self.wall_s
     }
 
-    /// Share of the wall clock for which a thread had a core. It is less than one where the computer has other work or the last
-    /// points keep few threads, and no comparison with another number of jobs.
+    /// Share of the wall clock for which a thread had a core. It is below one if the computer has other work, or if the last points
+    /// keep few threads busy. It is no comparison with another number of jobs.
     fn busy_share(&self) -> f64 {
         self.busy_s / (self.wall_s * self.jobs as f64)
     }

@@ -53,7 +53,7 @@ pub(crate) struct Origin {
     pub(crate) folder: String,
     /// Whether points that are there are thrown away before any is computed.
     pub(crate) is_anew: bool,
-    /// Further facts that they hang on, beside the build of the program and the name of the study.
+    /// Further facts on which the points depend, besides the program's build and the study's name.
     pub(crate) hangs_on: String,
     /// Version of the MuJoCo that takes part, if one does.
     pub(crate) mujoco: Option<String>,
@@ -70,7 +70,7 @@ impl Origin {
         format!("yieldwall {}", line(&self.words))
     }
 
-    /// The build of the program that the points are to be of, and what they hang on beside it.
+    /// Returns the required build of the points, and the other facts on which they depend.
     fn edition(&self, build: &str) -> String {
         format!("build {build}{}", self.hangs_on)
     }
@@ -297,7 +297,7 @@ fn bar(output: &Output, name: &str, points: u64) -> ProgressBar {
     bar.with_message(name.to_owned())
 }
 
-/// Time that this thread has had on a core, where the system has such a clock; elsewhere the wall clock's.
+/// Returns the time that this thread has had on a core; on a system without such a clock, the wall-clock time.
 fn core_time() -> Duration {
     #[cfg(target_os = "linux")]
     {

@@ -80,7 +80,7 @@ fn study_of(folder: &Folder, line: &str) -> Result<(), Failure> {
     study_until(folder, line, None)
 }
 
-/// The same, interrupted while the point `last` of the halves is computed.
+/// Runs the study, and interrupts it while the point `last` of the halves is computed.
 fn study_until(folder: &Folder, line: &str, last: Option<u64>) -> Result<(), Failure> {
     let flag = Arc::new(AtomicBool::new(false));
     let stop = last.map(|last| (last, Arc::clone(&flag)));

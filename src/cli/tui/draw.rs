@@ -152,7 +152,7 @@ fn log_lines(view: &View, width: usize, rows: usize, in_color: bool) -> Vec<Line
                 .map(|line| Line::styled(line.into_owned(), style))
                 .collect::<Vec<_>>();
         if lines.len() + wrapped.len() > rows {
-            // Of the newest at least its beginning.
+            // The newest event shows at least its beginning.
             if lines.is_empty() {
                 lines = wrapped.into_iter().take(rows).collect();
             }

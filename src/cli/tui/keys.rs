@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
-/// How long the first of two keys waits for the second.
+/// Time for which the first of two keys waits for the second.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Act that a key requests.

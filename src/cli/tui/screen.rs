@@ -80,7 +80,7 @@ impl Drop for Screen {
     fn drop(&mut self) {
         self.is_over.store(true, Ordering::Relaxed);
         for thread in self.threads.drain(..) {
-            // One that has panicked has said so.
+            // A thread that panicked has printed its message.
             let _ = thread.join();
         }
         ratatui::restore();

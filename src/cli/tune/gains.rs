@@ -34,7 +34,7 @@ pub(crate) struct Arguments {
     yes: bool,
 }
 
-/// A gain: its key in the rig, what it is and what it shall be.
+/// A gain: its key in the rig, its old value and its new value.
 type Change = (String, f64, f64);
 
 pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {

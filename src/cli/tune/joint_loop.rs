@@ -172,7 +172,7 @@ fn keep(traced: &[LoopTraced], rig: &Loaded<Rig>, is_by_the_clock: bool) -> Resu
     })
 }
 
-/// Judges, proposes, writes and prints; `told` adds what the drives have said to a failure.
+/// Judges, proposes, writes and prints; `told` adds the drives' reports to a failure.
 fn end(
     arguments: &Arguments,
     rig: &Loaded<Rig>,
@@ -203,7 +203,7 @@ fn end(
     }
     if let Some(html) = &arguments.html {
         let page = page::html(&rig.value, &found, proposal.as_ref().map(|proposal| &proposal.tuned().value));
-        // What was found is told, whatever becomes of the file.
+        // The results are printed, whatever happens to the file.
         match arguments.replace.write(html, page.as_bytes()) {
             Ok(()) => output.news(&format!("page      {}", html.display()))?,
             Err(failure) => judged = both(judged, Err(failure)),

@@ -105,7 +105,7 @@ fn state(desk: &SegmentSession, present: &Present) -> Check {
     }
 }
 
-/// Why a device has no objects by its SII; `None` if it may have some.
+/// Returns the reason if a device has no objects by its SII; `None` if it may have some.
 fn without_objects(sii: &Sii) -> Option<&'static str> {
     match sii.has_coe() {
         true => None,

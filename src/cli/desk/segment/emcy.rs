@@ -13,7 +13,7 @@ use yieldwall_fieldbus::canopen::PastError;
 use yieldwall_fieldbus::ethercat::coe::CoeEmergency;
 use yieldwall_service::ObjectAccess;
 
-/// How long a device is listened to.
+/// Duration of listening to a device.
 const LISTENING: Duration = Duration::from_millis(100);
 
 /// Errors that a device reports.

@@ -30,7 +30,7 @@ pub(in crate::desk) fn run(word: &str, mut desk: SegmentSession, output: &mut Ou
         Ok(()) => {
             let mut objects = desk.objects(&device)?;
             let answers = asked(device.axis).map(|at| objects.read(at)).collect();
-            // One that does not answer has none.
+            // A device that does not answer has no axes.
             axes = count_axes(|at| Ok::<_, Infallible>(objects.read(at).is_ok())).unwrap_or_default();
             (answers, None)
         }

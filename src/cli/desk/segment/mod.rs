@@ -45,7 +45,7 @@ pub(super) struct Entry {
     pub(super) profile: Option<Arc<DeviceProfile>>,
     /// What its vendor's error codes mean.
     pub(super) codes: Option<Arc<ErrorCodes>>,
-    /// Of a drive.
+    /// Scaling of the axis; only of a drive.
     pub(super) scaling: Option<AxisScaling>,
 }
 
@@ -62,7 +62,7 @@ pub(super) struct Device {
 pub(super) struct SegmentSession {
     pub(super) service: AnySegmentService,
     pub(super) entries: Vec<Entry>,
-    /// Where it is, for a person.
+    /// Place of the device, as text.
     pub(super) place: String,
     /// What any other command needs to come to the same devices, with a space before.
     pub(super) arguments: String,
@@ -71,7 +71,7 @@ pub(super) struct SegmentSession {
     pub(super) heard: Option<SegmentSign>,
 }
 
-/// How a place is opened.
+/// Mode of opening a place.
 #[derive(Clone, Copy, Debug, Default)]
 struct Opening {
     /// Whether nothing but a segment is wanted.
@@ -117,7 +117,7 @@ impl SegmentSession {
         Self::taking_over(place, false, output)
     }
 
-    /// The same; where `is_forced`, though frames of another master are heard.
+    /// Opens the place; with `is_forced`, even if frames of another master are heard.
     pub(super) fn taking_over(
         place: &BusArguments,
         is_forced: bool,
@@ -126,7 +126,7 @@ impl SegmentSession {
         Self::at_place(place, Opening { is_forced, ..Opening::default() }, output)
     }
 
-    /// The same for whoever sends nothing, also beside a master that runs.
+    /// Opens the place for a command that sends nothing, also beside a running master.
     pub(super) fn only_listening(place: &BusArguments, output: &mut Output) -> Result<Option<Self>, Failure> {
         Self::at_place(place, Opening { is_silent: true, ..Opening::default() }, output)
     }
@@ -155,7 +155,7 @@ impl SegmentSession {
         Ok(desk.map(|desk| Self { arguments: place.arguments(), ..desk }))
     }
 
-    /// The same for a command that is for EtherCAT alone.
+    /// Opens the place for a command on EtherCAT only.
     pub(super) fn only(place: &BusArguments, output: &mut Output) -> Result<Self, Failure> {
         let opening = Opening { is_for_segments: true, ..Opening::default() };
         Self::at_place(place, opening, output)?.ok_or_else(|| {
@@ -346,7 +346,7 @@ impl SegmentSession {
         state_failure(&device.words(), doing, error)
     }
 
-    /// The same where no single device is to blame.
+    /// Returns the failure for an error that no single device caused.
     pub(super) fn segment_failure(&self, error: SegmentError) -> Failure {
         segment_failure(error)
     }

@@ -1,4 +1,4 @@
-//! What the commands print of the simulated segment, and of devices that are broken.
+//! Output of the commands on the simulated segment, and on broken devices.
 
 use super::*;
 use yieldwall_config::injection::{Injection, Kind, Target};

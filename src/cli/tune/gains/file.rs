@@ -8,7 +8,7 @@ use crate::failure::{Exit, Failure};
 use crate::replace::{beside, exchange};
 use yieldwall_config::{Loaded, Rig, Severity, Source, load_rig};
 
-/// Where the gains of a rig stand.
+/// Place of a rig's gains.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum GainsSource {
     /// In its own file: where each number begins and how long it is, bytes.
@@ -35,7 +35,7 @@ pub(super) struct Edit {
     words: String,
 }
 
-/// Where these gains stand.
+/// Returns the place of these gains.
 pub(super) fn place(rig: &Loaded<Rig>, changes: &[Change]) -> GainsSource {
     let mut spans = Vec::new();
     for (key, old, _) in changes {
@@ -79,7 +79,7 @@ impl Edit {
                 (text, format!("{} numbers take the place of others", changes.len()))
             }
             GainsSource::Inherited { from } => {
-                // A group of its own is changed by whoever wrote it.
+                // If the file has its own group, its author has to change it.
                 let has_group = ["control:", "\"control\":", "'control':"]
                     .iter()
                     .any(|key| old.lines().any(|line| line.trim_start_matches('\u{feff}').starts_with(key)));

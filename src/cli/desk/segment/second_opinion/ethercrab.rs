@@ -36,7 +36,7 @@ const LOOK_UP: Duration = Duration::from_micros(100);
 pub(super) enum Answer {
     /// The devices, and why it has no process data, if it has none.
     Read { devices: Vec<DeviceReading>, without_process_data: Option<String> },
-    /// Why it did not bring the devices to PRE-OP.
+    /// Reason why the devices did not reach PRE-OP.
     Failed(String),
 }
 

@@ -132,7 +132,7 @@ fn judged(
     sections
 }
 
-/// Why ethercrab has read nothing.
+/// Returns the section on why ethercrab has read nothing.
 fn unread(about: &str, why: String, arguments: &str) -> Section {
     let check = Check::wrong("ethercrab", why)
         .follows(

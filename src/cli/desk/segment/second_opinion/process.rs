@@ -31,7 +31,7 @@ pub(crate) struct Arguments {
     interface: String,
 }
 
-/// Why there is no answer.
+/// Reason for a missing answer.
 #[derive(Debug)]
 pub(super) enum NoAnswer {
     NotStarted(io::Error),
@@ -133,7 +133,7 @@ fn reader(from: Option<impl Read + Send + 'static>) -> thread::JoinHandle<String
     })
 }
 
-/// Why a process ended without an answer, by what it said on standard error.
+/// Returns the reason why a process ended without an answer, from its standard error.
 fn ended(status: ExitStatus, said: &str) -> NoAnswer {
     let said = said.trim();
     match said.split_once("panicked at ") {

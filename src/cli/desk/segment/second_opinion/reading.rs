@@ -39,7 +39,7 @@ pub(super) struct Area {
     pub(super) len: u16,
 }
 
-/// One value of a device, or the number of devices.
+/// A value of a device, or the number of devices.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Subject {
     Devices,
