@@ -26,7 +26,7 @@ impl Typed {
         ask(question, || !self.is_interrupted.load(Ordering::Relaxed))
     }
 
-    /// Asks for a yes, and does something several times a second meanwhile; whether the answer is yes.
+    /// Asks for a yes, and runs an action several times a second meanwhile. Returns whether the answer is yes.
     pub(super) fn agrees_while(&self, question: &str, mut meanwhile: impl FnMut()) -> bool {
         meanwhile();
         let answer = ask(question, || {
@@ -36,7 +36,7 @@ impl Typed {
         is_yes(answer.as_deref())
     }
 
-    /// Waits until something is so, for so long at most; whether it is. An interrupt ends it.
+    /// Waits for a condition, up to a time limit, and returns whether it became true. An interrupt ends the wait.
     pub(super) fn wait(&self, longest: Duration, mut is_so: impl FnMut() -> bool) -> bool {
         let started = Instant::now();
         loop {
@@ -50,7 +50,7 @@ impl Typed {
         }
     }
 
-    /// Asks for a known force at the tool, or for none; whether it is there.
+    /// Asks for a known force at the tool, or for none, and returns whether it is there.
     pub(super) fn pull(&self, force: Force, otherwise: &str) -> bool {
         if force == Force::default() {
             self.ask("Take the pull away, then press Enter:");

@@ -78,7 +78,7 @@ fn failure(error: &RigError) -> Failure {
     Failure::new(Exit::ConfigInvalid, error.to_string(), "run `yieldwall config check` on the rig")
 }
 
-/// The budget of one of a rig's buses and what it was made from.
+/// The budget of one of a rig's buses, and its source.
 #[derive(Debug)]
 pub(super) enum Plan<'a> {
     Can(Box<CanPlan<'a>>),
@@ -121,7 +121,7 @@ fn text(plans: &[Plan<'_>]) -> String {
     plans.iter().map(Plan::text).collect::<Vec<_>>().join("\n")
 }
 
-/// All budgets for a program to read: of the only bus, or of each.
+/// Returns all budgets as data: of the only bus, or of each.
 pub(super) fn to_json(plans: &[Plan<'_>]) -> Value {
     if let [plan] = plans {
         return plan.to_json();
@@ -140,7 +140,7 @@ impl Plan<'_> {
         }
     }
 
-    /// Name of the bus, and the greatest share of its time that frames take.
+    /// Returns the name of the bus, and the largest share of its time that frames take.
     #[cfg(feature = "view")]
     pub(super) fn load(&self) -> (&str, f64) {
         match self {

@@ -33,7 +33,7 @@ impl Section {
         self.checks.iter().filter(|check| check.verdict == Verdict::Wrong)
     }
 
-    /// Whether something of it is wrong.
+    /// Whether one of its checks failed.
     pub(super) fn is_wrong(&self) -> bool {
         self.wrong().next().is_some()
     }
@@ -80,7 +80,7 @@ fn wrapped(text: &str, head: &str) -> String {
     textwrap::wrap(text, options).iter().map(|line| format!("{line}\n")).collect()
 }
 
-/// A command in lines that a shell takes as they are: it goes on after `&&`, and after `;` nothing is missing.
+/// Returns a command in lines that a shell takes as they are: it continues after `&&`, and after `;` it is complete.
 fn command_lines(command: &str) -> impl Iterator<Item = String> {
     let mut lines: Vec<String> = Vec::new();
     let is_short = command.len() + COMMAND_INDENT <= WIDTH;

@@ -1,4 +1,4 @@
-//! `yieldwall commission`: ordered steps from drives that answer to an arm that may be run, and a report of them.
+//! `yieldwall commission`: ordered steps that bring a rig from answering drives to a released arm, and their report.
 
 mod earlier;
 #[cfg(target_os = "linux")]
@@ -230,7 +230,7 @@ fn begin(
     Ok((earlier.begin, Some(earlier)))
 }
 
-/// A commissioning with the steps of the earlier run that it goes on from, and when each step was over, s since 1970.
+/// A commissioning, with the steps of the earlier run that it continues, and the end of each step in s since 1970.
 struct Taken {
     commissioned: Commissioned,
     ran: Vec<(Step, u64)>,
@@ -320,7 +320,7 @@ fn judge(
     let Some(failed) = commissioned.steps.iter().find(|step| step.verdict == Verdict::Fail) else {
         let message = "interrupted: the rig is stopped, and no drive makes torque";
         let interrupted = |step: Step| {
-            // Only a report that is printed and knows its drives can be gone on from.
+            // Only a report that is printed and knows its drives can be continued.
             let can_resume = output.is_json() && commissioned.drives.is_some();
             let or = if can_resume { ", or with --resume and this report" } else { "" };
             let help = format!("begin again with --from {}{or}", step.name());
@@ -330,7 +330,7 @@ fn judge(
     };
     let name = failed.step.name();
     let why = failed.reason.clone().or_else(|| failed.headline().map(page::figure_text)).unwrap_or_default();
-    // What is mended in the rig file is another configuration, which needs a drill of its own.
+    // A fixed rig file is another configuration, which needs its own drill.
     let again = match failed.step {
         Step::Rotation | Step::Motor | Step::Friction | Step::Admittance if is_on_bus => {
             "watchdogs, since the drill was one of the rig file as it was"

@@ -19,7 +19,7 @@ use yieldwall_link::{Attachment, InterfaceFacts, is_ethernet};
 use yieldwall_run::host::Untimely;
 use yieldwall_run::host::system::{ComputerFacts, Limits, Readiness, coalescing, coalescing_check, computer, limits};
 
-/// The cycle for which a computer is judged unless a rig says another.
+/// Cycle for which a computer is judged, unless a rig has another one.
 const PERIOD_US: u32 = 1000;
 
 #[derive(Debug, clap::Args)]
@@ -56,7 +56,7 @@ enum Subject {
     Ethercrab(second_opinion::Arguments),
 }
 
-/// An interface that is looked at.
+/// An interface to check.
 struct Wanted {
     interface: String,
     /// Arguments with which a device command reaches this place.
@@ -110,7 +110,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         let checks = arguments.card.iter().map(|card| coalescing_check(card, coalescing(card)));
         sections.push(Section::new("network cards", Exit::BusUnavailable, checks.collect()));
     }
-    // What keeps anything from being sent counts before what is late.
+    // Obstacles to sending come before late frames.
     sections.sort_by_key(|section| section.exit.code());
     let mut document = json!({ "period_us": period_us });
     if consent.is_some() {
@@ -119,7 +119,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     finish(&sections, document, output)
 }
 
-/// A person's word for the second opinion on all segments that are looked at.
+/// Returns a person's consent to the second opinion on all checked segments.
 fn consent(wanted: &[Wanted], is_segment: impl Fn(&Wanted) -> bool, is_given: bool) -> Result<Consent, Failure> {
     let segments = wanted.iter().filter(|wanted| is_segment(wanted)).map(|wanted| wanted.interface.as_str());
     let segments: Vec<&str> = segments.collect();
@@ -130,7 +130,7 @@ fn consent(wanted: &[Wanted], is_segment: impl Fn(&Wanted) -> bool, is_given: bo
     second_opinion::consent(&segments, is_given)
 }
 
-/// The interfaces with what the rig says of their buses.
+/// Returns the interfaces with the rig's data on their buses.
 fn wanted(arguments: &Arguments, rig: Option<&Rig>) -> Result<Vec<Wanted>, Failure> {
     let Some(rig) = rig.filter(|_| !arguments.bus.is_empty()) else {
         if let Some(named) = arguments.bus.iter().find(|bus| bus.contains('=')) {

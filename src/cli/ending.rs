@@ -16,7 +16,7 @@ use yieldwall_run::explanation::{self, Explanation};
 pub(super) const SOFTER_COUPLING: &str =
     "lower fixture.coupling's stiffness_n_per_m; `yieldwall tune fixture` tells what the device bears";
 
-/// The failure of a run that gave the hand more energy than a fixture that stores none can; `help` says what to do about it.
+/// Returns the failure of a run that gave the hand more energy than a fixture without storage can; `help` is the remedy.
 pub(super) fn above_bound(measures: &Measures, what: &str, help: &str) -> Failure {
     // With a stiff coupling the bound rounds to zero at one decimal.
     let decimals = if measures.energy_bound_j < 1e-3 { 6 } else { 1 };
@@ -80,7 +80,7 @@ pub(super) fn never_came(injection: &Injection, simulated_s: f64) -> Failure {
     Failure::new(Exit::OutOfTolerance, message, "have it begin earlier, or run longer with --duration")
 }
 
-/// The failure of a rig that `cause` stopped so long after its scene began; without a cause its process died.
+/// Returns the failure of a rig that `cause` stopped at this time of its scene; without a cause its process died.
 pub(super) fn stopped_by(cause: Option<Cause>, time_s: f64, rig: &config::Rig) -> Failure {
     let (exit, message, help) = match cause {
         Some(cause) => {
@@ -97,7 +97,7 @@ pub(super) fn stopped_by(cause: Option<Cause>, time_s: f64, rig: &config::Rig) -
     Failure::new(exit, format!("after {time_s:.3} s the rig was {message}"), help)
 }
 
-/// The exit code of a rig that a fault stopped or kept from running.
+/// Returns the exit code of a rig that a fault stopped or kept from running.
 pub(super) fn exit_of(cause: Cause) -> Exit {
     match cause.fault {
         Fault::DriveFault => Exit::DeviceFault,

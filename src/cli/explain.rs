@@ -1,5 +1,5 @@
-//! `yieldwall explain`: what a fault, an error code, an SDO abort code, a statusword, an object or a value means, in the words of every
-//! other command.
+//! `yieldwall explain`: the meaning of a fault, an error code, an SDO abort code, a statusword, an object or a value, in the words
+//! of every other command.
 
 use std::sync::Arc;
 
@@ -26,7 +26,7 @@ use yieldwall_service::{known, named, names};
 const TWO_BYTES: u32 = 0xffff;
 /// Columns of a terminal.
 const COLUMNS: usize = 80;
-/// Columns before what is said of a meaning.
+/// Columns before the text of a meaning.
 const KEY: usize = 9;
 
 #[derive(Debug, clap::Args)]
@@ -82,7 +82,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     output.result(&text)
 }
 
-/// Cause, what to do next and source, a paragraph each, `indent` columns from the left.
+/// Returns cause, next step and source, a paragraph each, `indent` columns from the left.
 pub(super) fn lines(indent: usize, explanation: &Explanation) -> String {
     let mut text = line(indent, "cause", &explanation.cause) + &line(indent, "next", &explanation.next);
     if let Some(source) = &explanation.source {
@@ -91,7 +91,7 @@ pub(super) fn lines(indent: usize, explanation: &Explanation) -> String {
     text
 }
 
-/// A key and what is said of it, in 80 columns.
+/// Returns a key and its text, in 80 columns.
 pub(super) fn line(indent: usize, key: &str, text: &str) -> String {
     if text.is_empty() {
         return String::new();
@@ -105,7 +105,7 @@ pub(super) fn line(indent: usize, key: &str, text: &str) -> String {
     textwrap::fill(text, options) + "\n"
 }
 
-/// An explanation as data: `what`, `code`, `name`, `meaning`, `cause`, `next`, `source`.
+/// Returns an explanation as data: `what`, `code`, `name`, `meaning`, `cause`, `next`, `source`.
 pub(super) fn document(explanation: &Explanation) -> Map<String, Value> {
     let Explanation { what, code, name, meaning, cause, next, source } = explanation;
     let keys = [
@@ -120,7 +120,7 @@ pub(super) fn document(explanation: &Explanation) -> Map<String, Value> {
     keys.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
 }
 
-/// The table of the device that is meant; the standards alone without one.
+/// Returns the table of the selected device; without a device, the standards alone.
 fn codes(arguments: &Arguments, output: &mut Output) -> Result<Option<Arc<ErrorCodes>>, Failure> {
     if let Some(name) = &arguments.profile {
         return Ok(config::load_named_profile(name)?.error_codes().cloned());

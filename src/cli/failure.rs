@@ -28,7 +28,7 @@ pub enum Exit {
     OutOfTolerance = 7,
     /// A safety limit stopped the rig.
     SafetyStop = 8,
-    /// The timing of the cycle was not kept.
+    /// The cycle missed its timing.
     TimingMissed = 9,
     /// Ctrl-C.
     Interrupted = 130,
@@ -74,7 +74,7 @@ pub(super) fn both(first: Result<(), Failure>, then: Result<(), Failure>) -> Res
     }
 }
 
-/// A command that did not do what it was asked for.
+/// Failure of a command.
 #[derive(Debug)]
 pub struct Failure {
     /// Exit code of the program.
@@ -84,7 +84,7 @@ pub struct Failure {
 }
 
 impl Failure {
-    /// A failure outside of any file: what happened, and what to do next, if there is anything to add.
+    /// Creates a failure outside of any file: the event, and the next step, if there is one.
     pub fn new(exit: Exit, message: impl Into<String>, help: impl Into<String>) -> Self {
         let mut diagnostic = Diagnostic::about_file("", message, help);
         diagnostic.help = diagnostic.help.filter(|help| !help.is_empty());

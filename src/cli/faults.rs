@@ -1,4 +1,5 @@
-//! `yieldwall faults`, `run --fault` and `sim --fault`: what can be broken on the embedded simulation and on a segment that is served.
+//! `yieldwall faults`, `run --fault` and `sim --fault`: the faults that can be injected on the embedded simulation and on a
+//! simulated segment.
 
 use std::str::FromStr;
 
@@ -22,7 +23,7 @@ pub(super) struct FaultArgument {
 }
 
 impl FaultArgument {
-    /// The name of what is broken.
+    /// Returns the name of the fault.
     pub(super) fn name(&self) -> &'static str {
         self.injection.kind.row().name
     }
@@ -54,7 +55,7 @@ impl FaultArgument {
     }
 }
 
-/// The injection at the first target of its kind that is on such a bus, if there is one.
+/// Returns the injection at the first target of its kind on such a bus, if there is one.
 pub(super) fn at_first_target(injection: Injection, rig: &config::Rig) -> Option<Injection> {
     let mut usual = injection.kind.row().targets.iter().map(|target| injection.on(*target));
     usual.find(|injection| injection.check_on(rig.medium(injection)).is_ok())
@@ -122,7 +123,7 @@ fn kind(name: &str) -> Result<Kind, String> {
     })
 }
 
-/// Prints the catalogue, or what it says of some.
+/// Prints the catalogue, or its text on some faults.
 pub(super) fn list(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let is_all = arguments.names.is_empty();
     let rows: Vec<&CatalogueRow> = if is_all { CATALOGUE.iter().collect() } else { arguments.names.clone() };

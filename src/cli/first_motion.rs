@@ -61,7 +61,7 @@ impl OnBus {
         Interfaces::of(rig, &self.bus)
     }
 
-    /// Keeps what its devices hold, and opens its interfaces. Objects are read, on EtherCAT in PRE-OP, and nothing else is sent.
+    /// Saves its devices' values, and opens its interfaces. Only reads objects, on EtherCAT in PRE-OP.
     pub(super) fn open(
         &self,
         command: &str,

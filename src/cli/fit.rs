@@ -12,20 +12,20 @@ pub(super) const LEAST: usize = 40;
 /// Columns of a terminal that does not say how many it has.
 pub(super) const USUAL: usize = 80;
 
-/// Columns of a stream: those of the terminal that it is, else what COLUMNS says; `None` where neither is known.
+/// Returns the columns of a stream: those of its terminal, or else those in COLUMNS; `None` if neither is known.
 #[cfg(unix)]
 pub(super) fn columns(stream: impl std::os::fd::AsFd) -> Option<usize> {
     named(terminal_size_of(stream).map(|(Width(columns), _)| usize::from(columns)))
 }
 
-/// Columns of a stream: those of the terminal that it is, else what COLUMNS says; `None` where neither is known.
+/// Returns the columns of a stream: those of its terminal, or else those in COLUMNS; `None` if neither is known.
 #[cfg(windows)]
 pub(super) fn columns(stream: impl std::os::windows::io::AsHandle) -> Option<usize> {
     named(terminal_size_of(stream).map(|(Width(columns), _)| usize::from(columns)))
 }
 
 fn named(of_terminal: Option<usize>) -> Option<usize> {
-    // A terminal that does not know its size says 0.
+    // A terminal that does not know its size reports 0.
     let of_terminal = of_terminal.filter(|columns| *columns > 0);
     let of_shell = || std::env::var("COLUMNS").ok()?.parse().ok().filter(|columns| *columns > 0);
     of_terminal.or_else(of_shell)

@@ -1,5 +1,5 @@
-//! Commands that a build has with the feature `full` alone: their crates take as long to compile as a tenth of the program. `lacking.rs`
-//! stands in their place without it.
+//! Commands that only a build with the feature `full` has: their crates take a tenth of the program's compile time. `lacking.rs`
+//! replaces them in other builds.
 
 pub(super) use super::bug_report::{Arguments as Report, run as report};
 pub(super) use super::manual::{Completions, Man, completions, man};

@@ -19,7 +19,7 @@ use yieldwall_run::{
     settling_on_bus,
 };
 
-/// Share of the rated torque of a drive, unless said otherwise.
+/// Default share of a drive's rated torque.
 const TORQUE_SHARE: f64 = 0.25;
 
 #[derive(Debug, clap::Args)]
@@ -153,7 +153,7 @@ fn end(
     let failed = homed.failed.map_or(Ok(()), |(joint, why)| Err(not_home(rig, joint, why)));
     let short = repeated.stopped.filter(|jogged| jogged.ended == Ended::Stopped && jogged.cause.is_none());
     let short = short.map_or(Ok(()), |jogged| Err(super::jog::short_of(&jogged)));
-    // What was seen of a drive says more than the fault that stopped the rig for it.
+    // The observation of a drive is more specific than the fault with which it stopped the rig.
     let end = failed.and(short).and(end);
     let shifts = repeated::Shifts::of(plan, rig, repeated);
     let end = end.and_then(|()| shifts.iter().try_for_each(|shifts| shifts.judge(plan, rig, repeated)));
@@ -220,7 +220,7 @@ fn end(
     end
 }
 
-/// The failure that kept the drives from being enabled.
+/// Returns the failure that kept the drives from being enabled.
 fn not_begun(error: &RunError) -> Failure {
     let mut failure = live_failure(error);
     if let RunError::WayBlocked { .. } = error {

@@ -26,9 +26,9 @@ use yieldwall_run::{Bounds, Ended, Jog, Jogged, Keys, settling_on_bus};
 
 /// Greatest rate, rad/s.
 const MOST_RATE: f64 = 30.0 * PI / 180.0;
-/// The joint comes up to its rate in so long, s.
+/// Time in which the joint reaches its rate, s.
 const COMES_UP_S: f64 = 0.2;
-/// Share of the rated torque of a drive, unless said otherwise: what dry friction takes, and a little more.
+/// Default share of a drive's rated torque: the share of dry friction, and a little more.
 const TORQUE_SHARE: f64 = 0.25;
 /// Largest travel of a joint beyond its range before the rig is stopped, and largest distance from its target at rest, rad.
 const BEYOND_RAD: f64 = 0.02;

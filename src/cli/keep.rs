@@ -35,7 +35,7 @@ pub(super) struct RunFiles {
 }
 
 impl Keep {
-    /// Makes the files, and what has to watch the rig for them.
+    /// Creates the files, and returns the observer of the rig.
     pub(super) fn start(
         watched: Watched<'_>,
         rig: &config::Rig,
@@ -107,7 +107,7 @@ impl RunFiles {
         files.chain(boxes).collect()
     }
 
-    /// Warnings of what a slow disk lost, and of black boxes that were not written.
+    /// Returns the warnings of records that a slow disk lost, and of black boxes that were not written.
     pub(super) fn warnings(&self) -> Vec<Diagnostic> {
         let warning = |file: &str, message: String, help: &str| Diagnostic {
             severity: Severity::Warning,

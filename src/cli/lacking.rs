@@ -37,7 +37,7 @@ pub(super) fn man(_: &Man, _: &mut Output) -> Result<(), Failure> {
     Err(lacks("man"))
 }
 
-/// The screen, which no value stands for.
+/// The screen of this build, which has no value.
 #[derive(Debug)]
 pub(super) enum Screen {}
 
@@ -49,7 +49,7 @@ impl Screen {
 }
 
 impl Drop for Screen {
-    /// As the screen of a full build, whose end gives the terminal back.
+    /// The screen of a full build restores the terminal on drop.
     fn drop(&mut self) {
         match *self {}
     }

@@ -1,4 +1,4 @@
-//! `yieldwall latency`: what this computer may be promised to keep.
+//! `yieldwall latency`: the timing that this computer can guarantee.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -43,7 +43,7 @@ pub(super) struct Arguments {
     pub(super) stream: Stream,
 }
 
-/// Time from one look at a measurement that goes on to the next.
+/// Interval between updates of a running measurement.
 const REFRESH: Duration = Duration::from_millis(50);
 
 /// Current state of a measurement, for another thread.
@@ -120,7 +120,7 @@ fn measure(arguments: &Arguments, events: &Events, output: &mut Output) -> Resul
             format!("--duration is {duration}: a measurement lasts more than 0 and at most 10 000 000 seconds");
         return Err(Failure::new(Exit::Usage, message, "give a number of seconds, such as --duration 60"));
     }
-    // What was found has to have a place before it is looked for, which may take a day.
+    // The results need a folder before the measurement begins, since it may take a day.
     let folder = state_folder("latency").ok_or_else(no_home)?;
     trusted::make_folder(&folder).map_err(|error| cannot_keep(&folder, &error))?;
     let period = Duration::from_micros(arguments.period_us.into());
@@ -192,7 +192,7 @@ fn measure(arguments: &Arguments, events: &Events, output: &mut Output) -> Resul
     output.end(document(arguments, &latency, &refused, &told), end)
 }
 
-/// Keeps what was measured, for `run --bus`; where.
+/// Saves the measurement for `run --bus`, and returns its path.
 fn keep(
     arguments: &Arguments,
     latency: &Latency,
@@ -206,7 +206,7 @@ fn keep(
     measured.store(folder).map_err(|error| cannot_keep(folder, &error))
 }
 
-/// The failure that what was measured cannot be written.
+/// Returns the failure that the measurement cannot be saved.
 fn cannot_keep(folder: &Path, error: &std::io::Error) -> Failure {
     Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
 }

@@ -238,15 +238,15 @@ impl Command {
     }
 }
 
-/// The commit that the program was built from, as it says itself.
+/// Commit from which the program was built, as the program reports it.
 static COMMIT: OnceLock<&'static str> = OnceLock::new();
 
 fn commit() -> &'static str {
     COMMIT.get().copied().unwrap_or_default()
 }
 
-/// Runs the program with these arguments, the first of which is its name; `commit` is what it was built from, empty where that is
-/// not known.
+/// Runs the program with these arguments, the first of which is its name. `commit` is the commit of the build, empty if it is not
+/// known.
 pub fn main(commit: &'static str, arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     COMMIT.get_or_init(|| commit);
     run(arguments).into()

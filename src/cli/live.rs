@@ -70,7 +70,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
         check_measured_loop(&rig, &loops()?, &buses)?;
         output.configuration(&measured_masses(&rig, &loops()?)?)?;
     }
-    // Devices in lockstep are simulated; on others a scene says no more than how long it lasts.
+    // Devices in lockstep are simulated; on other devices a scene gives only the duration.
     let scene = match (&rig.value.simulation, arguments.pace) {
         (None, PaceArgument::Free) => None,
         _ => Some(rig.scene()?.value),
@@ -252,7 +252,7 @@ pub(super) fn ended<T>(
     Some(failure)
 }
 
-/// With `--require-realtime` what was not granted is an error.
+/// Refuses a missing permission with `--require-realtime`.
 fn refuse(arguments: &Arguments, granted: &Result<(), Refusal>) -> Result<(), Failure> {
     match granted {
         Err(refusal) if arguments.require_realtime => Err(Failure::new(

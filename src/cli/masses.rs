@@ -45,7 +45,7 @@ pub(crate) struct Masses {
 }
 
 impl Masses {
-    /// For the hand of the scene and for the usual ones, or those of `stiffnesses` in N/m.
+    /// Computes the masses for the scene's hand and the usual hands, or for hands with `stiffnesses` in N/m.
     pub(crate) fn of(rig: &Loaded<Rig>, stiffnesses: &[f64]) -> Result<Self, RigError> {
         let others = |hand: &Grip| match stiffnesses {
             [] => usual_hands(hand).to_vec(),
@@ -59,7 +59,7 @@ impl Masses {
         Self::with(rig, |_| Vec::new(), held_masses)
     }
 
-    /// For the hand of the scene and for others, by what was identified of the joints and of the force.
+    /// Computes the masses for the scene's hand and for others, from the identified joints and force.
     pub(super) fn of_identified(
         rig: &Loaded<Rig>,
         found: &[JointFound; 2],

@@ -78,7 +78,7 @@ struct Files {
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let names = names(&arguments.rig)?;
-    // Before anything is asked.
+    // The check comes before any question.
     for path in &names {
         arguments.replace.check_new(path)?;
     }
@@ -141,7 +141,7 @@ fn next(name: &str, checked: &Checked) -> Vec<String> {
     paragraphs
 }
 
-/// The watchdogs that a drive lacks by its profile, and what the profile does not say of the others.
+/// Returns the watchdogs that a drive lacks by its profile, and the missing entries on the others.
 fn gaps(servo: &Servo) -> Vec<String> {
     let mut gaps = Vec::new();
     for (watchdog, found) in [

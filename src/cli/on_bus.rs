@@ -26,7 +26,8 @@ pub(super) fn link_failure(error: &LinkError) -> Failure {
     Failure::new(Exit::BusUnavailable, error.to_string(), "")
 }
 
-/// Refuses the first argument that is given and is for rigs on CAN; each is a name, whether it is given, and what to do instead.
+/// Refuses the first given argument that is only for rigs on CAN. Each entry is a name, whether the argument is given, and the
+/// alternative.
 pub(super) fn only_for_can(arguments: &[(&str, bool, &str)]) -> Result<(), Failure> {
     let Some((name, _, help)) = arguments.iter().find(|(_, is_given, _)| *is_given) else { return Ok(()) };
     let message = format!("{name} is for devices on CAN, and this rig is on EtherCAT");
@@ -44,7 +45,7 @@ pub(super) fn open_failure(error: &OpenError) -> Failure {
     }
 }
 
-/// Arguments by which a command comes to the device of this name: the interface to its bus, and the rig.
+/// Returns the arguments with which a command reaches the device of this name: the interface of its bus, and the rig.
 fn arguments_of(name: &str, rig: &config::Rig, file: &str, interfaces: &Interfaces) -> String {
     let drive = rig.drives.iter().find(|drive| ending::is_title(name, &drive.name)).map(|drive| &drive.bus);
     let bus = drive.unwrap_or(&rig.sensor.bus);
@@ -87,13 +88,13 @@ pub(super) fn thread_failure(error: &ThreadError) -> Failure {
     Failure::new(Exit::Internal, error.to_string(), "")
 }
 
-/// Prints what a person should know before anything is sent.
+/// Prints warnings for a person before the first frame.
 pub(super) fn warn(output: &mut Output, message: String) {
     let finding = config::Diagnostic::about_file("", message, "");
     output.warnings(&[config::Diagnostic { severity: config::Severity::Warning, ..finding }]);
 }
 
-/// Prints what this computer did not grant.
+/// Prints the permissions that this computer did not grant.
 pub(super) fn warn_of(output: &mut Output, granted: &Result<(), Refusal>) {
     if let Err(refusal) = granted {
         warn(output, refusal.to_string());

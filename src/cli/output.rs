@@ -19,10 +19,10 @@ pub struct Output {
     /// Whether the document is the last line of a stream.
     is_stream: bool,
     denies_warnings: bool,
-    /// Warnings of the configuration so far.
+    /// Warnings of the configuration until now.
     warned: Vec<Diagnostic>,
     renderer: Renderer,
-    /// Columns that lines on standard output and on standard error have to fit into; `None` where nobody says how many there are.
+    /// Widths of standard output and standard error in columns; `None` if a width is not known.
     columns: [Option<usize>; 2],
 }
 
@@ -34,7 +34,7 @@ pub(super) fn has_color() -> bool {
 }
 
 impl Output {
-    /// In colour where [`has_color`] says so.
+    /// Creates the output, in colour if [`has_color`] returns true.
     pub(super) fn new(is_quiet: bool, is_json: bool, denies_warnings: bool) -> Self {
         let renderer = Renderer::of_terminal(has_color());
         let columns = [fit::columns(io::stdout()), fit::columns(io::stderr())];
@@ -61,7 +61,7 @@ impl Output {
         self.is_quiet
     }
 
-    /// Prints what the command was asked for, also when quiet: for a person, in lines that fit the terminal.
+    /// Prints the result of a command, also when quiet: for a person, in lines that fit the terminal.
     ///
     /// # Errors
     /// When standard output cannot be written; a reader that has gone away is no error.
@@ -72,7 +72,7 @@ impl Output {
         }
     }
 
-    /// Prints what the command was asked for as it is, also when quiet: for a program to read.
+    /// Prints the result of a command unchanged, also when quiet: for a program to read.
     ///
     /// # Errors
     /// When standard output cannot be written; a reader that has gone away is no error.

@@ -1,4 +1,4 @@
-//! `--pace`: what time follows.
+//! `--pace`: the clock of a run.
 
 use yieldwall_run::Pace;
 

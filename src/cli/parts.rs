@@ -51,7 +51,7 @@ impl Parts {
         self.shard.is_some() || !self.computes()
     }
 
-    /// Prints the parts in which one of `numbers` is, if that is asked for, and says whether it is.
+    /// Prints the parts that hold any of `numbers`, if this is requested, and returns whether it is.
     pub(super) fn print_missing(
         &self,
         numbers: impl FnOnce() -> Result<Vec<u64>, Failure>,
@@ -68,7 +68,7 @@ impl Parts {
         Ok(true)
     }
 
-    /// Prints the script of a job array, if that is asked for, and says whether it is.
+    /// Prints the script of a job array, if this is requested, and returns whether it is.
     pub(super) fn print_script(&self, array: &Array<'_>, output: &mut Output) -> Result<bool, Failure> {
         let Some(parts) = self.slurm else { return Ok(false) };
         let path = |path: std::io::Result<std::path::PathBuf>| {
@@ -205,7 +205,7 @@ fn threads_of(given: Option<NonZeroUsize>, allotted: Option<&str>) -> Option<Non
     given.or_else(|| allotted?.trim().parse().ok())
 }
 
-/// The end of a computation that was interrupted: `kept` says where its results are, if any are kept.
+/// Returns the failure of an interrupted computation: `kept` names the place of its results, if any are kept.
 pub(super) fn interrupted(missing: usize, of: usize, what: &str, kept: Option<&str>) -> Failure {
     let message = format!("interrupted: {missing} of {of} {what} are missing; {}", kept.unwrap_or("no result is kept"));
     let again = "give the command again: it goes on where it stood";

@@ -45,7 +45,7 @@ fn picture_kind(path: &Path) -> Result<PictureKind, Failure> {
     }
 }
 
-/// Writes a drawing as its file's ending says, and makes the folders on the way.
+/// Writes a drawing in the format of its file's extension, and creates missing folders.
 pub(super) fn write_drawing(drawing: &Drawing, path: &Path) -> Result<(), Failure> {
     make_folder_of(path)?;
     let written = match picture_kind(path)? {

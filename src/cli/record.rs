@@ -1,4 +1,4 @@
-//! `yieldwall record`: what is in a recording, the same as text, and what can be saved of a damaged one.
+//! `yieldwall record`: the contents of a recording, its text export, and the repair of a damaged one.
 
 use std::fmt;
 use std::fs::{self, File, OpenOptions};

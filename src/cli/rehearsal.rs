@@ -14,7 +14,7 @@ use yieldwall_rig::report::measures::Measures;
 use yieldwall_rig::report::{Overrides, RunReport, Watch, run_device, run_rig};
 use yieldwall_rig::{self as rig, RigError};
 
-/// The most of a scene that is run, in s: a check is no study.
+/// Longest simulated part of a scene, in s: a check is no study.
 pub(super) const LONGEST_S: f64 = 60.0;
 
 /// Result of a simulated scene.

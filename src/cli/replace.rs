@@ -1,4 +1,4 @@
-//! Files that a command writes: which ones it writes over, and what it says where it cannot.
+//! Files that a command writes: the rule for overwriting, and the message if it cannot write.
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Read, Write};

@@ -93,7 +93,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
 }
 
-/// The file of a recording: a folder that was recorded into stands for the one in it.
+/// Returns the file of a recording; a recorded folder stands for the file in it.
 pub(super) fn recording_file(path: &Path) -> PathBuf {
     let inside = path.join(MCAP);
     if inside.is_file() { inside } else { path.to_owned() }
@@ -123,7 +123,7 @@ pub(super) fn read_failure(path: &Path, error: &ReadError) -> Failure {
         ReadError::OtherMachine { .. } => "name a recording of the other kind",
         ReadError::OtherFields { .. } => "use the program of that version; other readers of MCAP can read it",
     };
-    // What stands in a file may have control characters.
+    // The content of a file may have control characters.
     refuse(path, &error.to_string().escape_debug().to_string(), help)
 }
 

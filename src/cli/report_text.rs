@@ -90,7 +90,7 @@ pub(crate) fn settled_text(settled: &[Settled]) -> Vec<String> {
     lines
 }
 
-/// The command that makes a copy of a profile that comes with the program.
+/// Returns the command that copies a shipped profile.
 pub(crate) fn copying(profile: &str) -> String {
     format!("yieldwall config show builtin:profiles/{profile}.yaml > {}", copy_of(profile))
 }

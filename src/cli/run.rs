@@ -190,7 +190,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
     progress.end();
     listening.finish()?;
     drop(screen);
-    // A run that broke off leaves what there is of it.
+    // An interrupted run leaves the part that it has recorded.
     let kept = keep.finish()?;
     output.warnings(&kept.warnings());
     let report = report.map_err(|error| {
@@ -304,7 +304,7 @@ pub(super) fn with_files(end: Result<(), Failure>, files: [Result<(), Failure>; 
     })
 }
 
-/// Whether a run can last so long.
+/// Checks whether a run can have this duration.
 pub(super) fn check_duration(duration_s: Option<f64>) -> Result<(), Failure> {
     let most = config::MAX_DURATION_S;
     let Some(duration) = duration_s.filter(|duration| !(*duration > 0.0 && *duration <= most)) else { return Ok(()) };

@@ -1,4 +1,4 @@
-//! `yieldwall sensor`: what the force sensor of a rig shows while nothing is enabled.
+//! `yieldwall sensor`: the readings of a rig's force sensor while nothing is enabled.
 
 mod calibrate;
 

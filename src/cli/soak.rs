@@ -1,4 +1,4 @@
-//! `yieldwall soak`: many rigs, hands and faults drawn from seeds, each cycle judged from outside.
+//! `yieldwall soak`: many rigs, hands and faults drawn from seeds, with an independent judgement of each cycle.
 
 use std::collections::BTreeMap;
 use std::io::{self, IsTerminal};
@@ -157,7 +157,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     end
 }
 
-/// Prints the commands that run seeds with violations again. One line each, as long as it is: to be copied.
+/// Prints the commands that repeat the seeds with violations: one unwrapped line each, for copying.
 fn print_replays<'a>(outcomes: impl IntoIterator<Item = &'a SeedResult>, output: &mut Output) -> Result<(), Failure> {
     let mut replays = outcomes.into_iter().filter_map(|outcome| outcome.replay.as_ref());
     replays.try_for_each(|replay| output.result(&format!("yieldwall soak {replay}\n")))

@@ -1,4 +1,4 @@
-//! `yieldwall sweep`: a study of one's own, over any numbers of a rig, its simulation and its scene.
+//! `yieldwall sweep`: a study of the user's own, over any numbers of a rig, its simulation and its scene.
 
 use std::num::NonZeroU32;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! `yieldwall tune`: numbers of a fixture and gains of a rig that stay stable with a reserve.
+//! `yieldwall tune`: stable parameters of a fixture and stable gains of a rig, with a reserve.
 
 mod device;
 mod gains;

@@ -1,4 +1,4 @@
-//! Drives that would go on when their master has died: why, by their profiles, and which choice helps.
+//! Drives that would continue after the death of their master: the reason in their profiles, and the remedy.
 
 use yieldwall_drives::profiles::{BuiltInWatch, HeartbeatWatch, Reaction, Servo, SetPointWatch, SyncWatch};
 use yieldwall_drives::watchdog::{HEARTBEAT_PERIODS, TORQUE_LIMIT, Watchdog};
@@ -11,7 +11,7 @@ use yieldwall_run::{Demands, Drilled, Unsafe};
 /// Statement of a refusal before any drive on a bus was enabled.
 pub(crate) const NOTHING_ENABLED: &str = "nothing was enabled";
 
-/// Refuses drives that would go on when their master has died; `before` says what was done with the rig.
+/// Refuses drives that would continue after the death of their master; `before` names the actions on the rig until then.
 pub(crate) fn judge(drilled: &Drilled, rig: &Rig, before: &str) -> Result<(), Failure> {
     drilled.judge(Demands::of(rig)).map_err(|error| {
         let [left, right] = &rig.drives;
@@ -23,7 +23,7 @@ pub(crate) fn judge(drilled: &Drilled, rig: &Rig, before: &str) -> Result<(), Fa
     })
 }
 
-/// A drive on a segment that goes on without outputs.
+/// A drive on a segment that continues without outputs.
 const OUTPUTS: &str = "the master sets the watchdog of its sync manager (0420h): look whether the drive's controller has one, and what its manual \
                        says about it";
 
@@ -49,7 +49,7 @@ fn too_slow(rig: &Rig) -> String {
     )
 }
 
-/// A drive that goes on without something.
+/// Describes a drive that continues without a monitored signal.
 fn goes_on(drive: &Drive, watchdog: Watchdog, rig: &Rig) -> String {
     let Some(servo) = drive.profile.get().and_then(|profile| profile.servo()) else { return String::new() };
     let why = match watchdog {
@@ -146,7 +146,7 @@ fn watch_of_set_points(servo: &Servo) -> Why {
     }
 }
 
-/// The heartbeat of the master has to stop every drive in every mode: it is what a program that has died no longer sends.
+/// The master's heartbeat has to stop every drive in every mode: a dead program no longer sends it.
 fn without_heartbeat(drive: &Drive, servo: &Servo) -> String {
     let name = drive.profile.get().map_or("", |profile| profile.name());
     let needed = "every drive has to watch it, in every mode: a program that has died sends none";

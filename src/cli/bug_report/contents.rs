@@ -47,7 +47,7 @@ impl Content {
     }
 }
 
-/// Everything that a report has, as it stands on this computer.
+/// Returns the full contents of a report on this computer.
 pub(super) fn contents(rig: Option<&str>, messages: Option<String>, folders: &Folders) -> Vec<Entry> {
     let text = |name: &str, text: String| Entry { name: name.to_owned(), content: Content::Text(text) };
     let mut entries = vec![text("version.txt", version())];
@@ -113,7 +113,7 @@ fn file(source: &Source) -> Vec<(String, String)> {
     source.read().map(|text| vec![(source.to_string(), text.to_string())]).unwrap_or_default()
 }
 
-/// The files that a rig is put together from: it, what it is like, simulation, scene, profiles.
+/// Returns the files of which a rig consists: its own file, its base, simulation, scene, profiles.
 fn files_of(rig: &Loaded<Rig>) -> Vec<(String, String)> {
     let mut files: Vec<(String, String)> = rig.files().map(|(name, text)| (name.to_owned(), text.to_owned())).collect();
     let scene = rig.value.simulation.as_ref().map(|simulation| rig.source.relative(&simulation.scene));

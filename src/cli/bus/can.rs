@@ -8,7 +8,7 @@ use yieldwall_bus::MasterSetup;
 use yieldwall_bus::budget::{Advice, Budget, Conditions, FrameBudget, advise};
 use yieldwall_config::{Diagnostic, Loaded, Rig, Severity};
 
-/// The budget of one of a rig's CAN buses and what it was made from.
+/// The budget of one of a rig's CAN buses, and its source.
 #[derive(Debug)]
 pub(crate) struct CanPlan<'a> {
     pub(super) rig: &'a Rig,

@@ -26,7 +26,7 @@ impl<'a> SegmentPlan<'a> {
         self.budget.is_schedulable()
     }
 
-    /// Name of the bus, and the greatest share of its time that frames take.
+    /// Returns the name of the bus, and the largest share of its time that frames take.
     #[cfg(feature = "view")]
     pub(super) fn load(&self) -> (&str, f64) {
         (self.name, self.budget.load())

@@ -1,4 +1,4 @@
-//! The report of an earlier run, after which another one goes on.
+//! The report of an earlier run, which another run continues.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -45,7 +45,7 @@ pub(super) struct Earlier {
     steps: Vec<(StepReport, Option<u64>)>,
 }
 
-/// A hash of all that a rig file says, and the device profiles that it names by their files.
+/// Returns a hash of the rig file's values, and of the device profiles that it names by their files.
 pub(super) fn rig_hash(rig: &config::Rig) -> String {
     let profiles = rig.clone().name_profile_files();
     let profiles: Vec<_> = profiles.iter().map(|(_, profile)| profile.as_ref()).collect();

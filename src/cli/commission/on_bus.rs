@@ -1,4 +1,4 @@
-//! A rig on real buses that is commissioned, with a person at the arm who is asked on the terminal.
+//! The commissioning of a rig on real buses, with questions on the terminal to a person at the arm.
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -102,7 +102,7 @@ impl Person for AtTheTerminal {
     }
 }
 
-/// Gives devices back what they held before commands that were killed; whether there was one.
+/// Restores the devices' values from before killed commands. Returns whether there was such a command.
 fn close_journals(interfaces: &Interfaces, output: &mut Output) -> Result<bool, Failure> {
     let mut are_closed = false;
     // A person who wants the program to end waits for it.

@@ -17,7 +17,7 @@ pub(super) fn figure_text(figure: &Figure) -> String {
     format!("{} {}{unit}, at most {}{unit}", figure.what, number(figure.value), number(figure.limit))
 }
 
-/// The page: of a rig from this file, and of the machine that these words name.
+/// Returns the page on a rig from this file, and on the machine that these words name.
 pub(super) fn html(rig: &config::Rig, file: &str, commissioned: &Commissioned, machine: &str) -> String {
     let name = escaped(&rig.rig.name);
     let verdict = commissioned.verdict().name();

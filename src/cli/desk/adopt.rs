@@ -1,4 +1,4 @@
-//! `yieldwall drive adopt`: a drive nobody has a profile of, and the profile that follows.
+//! `yieldwall drive adopt`: writes the profile of a drive that nobody has described.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

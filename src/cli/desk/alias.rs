@@ -1,4 +1,4 @@
-//! `yieldwall alias`: the number by which a device on EtherCAT is known wherever it stands.
+//! `yieldwall alias`: the number that identifies a device on EtherCAT at any position.
 
 use serde_json::json;
 

@@ -1,4 +1,4 @@
-//! `yieldwall doctor node`: why a node does not answer. And the devices of a bus, for `yieldwall doctor`.
+//! `yieldwall doctor node`: why a node does not answer. Also the check of a bus's devices, for `yieldwall doctor`.
 
 use serde_json::{Value, json};
 
@@ -217,8 +217,8 @@ fn refused(about: String, failure: Failure) -> Vec<Section> {
     check.into_iter().map(|check| Section::new(about.clone(), failure.exit, vec![check])).collect()
 }
 
-/// The devices of an interface that can be used: who answers, and whether identifiers and node ids are right. `commands` is what
-/// commands need to come there.
+/// Checks the devices of an interface that can be used: which ones answer, and whether identifiers and node ids are right.
+/// `commands` holds the arguments with which commands reach them.
 pub(crate) fn devices(argument: &str, rig: Option<&Rig>, commands: &str) -> Result<Vec<Check>, Failure> {
     let mut desk = match DeviceSession::on_bus(argument, rig, on_interrupt()?) {
         Ok(desk) => desk,

@@ -46,7 +46,7 @@ pub(crate) fn restored(restored: Restored, output: &mut Output) -> Result<(), Fa
     restored.end.map_err(|error| journal_failure(&error))
 }
 
-/// The failure that a journal is which stops a command, did not begin or stays open.
+/// Returns the failure of a journal that stops a command, did not begin or stays open.
 pub(crate) fn journal_failure(error: &JournalError) -> Failure {
     let message = error.to_string();
     match error {
@@ -78,7 +78,7 @@ pub(crate) fn journal_failure(error: &JournalError) -> Failure {
     }
 }
 
-/// An object or a device that did not get back what it held, with what to do.
+/// Describes an object or a device that was not restored, with the remedy.
 fn unrestored(lacking: &Unrestored) -> String {
     let Unrestored::Device { device, restored, error } = lacking else { return lacking.to_string() };
     let why = device_failure(error).report.diagnostics.into_iter().next();

@@ -1,4 +1,4 @@
-//! Commands that ask devices one by one: on a bus with `--bus`, without it those of a rig's simulation, for rehearsal.
+//! Commands on single devices: on a bus with `--bus`, or else on a rig's simulation, for rehearsal.
 
 pub(super) mod adopt;
 pub(super) mod alias;

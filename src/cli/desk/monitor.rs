@@ -1,4 +1,4 @@
-//! `yieldwall monitor`: what is on a bus, frame by frame, in words. Nothing is sent.
+//! `yieldwall monitor`: the frames on a bus, one by one, in words. The command sends nothing.
 
 use std::time::Duration;
 

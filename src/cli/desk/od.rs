@@ -95,13 +95,13 @@ enum Fate {
     Planned,
     /// The device holds the value.
     Written,
-    /// The device refused it, and holds what it held.
+    /// The device refused the value and kept its old one.
     Refused(AbortCode),
     /// The device confirmed it, and holds something else.
     Holds(Vec<u8>),
     /// The device did not answer, or nothing could be sent.
     Unknown(Error),
-    /// It was not come to.
+    /// The sequence ended before this write.
     NotTried,
 }
 
@@ -150,7 +150,7 @@ pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     }
 }
 
-/// Reads a data sheet; what is odd in it is a warning.
+/// Reads a data sheet; irregularities in it are warnings.
 pub(super) fn sheet(path: &Path, output: &mut Output) -> Result<Eds, Failure> {
     let bytes = bytes_of(path)?;
     if is_concise(&bytes) {
@@ -261,7 +261,7 @@ fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
     let at = object(&arguments.object, eds.as_ref())?;
     let mut reached = DeviceHandle::open(&arguments.place, &arguments.node, output)?;
     let name = words::name(at, eds.as_ref());
-    // A name is that of an object of the axis that is meant; an address is taken as it is.
+    // A name refers to an object of the selected axis; an address is taken as it is.
     let at = if words::address(&arguments.object).is_none() { reached.at(at) } else { at };
     let old = match reached.read(at) {
         Ok(old) => Some(old),
@@ -316,10 +316,11 @@ fn no_type(at: Address) -> Failure {
     Failure::new(Exit::Usage, message, "give the data sheet of the device with --eds")
 }
 
-/// Keeps what the objects hold, writes them in this order and reads each back; stops at the first that does not take its value.
+/// Saves the objects' values, writes the objects in this order and reads each back. Stops at the first object that does not take
+/// its value.
 ///
 /// # Errors
-/// If what they hold cannot be kept: nothing was written.
+/// If the values cannot be saved: nothing was written.
 pub(super) fn write_all(
     reached: &mut DeviceHandle,
     steps: &[Step],
@@ -377,7 +378,7 @@ fn way_back(reached: &DeviceHandle, kept: Option<&Path>, has_written: bool) -> S
     }
 }
 
-/// The failure that a write did not do what it should.
+/// Returns the failure of a write.
 fn ended(reached: &DeviceHandle, step: &Step, fate: &Fate, eds: Option<&Eds>, back: &str) -> Failure {
     let doing = format!("writing {}", titled(step.at, &step.name));
     let of_device = |what: String, help: String| {
@@ -477,7 +478,8 @@ mod tests {
         Step { at, name: words::name(at, None), data_type, old, new, is_final: true }
     }
 
-    /// What was written, what was refused and why, what was not tried, and how to get back: after a refusal in the middle.
+    /// The report after a refusal in the middle: what was written, what was refused and why, what was not tried, and how to undo
+    /// it.
     #[test]
     fn writes_that_end_half_way_say_how_far_they_came() {
         let mut output = Output::new(true, false, false);
@@ -504,7 +506,7 @@ mod tests {
         // What comes behind the refusal is as it was.
         assert_eq!(reached.read(steps[0].at).unwrap(), [0x84, 3]);
         assert_eq!(reached.read(steps[2].at).unwrap(), [0xbc, 0x31, 0, 0]);
-        // On a bus the way back is a command that comes to the same device.
+        // On a bus, a command for the same device undoes the writes.
         let DeviceHandle::Node(desk, _) = &mut reached else { panic!("on CAN") };
         desk.arguments = " --bus can0".to_owned();
         let back = way_back(&reached, Some(Path::new("kept.dcf")), true);

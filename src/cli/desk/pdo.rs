@@ -1,4 +1,4 @@
-//! `yieldwall pdo show`: what a device exchanges every cycle.
+//! `yieldwall pdo show`: the process data that a device exchanges every cycle.
 
 use serde_json::{Value, json};
 
@@ -24,7 +24,7 @@ pub(crate) struct Arguments {
     place: BusArguments,
 }
 
-/// PDOs of each direction are looked for up to the first that is missing, so many at most.
+/// Largest number of PDOs in each direction; the search ends at the first missing one.
 const MOST: u16 = 64;
 
 struct Pdo {

@@ -60,12 +60,12 @@ pub(super) struct Entry {
     pub(super) scaling: Option<AxisScaling>,
 }
 
-/// A node that is meant, and what the rig says of it.
+/// The selected node, and the rig's entry for it.
 #[derive(Clone, Debug)]
 pub(super) struct Node {
     pub(super) id: NodeId,
     pub(super) entry: Option<Entry>,
-    /// Distances of the objects of the axis that is meant.
+    /// Offset of the objects of the selected axis.
     pub(super) axis: AxisOffset,
 }
 
@@ -144,7 +144,7 @@ impl DeviceSession {
         Ok(Self { arguments: place.arguments(), ..desk })
     }
 
-    /// The devices of a rig on one of its buses, where no master is; or those of its simulation.
+    /// Opens the devices of a rig on one of its buses without a master, or those of its simulation.
     pub(super) fn of_rig(rig: &Loaded<Rig>, bus: Option<&str>) -> Result<Self, Failure> {
         Self::at(Some(rig), bus, entries(&rig.value)?, false)
     }
@@ -284,7 +284,7 @@ impl DeviceSession {
         (!names.is_empty()).then(|| names.join(" and "))
     }
 
-    /// The failure that a device did not do what it was asked.
+    /// Returns the failure of a request to a device.
     pub(super) fn failure(&self, node: &Node, doing: &str, error: Error) -> Failure {
         node_failure(format!("{}: {doing}: {error}", node.words()), error, &self.command("doctor node", node))
     }
@@ -314,7 +314,7 @@ impl DeviceSession {
     }
 }
 
-/// The failure that a node did not do what it was asked; `doctor` is the command that finds out why.
+/// Returns the failure of a request to a node; `doctor` is the command that finds the cause.
 pub(super) fn node_failure(message: String, error: Error, doctor: &str) -> Failure {
     match error {
         Error::Link(_) => link_down(message),
@@ -322,7 +322,7 @@ pub(super) fn node_failure(message: String, error: Error, doctor: &str) -> Failu
     }
 }
 
-/// The failure that a device did not do what was asked of an object; `silent` is what to do where it does not answer.
+/// Returns the failure of a request on an object; `silent` is the advice if the device does not answer.
 pub(super) fn object_failure(message: String, error: Error, silent: String) -> Failure {
     match error {
         Error::NoAnswer | Error::MayBeWritten => Failure::new(Exit::DeviceMismatch, message, silent),
@@ -341,7 +341,7 @@ pub(super) fn object_failure(message: String, error: Error, silent: String) -> F
     }
 }
 
-/// An explanation with advice whose commands come to this very device: `yieldwall emcy NODE` becomes `yieldwall emcy 1 --bus can0`.
+/// Adapts the commands in an explanation's advice to this device: `yieldwall emcy NODE` becomes `yieldwall emcy 1 --bus can0`.
 pub(super) fn placed(explanation: Explanation, device: u16, arguments: &str, rig: Option<&str>) -> Explanation {
     let next = placed_text(&explanation.next, device, arguments, rig).into();
     Explanation { next, ..explanation }

@@ -1,5 +1,6 @@
-//! `run --dry-run` and `drill --dry-run`: what boot and start would send to each device, in its order, old -> new. Objects are read; nothing
-//! else is sent, and nothing at all on a bus with a master. A device on EtherCAT that is in INIT is brought to PRE-OP and back.
+//! `run --dry-run` and `drill --dry-run`: the frames that boot and start would send to each device, in order, old -> new. The
+//! commands only read objects, and send nothing on a bus with a master. They bring a device on EtherCAT from INIT to PRE-OP and
+//! back.
 
 mod segment;
 
@@ -77,7 +78,7 @@ impl Owner {
 enum What {
     /// An NMT command.
     Command(NmtCommand),
-    /// A frame, and what it is.
+    /// A frame, and its description.
     Frame(Frame, String),
     /// A setting of a device on EtherCAT that is no object.
     Set(String),
@@ -87,7 +88,7 @@ enum What {
     Controlword { old: Option<u16>, new: u16 },
 }
 
-/// Says what a rig's boot and start would send: to its devices on these buses, `NAME=INTERFACE` each, or to the simulated ones.
+/// Prints the frames of a rig's boot and start: to its devices on these buses, `NAME=INTERFACE` each, or to the simulated ones.
 pub(crate) fn run(rig: &Loaded<Rig>, buses: &[String], sender: Sender, output: &mut Output) -> Result<(), Failure> {
     let plan = master(&rig.value, &rig.value.fixture).map_err(|error| rig_failure(&error.into()))?;
     let plan = plan.networks().plan();
@@ -154,7 +155,7 @@ pub(crate) fn run(rig: &Loaded<Rig>, buses: &[String], sender: Sender, output: &
     end
 }
 
-/// All that would be sent; and why the boot would not come to its end, if it would not.
+/// Returns all lines, and the obstacle if the boot would not complete.
 fn lines(rig: &Rig, plan: &BootPlan, desks: &mut [DeviceSession]) -> Result<(Vec<Line>, Result<(), Failure>), Failure> {
     let mut lines = Vec::new();
     let named = |id: u8, bus: BusId| {
@@ -254,12 +255,12 @@ fn ask(
     }
 }
 
-/// The desk at which a bus of the rig is, and what the bus is called there: one interface is one bus to its link.
+/// Returns the device session for a bus of the rig, and the name of the bus there: an interface is a single bus to its link.
 fn desk_of<'a>(bus: BusId, rig: &Rig, desks: &'a mut [DeviceSession]) -> Option<(&'a mut DeviceSession, BusId)> {
     if desks.first()?.is_simulated {
         return Some((desks.first_mut()?, bus));
     }
-    // Desks are those of the buses on CAN, in their order.
+    // The sessions are those of the buses on CAN, in order.
     let before = rig.buses.values().take(bus.index()).filter(|bus| !matches!(bus, Bus::Ethercat(_))).count();
     Some((desks.get_mut(before)?, BusId::FIRST))
 }

@@ -138,7 +138,7 @@ impl DeviceHandle {
         }
     }
 
-    /// An object of a first axis as that of the axis that is meant.
+    /// Maps an object of the first axis to the selected axis.
     pub(super) fn at(&self, at: Address) -> Address {
         let axis = match self {
             Self::Node(_, node) => node.axis,
@@ -162,7 +162,7 @@ impl DeviceHandle {
         }
     }
 
-    /// By what commands name it.
+    /// Returns the name of the device in commands.
     pub(super) fn named(&self) -> Named {
         match self {
             Self::Node(_, node) => Named::Node(node.id),
@@ -228,7 +228,7 @@ impl DeviceHandle {
         }
     }
 
-    /// The failure that it did not do what it was asked.
+    /// Returns the failure of a request to the device.
     pub(super) fn failure(&self, doing: &str, error: Error) -> Failure {
         match self {
             Self::Node(desk, node) => desk.failure(node, doing, error),

@@ -55,7 +55,7 @@ pub(crate) struct Write {
 /// Bytes of a register that has no name.
 const USUAL_LENGTH: usize = 2;
 
-/// A register that is meant.
+/// The selected register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Register {
     pub(super) address: u16,

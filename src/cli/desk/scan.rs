@@ -115,7 +115,7 @@ fn text(desk: &DeviceSession, found: &[FoundDevice], others: OtherTraffic) -> St
     text
 }
 
-/// Says that no node was found, and what else is on the bus.
+/// Reports that no node was found, and the other traffic on the bus.
 fn none(others: OtherTraffic) -> String {
     match others.is_none() {
         true => "no node answers or is heard: is anything switched on, is the bit rate right?\n".to_owned(),
@@ -146,7 +146,7 @@ pub(super) fn kind(device_type: Option<u32>) -> String {
     }
 }
 
-/// `vendor FFFF5957h product 00000402h`, of what is known.
+/// Returns the known part of the identity: `vendor FFFF5957h product 00000402h`.
 pub(super) fn identity_words(identity: [Option<u32>; 4]) -> Option<String> {
     let names = ["vendor", "product", "revision", "serial"];
     let parts: Vec<String> =

@@ -1,4 +1,4 @@
-//! `yieldwall sii`: what devices on EtherCAT keep in their memory chips.
+//! `yieldwall sii`: the memory chips of devices on EtherCAT.
 
 pub(super) mod description;
 
@@ -260,7 +260,7 @@ pub(super) fn refuse_too_long(
     Err(Failure::about_file(Exit::DeviceMismatch, path, message, OTHER_IMAGE))
 }
 
-/// Refuses the image of another device than the one that is there, as far as that says who it is, or than the rig names.
+/// Refuses the image of another device than the present one, as far as the present one identifies itself, or than the rig's device.
 fn refuse_another_kind(device: &Device, present: &Present, image: &Sii) -> Result<(), Failure> {
     let kind = |sii: &Sii| (sii.vendor_id, sii.product_code);
     let says = present.sii.as_ref().ok().map(kind).filter(|(vendor, _)| !matches!(vendor, 0 | &u32::MAX));
@@ -420,7 +420,7 @@ fn document(sii: &Sii) -> Value {
     })
 }
 
-/// A device and its SII: what is wrong with that, and what is only damaged, missing or unusual.
+/// A device and its SII, with the errors in it, and the damaged, missing or unusual parts.
 pub(super) struct Checked {
     device: Device,
     wrong: Vec<String>,

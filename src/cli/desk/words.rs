@@ -246,7 +246,7 @@ pub(super) fn wrapped_behind(head: &str, text: &str) -> String {
     textwrap::fill(text, options.word_splitter(textwrap::WordSplitter::NoHyphenation)) + "\n"
 }
 
-/// A change of a value, `old -> new`, in one line if it fits, and indented below what it is of.
+/// Formats a change of a value, `old -> new`: on one line if it fits, otherwise indented below its subject.
 pub(super) fn change(old: &str, new: &str) -> String {
     let line = format!("    {old} -> {new}");
     if line.chars().count() <= COLUMNS { format!("{line}\n") } else { format!("    {old}\n    -> {new}\n") }

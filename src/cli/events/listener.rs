@@ -1,4 +1,4 @@
-//! The way from the loop to what is printed: rings that the loop fills, and a thread that empties them.
+//! Path from the loop to the printed events: rings that the loop fills, and a thread that empties them.
 
 use std::io;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -26,9 +26,9 @@ const REFRESH: Duration = Duration::from_millis(100);
 pub(crate) struct Listening(Feed<()>);
 
 impl Listening {
-    /// Begins to listen: what has to watch the rig for it.
+    /// Starts the listener, and returns the observer of the rig.
     pub(crate) fn start(events: &Events, watched: Watched<'_>, rig: &config::Rig) -> Result<(Self, Watch), Failure> {
-        // The simulation has a bar of its own.
+        // The simulation has its own progress bar.
         if matches!(watched, Watched::Simulation(_)) {
             events.clear();
         }

@@ -29,7 +29,7 @@ use yieldwall_run::Finding;
 #[cfg(target_os = "linux")]
 use yieldwall_run::host::News;
 
-/// Columns before what is said, as in every report.
+/// Columns before the text, as in every report.
 const HEAD: usize = 10;
 /// Widest that an event is printed on a terminal, in columns.
 const WIDTH: usize = 110;
@@ -119,7 +119,7 @@ enum Form {
     Nobody,
     /// A screen, which shows them.
     Screen(Arc<Mutex<View>>),
-    /// A person at a terminal of so many columns.
+    /// A person at a terminal of this width in columns.
     Terminal(usize),
     Lines,
     Objects,
@@ -135,7 +135,7 @@ struct Teller {
     boot_steps: u32,
 }
 
-/// Prints events from any thread but that of the cycle.
+/// Prints events from any thread except the thread of the cycle.
 #[derive(Clone)]
 pub(super) struct Events(Arc<Mutex<Teller>>);
 

@@ -1,4 +1,4 @@
-//! From cycles to events: what is new in a cycle, in words.
+//! Conversion of cycles into events: describes the news of a cycle.
 
 use serde_json::{Value, json};
 use yieldwall_drives::cia402;
@@ -143,7 +143,7 @@ impl Narrator {
         let event = event.with("node_id", node).with("name", device.map(|device| self.name(device)));
         let event = event.with("code", code).with("meaning", meaning);
         let event = event.with("error_register", emergency.register.0).with("vendor_bytes", json!(emergency.vendor));
-        // Communication and what is watched of it.
+        // Communication and its monitoring.
         let why = matches!(emergency.code.0, 0x8100..=0x82ff).then_some(Fault::Emergency);
         let why = why.filter(|_| self.is_on_bus).and_then(|fault| not_in_time(fault, self.standstill, &self.rig));
         Some(event.meaning(said_first(why, words)))
@@ -205,7 +205,7 @@ mod tests {
         Error(DriveError),
     }
 
-    /// The events of a shipped rig with a fault, and what it says in the end.
+    /// Returns the events of a shipped rig with a fault, and its final message.
     fn told(fault: &str, duration_s: f64) -> (Vec<Event>, String) {
         let rig = config::load_rig(config::Source::named("builtin:paper-admittance.yaml")).unwrap();
         let scene = rig.scene().unwrap().value;

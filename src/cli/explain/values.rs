@@ -1,4 +1,4 @@
-//! Objects of the dictionary, and what a value of four bytes may stand for.
+//! Objects of the dictionary, and possible meanings of a value of four bytes.
 
 use yieldwall_drives::objects;
 

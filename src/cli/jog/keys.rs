@@ -1,9 +1,10 @@
-//! Keys on standard input by which a person leads a joint, and the line that shows where it is.
+//! Keys on standard input with which a person moves a joint, and the line that shows its angle.
 //!
 //! ```text
 //! thread "keys":  standard input --> Keys, which the loop looks at once a cycle; the angle --> standard error
 //! ```
-//! A terminal gives keys at once and does not show them; signals and output are as ever. Anything else gives bytes until it ends.
+//! A terminal delivers keys at once and does not echo them; signals and output are unchanged. Any other input delivers bytes until
+//! it ends.
 
 use std::io::{self, IsTerminal, Write};
 use std::sync::Arc;
@@ -82,7 +83,7 @@ impl Reader {
         if let Some(before) = &reader.before {
             let mut at_once = before.clone();
             at_once.local_modes.remove(LocalModes::ICANON | LocalModes::ECHO);
-            // Neither Ctrl-S nor Ctrl-Z: output that stands still and a process that is stopped would hear no key.
+            // Without Ctrl-S and Ctrl-Z: stopped output or a stopped process would miss keys.
             at_once.input_modes.remove(InputModes::IXON);
             at_once.special_codes[SpecialCodeIndex::VSUSP] = 0;
             // Keys from before count for nothing.
@@ -157,7 +158,7 @@ fn attend(keys: &Keys, is_over: &AtomicBool, mut show: impl FnMut()) {
     }
 }
 
-/// The keys in what came at once. Others are none.
+/// Returns the keys in bytes that arrived together, and ignores other bytes.
 fn keys_in(mut bytes: &[u8]) -> Vec<Key> {
     const ESCAPE: u8 = 0x1b;
     let mut keys = Vec::new();

@@ -65,7 +65,7 @@ pub(super) fn untimely(error: &Untimely, rig: &config::Rig) -> Failure {
     Failure::new(Exit::TimingMissed, error.to_string(), help)
 }
 
-/// The folder with what `tune loop` has measured on a bus.
+/// Returns the folder with the measurements of `tune loop` on a bus.
 pub(crate) fn loops() -> Result<PathBuf, Failure> {
     state_folder("loops").ok_or_else(|| {
         let message = "there is no folder for the records of loops: neither XDG_STATE_HOME nor HOME is set";
@@ -106,7 +106,7 @@ pub(super) fn check_measured_loop(
 
 /// Returns the findings on the virtual mass from values that were measured on a bus, if there are any.
 pub(super) fn measured_masses(rig: &config::Loaded<config::Rig>, folder: &Path) -> Result<Vec<Diagnostic>, Failure> {
-    // Masses are those of hands, of which the scene has one.
+    // Virtual masses depend on hands, and the scene has the hand.
     if rig.value.simulation.is_none() {
         return Ok(Vec::new());
     }

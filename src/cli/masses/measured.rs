@@ -1,4 +1,4 @@
-//! The virtual masses by what `tune loop` has measured on a bus.
+//! Virtual masses from the measurements of `tune loop` on a bus.
 
 use std::path::Path;
 
@@ -42,7 +42,7 @@ impl Measured {
 }
 
 impl Masses {
-    /// As [`Masses::of`], by what is on record in a folder of what was measured of the rig; `None` if nothing is.
+    /// Computes them as [`Masses::of`] does, from the rig's measurements in a folder; `None` if there are none.
     pub(crate) fn of_recorded(rig: &Loaded<Rig>, stiffnesses: &[f64], folder: &Path) -> Result<Option<Self>, Failure> {
         let loaded = MeasuredLoop::load(&rig.value, folder).map_err(|error| {
             let help = "delete the record, or measure anew with `yieldwall tune loop` and --bus";

@@ -171,7 +171,7 @@ pub(super) fn ask(arguments: &Arguments, person: Option<Person<'_>>) -> Result<C
         return Err(Failure::new(Exit::Usage, message, "leave --nodes away: positions follow the cable"));
     }
     let given = Some(arguments.nodes.clone()).filter(|nodes| !nodes.is_empty());
-    // Nobody is asked for what a segment does not have.
+    // A segment does not have this property, so there is no question about it.
     let given = given.or_else(|| (bus == BusKind::Ethercat).then(|| vec![1, 2]));
     let usual = [1, 2, 10];
     let question =
@@ -290,7 +290,7 @@ fn profiles(drives: &[String], rig: &Path) -> Result<([String; 2], ProfileFiles)
 pub(super) struct Person<'a> {
     pub(super) answers: &'a mut dyn BufRead,
     pub(super) questions: &'a mut dyn Write,
-    /// Columns of what questions go to.
+    /// Columns of the output for the questions.
     pub(super) columns: usize,
 }
 

@@ -5,7 +5,7 @@ use yieldwall_config::{Finite, Positive, builtin, load_rig};
 use yieldwall_motion::linkage::FiveBar;
 use yieldwall_motion::quantity::TipPoint;
 
-/// Clearance that the tool keeps from singular poses and from the edge of the workspace, m, as the guard of the rig has it.
+/// Clearance of the tool from singular poses and from the edge of the workspace, m, as in the rig's guard.
 pub(super) const MARGIN_M: f64 = 0.02;
 /// Least radius of a working disc, m.
 const LEAST_M: f64 = 0.05;

@@ -7,7 +7,7 @@ use super::geometry::{Geometry, MARGIN_M};
 use yieldwall_motion::control::Gains;
 use yieldwall_motion::elementary;
 
-/// Above this cycle time, in us, heartbeats are slower: they come to whole cycles.
+/// Cycle time in us above which heartbeats are slower: their periods are whole cycles.
 const FAST_US: u32 = 2000;
 /// Stiffness of the scene's hand, N/m.
 const HAND_N_PER_M: f64 = 400.0;
@@ -180,7 +180,7 @@ fn sensor(choice: &Choice, heartbeat_ms: u32) -> String {
     let head = "sensor:\n  name: wrist\n  bus: main\n";
     match choice.sensor {
         Protocol::Canopen => {
-            // The rates of the profile, the fastest that is not above that of the cycle.
+            // The rates of the profile; the loop takes the fastest one up to the rate of the cycle.
             let rate = [1000, 500, 200].into_iter().find(|rate| *rate <= cycle_hz).unwrap_or(200);
             format!(
                 "{head}  protocol:
@@ -289,7 +289,7 @@ scene: {}
     )
 }
 
-/// A hand that comes to the circle from inside, presses, traces, breaks out and comes back.
+/// Returns the scene of a hand that approaches the circle from inside, presses, traces, breaks out and returns.
 pub(super) fn scene(geometry: &Geometry, rig: &str) -> String {
     let Geometry { working_m, circle_m, .. } = *geometry;
     let at = |radius_m: f64, angle_rad: f64| {

@@ -159,7 +159,7 @@ pub(crate) fn told_at_boot(error: &BootError, known: &[EmergencyReport], rig: &c
     different(known.into_iter().chain(told))
 }
 
-/// The failure with what was wrong with the devices of a segment.
+/// Adds the findings on the devices of a segment to the failure.
 pub(crate) fn with_findings(mut failure: Failure, findings: &[String]) -> Failure {
     if let Some(first) = failure.report.diagnostics.first_mut().filter(|_| !findings.is_empty()) {
         first.message = format!("{}; {}", first.message, findings.join("; "));
@@ -210,7 +210,7 @@ fn is_in_fault(error: &DriveError) -> bool {
     error.statusword.is_some_and(|word| Statusword(word).state() == Some(State::Fault))
 }
 
-/// The failure with the command that takes each drive out of Fault that is in it; `arguments` is what a command needs to come to a device.
+/// Adds the command that resets each drive in Fault to the failure; `arguments` are those with which a command reaches a device.
 pub(crate) fn with_resets(
     mut failure: Failure,
     errors: &[DriveError],
@@ -273,7 +273,7 @@ mod tests {
     use yieldwall_config::Source;
     use yieldwall_fieldbus::canopen::{ErrorRegister, Frame};
 
-    /// A drive that says at the boot what is wrong is understood by the table of its vendor.
+    /// The table of its vendor explains a drive's error at the boot.
     #[test]
     fn an_emergency_of_the_boot_is_told_in_the_words_of_the_vendor() {
         let mut rig = config::load_rig(Source::named("builtin:paper-admittance.yaml")).unwrap().value;

@@ -30,7 +30,7 @@ pub(crate) fn not_in_time(fault: Fault, standstill: Option<Standstill>, rig: &co
         |drive: &config::Drive| drive.profile.get().is_some_and(|profile| profile.profile.tried == Tried::Simulation);
     match standstill {
         Some(standstill) => Some(stood(standstill)),
-        // Too fast is what moves, and a late device moves nothing.
+        // Overspeed means motion, and a late device moves nothing.
         None if fault != Fault::OverSpeed && rig.drives.iter().all(is_simulated) => {
             Some("the program that simulates the drives may not have run in time".to_owned())
         }

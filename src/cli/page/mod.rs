@@ -1,5 +1,5 @@
-//! `yieldwall view`, `yieldwall play` and `--view`: a page for a browser on this computer, with recordings, with a simulation whose hand is the
-//! pointer, or with a rig that runs.
+//! `yieldwall view`, `yieldwall play` and `--view`: a page for a browser on this computer. It shows recordings, a simulation whose
+//! hand is the pointer, or a running rig.
 
 #[cfg(feature = "view")]
 mod browser;

@@ -33,7 +33,7 @@ const SPRING_N_PER_M: f64 = 1500.0;
 /// Damping of the viscous wall across and along, N s/m.
 const VISCOUS_N_S_PER_M: [f64; 2] = [200.0, 10.0];
 
-/// Faults that show on the page what the supervisor does, each in another way.
+/// Faults that each show another reaction of the supervisor on the page.
 const FAULTS: [Kind; 8] = [
     Kind::DriveFault,
     Kind::NodeReset,
@@ -60,7 +60,7 @@ struct Table {
     scene: config::Scene,
     /// The fixture of the rig file.
     own: config::Fixture,
-    /// A hold is of no use with a law that keeps nothing on the surface, and comes back with the plastic law.
+    /// A hold has no use with a law that keeps nothing on the surface, and returns with the plastic law.
     hold_steps: u32,
 }
 
@@ -255,7 +255,7 @@ struct Game {
 }
 
 impl Game {
-    /// Carries out an order. A refused one leaves everything as it is, and the page says why.
+    /// Carries out an order. A refused order changes nothing, and the page shows the reason.
     fn obey(&mut self, order: Order) -> Result<(), Failure> {
         let done = match order {
             Order::Hold(point_m) => {
@@ -285,7 +285,7 @@ impl Game {
         self.describe()
     }
 
-    /// Sends the page what is set now.
+    /// Sends the current settings to the page.
     fn describe(&self) -> Result<(), Failure> {
         let described = self.server.describe(&self.table.hello());
         described.map_err(|error| Failure::new(Exit::Internal, error.to_string(), ""))
@@ -375,7 +375,7 @@ fn setting(
     (least, most, step): (f64, f64, f64),
     value: f64,
 ) -> Setting {
-    // The rig of a file can lie outside what is usual.
+    // The values of a rig file can be outside the usual range.
     Setting { key, name, unit, least: least.min(value), most: most.max(value), step, value }
 }
 

@@ -30,7 +30,7 @@ const REST: Duration = Duration::from_millis(50);
 /// Tier of real time that the page shows for virtual time.
 pub(super) const VIRTUAL_TIME: &str = "not needed: virtual time";
 
-/// The page of a run, if one is asked for.
+/// The page of a run, if one is requested.
 #[derive(Default)]
 pub(crate) struct Page(Option<Viewing>);
 
@@ -121,7 +121,8 @@ pub(super) fn hello(command: &'static str, tier: Option<String>, machine: Descri
     Hello { program, command, tier, machine, faults: faults(), play: None }
 }
 
-/// The stream of a page, with the ring of so many records that feeds it. A page that does not keep up loses records: the cycle waits for nobody.
+/// Creates the stream of a page, fed by a ring of this many records. A page that does not keep up loses records: the cycle waits
+/// for nobody.
 pub(super) fn fed(ring: usize) -> Result<(Stream, Producer<CycleRecord>, Feed<()>), Failure> {
     let (stream, sink) = stream::<CycleRecord>();
     let started = Feed::start("view", ring, Backpressure::Drop, sink);

@@ -42,7 +42,7 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
     });
     let wall_s = started.elapsed().as_secs_f64();
     progress.end();
-    // A run that broke off leaves what there is of it.
+    // An interrupted run leaves the part that it has recorded.
     let kept = keep.finish()?;
     output.warnings(&kept.warnings());
     let report = report.map_err(|error| rig_failure(&error))?;

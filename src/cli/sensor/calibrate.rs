@@ -19,7 +19,7 @@ const CROSS_TALK: f64 = 0.1;
 /// Smallest ratio of a pull to the noise, and largest share of the pull that a map may leave.
 const NOISES: f64 = 20.0;
 const RESIDUAL: f64 = 0.05;
-/// Share of a pull that has to be felt at least along each axis; what is felt of less is no calibration.
+/// Smallest share of a pull that the sensor has to feel along each axis; below it there is no calibration.
 const FELT: f64 = 0.05;
 
 pub(super) fn run(arguments: &Calibrate, rig: &Loaded<config::Rig>, output: &mut Output) -> Result<(), Failure> {

@@ -1,4 +1,4 @@
-//! The devices of a rig on EtherCAT, served on an Ethernet interface, and its sensor on a CAN interface where it is on CAN.
+//! The simulated devices of a rig on EtherCAT on an Ethernet interface, with its sensor on a CAN interface if the sensor is on CAN.
 
 use serde_json::json;
 

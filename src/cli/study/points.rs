@@ -49,7 +49,7 @@ pub(crate) struct Points {
 pub(crate) struct Origin {
     /// Words behind the name of the program that compute all of them, without options of [`Points`].
     pub(crate) words: Vec<String>,
-    /// Folder of its own within that of the results.
+    /// Subfolder in the folder of the results.
     pub(crate) folder: String,
     /// Whether points that are there are thrown away before any is computed.
     pub(crate) is_anew: bool,

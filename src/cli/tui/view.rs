@@ -20,11 +20,11 @@ pub(super) struct Axis {
     pub(super) state: Option<cia402::State>,
     pub(super) position_rad: f64,
     pub(super) target_rad: f64,
-    /// Commanded in torque mode; else that of a simulation, if there is one.
+    /// Commanded torque in torque mode; otherwise the torque of a simulation, if there is one.
     pub(super) torque_n_m: Option<f64>,
 }
 
-/// All of it.
+/// Full content of the screen.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct View {
     pub(super) rig: String,

@@ -83,7 +83,7 @@ impl Proposal {
         self.changes.iter().all(|(_, old, new)| old == new)
     }
 
-    /// Writes the gains into the file if that is asked for and a person says yes; where.
+    /// Writes the gains into the file if this is requested and a person agrees. Returns the path.
     pub(super) fn write(&self, rig: &Loaded<Rig>, is_asked: bool, says_yes: bool) -> Result<Option<PathBuf>, Failure> {
         if !is_asked || self.is_tuned() {
             return Ok(None);

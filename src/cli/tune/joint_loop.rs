@@ -154,13 +154,13 @@ fn on_bus(arguments: &Arguments, plans: &[LoopPlan], rig: &Loaded<Rig>, output: 
     record.map_or(Ok(()), |path| output.news(&format!("record    {}", path.display())))
 }
 
-/// Keeps what was measured on a bus for the runs with this configuration; where.
+/// Saves the measurements on a bus for runs with this configuration, and returns their path.
 #[cfg(target_os = "linux")]
 fn keep(traced: &[LoopTraced], rig: &Loaded<Rig>, is_by_the_clock: bool) -> Result<Option<PathBuf>, Failure> {
     use yieldwall_run::MeasuredLoop;
 
     let found: Vec<&JointLoop> = traced.iter().filter_map(|traced| traced.found.as_ref()).collect();
-    // In lockstep time is that of the devices, and says nothing of a bus.
+    // In lockstep, time is that of the devices, and gives no information on a bus.
     let Some(joints) = joints_found(&found, &rig.value).filter(|_| is_by_the_clock) else { return Ok(None) };
     let folder = crate::live::loops()?;
     // Without the weight that has shown it the age of the force stays as it was measured.

@@ -1,4 +1,4 @@
-//! `yieldwall od diff`: what differs between two devices, or a device and a file.
+//! `yieldwall od diff`: the differences between two devices, or a device and a file.
 
 use std::path::{Path, PathBuf};
 

@@ -102,8 +102,8 @@ fn refuse_exchanging(reached: &mut DeviceHandle) -> Result<(), Failure> {
     Err(Failure::new(Exit::Usage, message, help))
 }
 
-/// Refuses the file of a device of another kind, of which some objects would be taken before one is refused. A file that does not say what
-/// it is of, such as a backup of a few objects, is taken.
+/// Refuses the file of a device of another kind, since the device could accept some objects before it refuses one. A file that does
+/// not name its device, such as a backup of a few objects, is accepted.
 fn refuse_another_kind(reached: &mut DeviceHandle, wanted: &Eds) -> Result<(), Failure> {
     for (index, sub, what) in KIND {
         let entry = wanted.entry(index, sub);

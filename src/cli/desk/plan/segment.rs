@@ -24,7 +24,7 @@ pub(super) fn is_one(rig: &Rig, bus: &str) -> bool {
 
 pub(super) const HEADING: &str = "\nAll devices to INIT; addresses and mailboxes, then PRE-OP\n";
 
-/// The lines of a segment, and why the boot would not come to its end, if it would not.
+/// Returns the lines of a segment, and the obstacle if the boot would not complete.
 pub(super) fn lines(rig: &Rig, desk: &mut SegmentSession) -> Result<(Vec<Line>, Result<(), Failure>), Failure> {
     let segment = assembly::segment(rig).map_err(|error| rig_failure(&error.into()))?;
     let bus = segment.bus;
@@ -141,7 +141,7 @@ fn ask(
     Ok((writes, refused))
 }
 
-/// The lines of a segment with those of a CAN bus of the same rig: part by part, the segment first.
+/// Joins the lines of a segment with those of a CAN bus of the same rig: part by part, the segment first.
 pub(super) fn joined(segment: Vec<Line>, can: Vec<Line>) -> Vec<Line> {
     let mut all = [segment, can].concat();
     let parts = [PART, "boot", CONFIGURE, "start", "enable", "leave"];

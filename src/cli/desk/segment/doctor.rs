@@ -1,5 +1,5 @@
-//! `yieldwall doctor` on EtherCAT: what is wrong with the devices of a segment. A device in INIT is brought to PRE-OP, where its objects are
-//! read, and back.
+//! `yieldwall doctor` on EtherCAT: checks of the devices of a segment. The command brings a device in INIT to PRE-OP, reads its
+//! objects there, and brings it back.
 
 use super::super::errors;
 use super::super::scan::fit_of;

@@ -37,7 +37,7 @@ use yieldwall_run::assembly::scaling;
 use yieldwall_run::explanation::{self, Explanation};
 use yieldwall_service::{AnySegmentService, DeviceObjects, Error, SegmentError, SegmentService};
 
-/// What a rig says of a device on its segment.
+/// A rig's entry for a device on its segment.
 #[derive(Clone, Debug)]
 pub(super) struct Entry {
     pub(super) name: String,
@@ -49,12 +49,12 @@ pub(super) struct Entry {
     pub(super) scaling: Option<AxisScaling>,
 }
 
-/// A device that is meant, and what the rig says of it.
+/// The selected device, and the rig's entry for it.
 #[derive(Clone, Debug)]
 pub(super) struct Device {
     pub(super) position: u16,
     pub(super) entry: Option<Entry>,
-    /// Distances of the objects of the axis that is meant.
+    /// Offset of the objects of the selected axis.
     pub(super) axis: AxisOffset,
 }
 
@@ -64,7 +64,7 @@ pub(super) struct SegmentSession {
     pub(super) entries: Vec<Entry>,
     /// Place of the device, as text.
     pub(super) place: String,
-    /// What any other command needs to come to the same devices, with a space before.
+    /// Arguments with which another command reaches the same devices, after a space.
     pub(super) arguments: String,
     pub(super) is_simulated: bool,
     /// What was heard of another master.
@@ -165,7 +165,7 @@ impl SegmentSession {
         })
     }
 
-    /// The segment of a rig on an interface, where no master is; or that of its simulation.
+    /// Opens the segment of a rig on an interface without a master, or that of its simulation.
     pub(super) fn of_rig(rig: &Loaded<Rig>, bus: Option<&str>) -> Result<Self, Failure> {
         let is_over = on_interrupt()?;
         let Some(bus) = bus else { return Self::simulated(rig, is_over) };
@@ -241,7 +241,8 @@ impl SegmentSession {
         Ok(None)
     }
 
-    /// The device that a word means: a position, the name of a device in the rig, or `sensor` for that of the rig. It answers.
+    /// Returns the device for a word: a position, the name of a device in the rig, or `sensor` for the rig's sensor. The device
+    /// answers.
     pub(super) fn device(&mut self, word: &str) -> Result<Device, Failure> {
         let by_name = self.entries.iter().find(|entry| entry.name == word);
         let is_sensor = |entry: &&Entry| entry.scaling.is_none();
@@ -280,7 +281,7 @@ impl SegmentSession {
         }
     }
 
-    /// Refuses a segment on which a device is where only a master keeps it.
+    /// Refuses a segment with a device in a state that only a master maintains.
     pub(super) fn refuse_led(&mut self) -> Result<(), Failure> {
         let devices = self.devices()?;
         match self.service.led(devices).map_err(|error| self.segment_failure(error))? {
@@ -312,7 +313,7 @@ impl SegmentSession {
         objects.map_err(|error| no_objects(&words, device.position, &arguments, &error))
     }
 
-    /// The failure that a device did not do what was asked of an object.
+    /// Returns the failure of a request on an object of a device.
     pub(super) fn object_failure(&self, device: &Device, doing: &str, error: Error) -> Failure {
         let message = format!("{}: {doing}: {error}", device.words());
         device_failure(message, error, device.position, &self.arguments)
@@ -341,7 +342,7 @@ impl SegmentSession {
         self.service.devices().map_err(|error| self.segment_failure(error))
     }
 
-    /// The failure that a device did not do what it was asked.
+    /// Returns the failure of a request to a device.
     pub(super) fn failure(&self, device: &Device, doing: &str, error: SegmentError) -> Failure {
         state_failure(&device.words(), doing, error)
     }
@@ -368,12 +369,12 @@ pub(super) fn no_objects(words: &str, position: u16, arguments: &str, error: &Se
     Failure::new(Exit::DeviceMismatch, format!("{words}: reaching its objects: {error}"), help)
 }
 
-/// The failure that a device did not do what was asked of an object.
+/// Returns the failure of a request on an object of a device.
 pub(super) fn device_failure(message: String, error: Error, position: u16, arguments: &str) -> Failure {
     object_failure(message, error, format!("`yieldwall state {position}{arguments}` tells its state"))
 }
 
-/// The failure that a device did not do what it was asked.
+/// Returns the failure of a request to a device.
 pub(super) fn state_failure(words: &str, doing: &str, error: SegmentError) -> Failure {
     match &error {
         SegmentError::Failed(SegmentFailure::NoReply { .. } | SegmentFailure::CameBack { .. })

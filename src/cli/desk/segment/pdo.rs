@@ -1,4 +1,4 @@
-//! `yieldwall pdo show` on EtherCAT: what the sync managers of a device exchange every cycle.
+//! `yieldwall pdo show` on EtherCAT: the process data that a device's sync managers exchange every cycle.
 
 use serde_json::{Value, json};
 
@@ -15,7 +15,7 @@ pub(super) struct Exchange {
     sync_manager: u8,
     /// By sub-index 1 of its synchronisation, such as 1C32h:1.
     sync_type: Option<u32>,
-    /// Mappings that are assigned, and what each holds.
+    /// Assigned mappings, with the content of each.
     pdos: Vec<(u16, Vec<u32>)>,
 }
 
@@ -27,17 +27,17 @@ impl Exchange {
     /// Bytes that they have.
     pub(super) fn bytes(&self) -> u32 {
         let entries = self.pdos.iter().flat_map(|(_, entries)| entries);
-        // The length in bits is the lowest byte of what is mapped.
+        // The lowest byte of a mapping entry is the length in bits.
         entries.map(|entry| entry & 0xff).sum::<u32>().div_ceil(8)
     }
 }
 
 /// The type of each sync manager: 3 for outputs, 4 for inputs.
 const SYNC_MANAGER_TYPES: u16 = 0x1c00;
-/// The first of what is assigned to sync managers, and of their synchronisation.
+/// First objects of the sync managers' assignments, and of their synchronisation.
 const ASSIGNMENT: u16 = 0x1c10;
 const SYNCHRONISATION: u16 = 0x1c30;
-/// Sync managers of process data in a device that does not say what each carries.
+/// Sync managers of process data in a device that does not describe their use.
 const USUAL: [(&str, u8); 2] = [("outputs", 2), ("inputs", 3)];
 /// Sync managers that a controller has at most.
 const MOST_MANAGERS: u32 = 16;
@@ -59,7 +59,7 @@ pub(super) fn shown(reached: &mut DeviceHandle) -> Result<String, Failure> {
     Ok(text(&reached.words(), &exchanged))
 }
 
-/// The sync managers that exchange process data, and what they carry.
+/// Returns the sync managers that exchange process data, and their content.
 fn managers(number_of: &mut Numbers<'_>) -> Result<Vec<(&'static str, u8)>, Failure> {
     let mut of = |sub| number_of(Address::new(SYNC_MANAGER_TYPES, sub));
     let count = of(0)?.unwrap_or_default().min(MOST_MANAGERS) as u8;

@@ -20,7 +20,8 @@ pub(super) fn is_one(bytes: &[u8]) -> bool {
     text.first() == Some(&b'<') && text.windows(word.len()).take(4096).any(|window| window == word)
 }
 
-/// The image that a description makes of the device that is there. Alias and serial number are those of the chip, if it is legible.
+/// Returns the image that a description makes for the present device. Alias and serial number are those of the chip, if it is
+/// legible.
 pub(in crate::desk) fn image(
     esi: &Esi,
     device: &Device,

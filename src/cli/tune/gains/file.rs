@@ -11,7 +11,7 @@ use yieldwall_config::{Loaded, Rig, Severity, Source, load_rig};
 /// Place of a rig's gains.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum GainsSource {
-    /// In its own file: where each number begins and how long it is, bytes.
+    /// In its own file: position and length of each number in bytes.
     Here(Vec<(usize, usize)>),
     /// In the file that it is like.
     Inherited {
@@ -130,7 +130,7 @@ impl Edit {
     }
 }
 
-/// Refuses a rig whose file cannot get other gains, for those that are known once much was done.
+/// Refuses a rig whose file cannot take other gains, before a long computation of them.
 pub(in crate::tune) fn check_can_write(rig: &Loaded<Rig>) -> Result<(), Failure> {
     let path = disk_path(rig)?;
     let beside = beside(&path);

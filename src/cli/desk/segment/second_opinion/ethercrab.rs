@@ -1,7 +1,7 @@
-//! The readings of ethercrab, an EtherCAT master that nobody here wrote, of the devices of a segment.
+//! Readings of a segment's devices by ethercrab, an independent EtherCAT master.
 //!
-//! It takes all devices through INIT to PRE-OP and gives them station addresses. Its frames go over the link of this program; its timers
-//! live on the clock of that link.
+//! It takes all devices through INIT to PRE-OP and gives them station addresses. Its frames go over the link of this program; its
+//! timers use the clock of that link.
 
 use std::cell::Cell;
 use std::future::Future;
@@ -27,7 +27,7 @@ const FRAMES: usize = 16;
 const FRAME_LEN: usize = PduStorage::element_size(1100);
 /// Number of times that it sends a frame again that does not come back.
 const TRIES: usize = 5;
-/// Longest wait before its timers are looked at.
+/// Longest interval between checks of its timers.
 const LOOK_UP: Duration = Duration::from_micros(100);
 
 /// Its report.
@@ -58,7 +58,7 @@ impl embassy_time_driver::Driver for Clock {
 
 embassy_time_driver::time_driver_impl!(static CLOCK: Clock = Clock);
 
-/// Brings all devices to PRE-OP by ethercrab, and returns what that reads of them.
+/// Brings all devices to PRE-OP with ethercrab, and returns its readings of them.
 ///
 /// # Panics
 /// If ethercrab panics, as it does on some damaged memory chips. It may hang as well.
@@ -97,7 +97,7 @@ fn carry<T>(link: &mut impl EthernetLink, mut tx: PduTx<'_>, mut rx: PduRx<'_>, 
         link.wait(link.now() + LOOK_UP);
         while let Some(arrival) = link.receive(&mut buffer) {
             let EthernetReceived::Frame { length } = arrival.what else { continue };
-            // A frame that is none of its own is passed over.
+            // ethercrab skips frames of other senders.
             let _ = rx.receive_frame(buffer.get(..length).unwrap_or_default());
         }
     }
@@ -138,9 +138,10 @@ fn of_device(device: &SubDevice) -> DeviceReading {
     }
 }
 
-/// Mailboxes, protocols, ports and parent, which ethercrab 0.7.1 shows in its debug output alone. `None` is what is not found there.
+/// Returns mailboxes, protocols, ports and parent, which ethercrab 0.7.1 shows only in its debug output. `None` marks a value that
+/// is not found there.
 pub(super) fn in_debug_output(text: &str) -> DeviceReading {
-    // A name, which may say anything, stands between the mailboxes and the ports.
+    // A name with arbitrary content is between the mailboxes and the ports.
     let mailbox = |key: &str| {
         let text = after(text, key)?;
         if text.starts_with("None") {

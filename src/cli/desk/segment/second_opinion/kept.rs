@@ -1,4 +1,4 @@
-//! Registers that another master changes in the devices on its way to PRE-OP, kept before and given back afterwards.
+//! Registers that another master changes in the devices on its way to PRE-OP: saved before and restored afterwards.
 
 use std::sync::atomic::Ordering;
 
@@ -19,7 +19,7 @@ const ACTIVATION: u16 = 6;
 pub(super) struct Kept {
     device: Device,
     state: AlState,
-    /// Each register with what it held, in the order in which they are given back.
+    /// Registers with their old values, in the order of the restore.
     registers: Vec<(u16, Bytes)>,
 }
 
@@ -80,8 +80,8 @@ fn registers(desk: &mut SegmentSession, position: u16) -> Result<Vec<(u16, Bytes
     places.into_iter().map(|(register, len)| Ok((register, read(register, len)?))).collect()
 }
 
-/// Takes all devices to INIT, gives them back what they held, and takes those back to PRE-OP that were there. Returns why a device did not get
-/// it; the others get theirs.
+/// Takes all devices to INIT, restores their values, and takes those that were in PRE-OP back there. Returns the reason for each
+/// device that was not restored; the other devices are restored.
 pub(super) fn give_back(desk: &mut SegmentSession, kept: &[Kept]) -> Vec<Failure> {
     let mut failed = Vec::new();
     for kept in kept {

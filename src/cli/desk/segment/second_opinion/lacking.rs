@@ -7,7 +7,7 @@ use crate::checkup::Section;
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
 
-/// A person's word, for which nobody is asked.
+/// A person's consent, which nobody is asked for.
 #[derive(Debug)]
 pub(crate) enum Consent {}
 

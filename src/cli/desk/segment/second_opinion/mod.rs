@@ -63,7 +63,7 @@ pub(in crate::desk) fn sections(
     let kept = kept::keep(desk)?;
     output.aside(&format!("ethercrab brings the devices on {interface} to PRE-OP"));
     let answer = process::ask(interface, desk.service.is_over());
-    // The devices get back what they held, also after Ctrl-C.
+    // The devices are restored, also after Ctrl-C.
     desk.service.is_over().store(false, Ordering::Relaxed);
     // Delays that cannot be read are not compared.
     let _ = add_delays(desk, &mut own);
@@ -90,7 +90,7 @@ pub(in crate::desk) fn sections(
     Ok((sections, document))
 }
 
-/// Passes over what is left of ethercrab's frames, and adds the delays by the moments that its frame has kept.
+/// Skips the rest of ethercrab's frames, and adds the delays from the times that its frame latched.
 fn add_delays(desk: &mut SegmentSession, own: &mut [DeviceReading]) -> Result<(), Failure> {
     while desk.service.listen(std::time::Duration::ZERO).map_err(|error| desk.segment_failure(error))?.is_some() {}
     own::add_delays(desk, own)
@@ -201,7 +201,7 @@ fn check(difference: &Difference, arguments: &str) -> Check {
     Check::wrong(subject.word(), found).follows(follows).mend(mend)
 }
 
-/// Devices that did not get back what they held.
+/// Reports devices that were not restored.
 fn not_given_back(failed: Vec<Failure>, arguments: &str) -> Vec<Check> {
     let findings = failed.into_iter().flat_map(|failed| failed.report.diagnostics);
     let check = |message: String| {

@@ -34,7 +34,7 @@ pub(super) fn read(desk: &mut SegmentSession) -> Result<Vec<DeviceReading>, Fail
     Ok(readings)
 }
 
-/// Adds the delays, by the moments at which the last frame that had them kept passed the ports.
+/// Adds the delays, from the times at which the last latched frame passed the ports.
 pub(super) fn add_delays(desk: &mut SegmentSession, readings: &mut [DeviceReading]) -> Result<(), Failure> {
     let delays = delays(&ports(desk)?).unwrap_or_default();
     readings.iter_mut().zip(delays).for_each(|(reading, delay)| reading.delay_ns = delay);
@@ -100,7 +100,7 @@ fn by_sii(sii: &Sii) -> [Option<u32>; 2] {
     })
 }
 
-/// Links of all devices, and the moments that they have kept.
+/// Returns the links of all devices, and the times that they latched.
 fn ports(desk: &mut SegmentSession) -> Result<Vec<Ports>, Failure> {
     let mut all = Vec::new();
     for device in desk.devices_of(None)? {

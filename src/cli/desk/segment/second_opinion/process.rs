@@ -1,7 +1,7 @@
-//! The process in which ethercrab lives: what it panics on, or never ends with, does not reach this program.
+//! The process that runs ethercrab, so that a panic or a hang of ethercrab does not reach this program.
 //!
-//! Only one process sends at a time. The process that asks keeps its role as the master of the interface and waits. The other one sends in its
-//! place: it starts only if its parent has the role, and the kernel ends it with its parent.
+//! Only one process sends at a time. The parent process keeps its role as the master of the interface and waits. The child process
+//! sends in its place: it starts only if its parent has the role, and the kernel ends it with its parent.
 
 use std::fmt;
 use std::io::{self, Read};
@@ -22,7 +22,7 @@ use yieldwall_link::{EthernetError, PacketSocket, Role};
 const LIMIT: Duration = Duration::from_secs(60);
 /// Time between two looks at the process.
 const LOOK_UP: Duration = Duration::from_millis(10);
-/// Bytes that are kept of what it prints: an answer has some 500 a device.
+/// Limit of the stored output in bytes: an answer has about 500 per device.
 const LONGEST: u64 = 1 << 20;
 
 /// Arguments of the process: the interface on which its parent holds the role of the master.
@@ -55,7 +55,7 @@ impl fmt::Display for NoAnswer {
 
 /// The other process: reads the devices by ethercrab, and prints the answer as JSON.
 pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    // Before the parent is looked at: one that ends later ends this as well.
+    // This comes before the check of the parent, so that a later end of the parent ends this process as well.
     let is_bound = set_parent_process_death_signal(Some(Signal::KILL)).is_ok();
     let interface = &arguments.interface;
     let parent = getppid().map(|parent| parent.as_raw_nonzero().get());
@@ -87,7 +87,7 @@ pub(super) fn ask(interface: &str, is_over: &AtomicBool) -> Result<Answer, NoAns
     converse(command, LIMIT, is_over)
 }
 
-/// Starts a process and waits for the answer that it prints, for so long.
+/// Starts a process, and waits for its printed answer for a limited time.
 pub(super) fn converse(mut command: Command, limit: Duration, is_over: &AtomicBool) -> Result<Answer, NoAnswer> {
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = command.spawn().map_err(NoAnswer::NotStarted)?;

@@ -5,12 +5,12 @@ use serde::{Deserialize, Serialize};
 /// Largest difference between two delays that rounding makes, in ns: 1 ns a device.
 const ROUNDING_NS: u32 = 64;
 
-/// The reading of one device by one master; `None` is what it does not read or does not show.
+/// The reading of one device by one master; `None` marks a value that the master does not read or show.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct DeviceReading {
     /// Vendor, product code, revision and serial number in the SII.
     pub(super) identity: [Option<u32>; 4],
-    /// Name by which masters show it, in the SII; empty for none.
+    /// Name of the device in the SII; empty if there is none.
     pub(super) name: Option<String>,
     /// Full name in the SII; empty for none.
     pub(super) full_name: Option<String>,
