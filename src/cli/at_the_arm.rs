@@ -65,7 +65,7 @@ impl Typed {
         is_yes(self.ask(&question).as_deref())
     }
 
-    /// Asks for what a measurement needs; whether it was done.
+    /// Asks for the preparation of a measurement, and returns whether it was done.
     pub(super) fn help(&self, task: Task) -> bool {
         match task {
             Task::Pull(force) => self.pull(force, "anything else ends"),

@@ -1,4 +1,4 @@
-//! `yieldwall report`: what a bug report needs, in one zip, without names of people and computers.
+//! `yieldwall report`: the contents of a bug report in one zip, without names of people and computers.
 
 mod contents;
 mod strip;
@@ -89,7 +89,7 @@ fn messages(path: &PathBuf) -> Result<String, Failure> {
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// The entries as bytes with nothing personal in them, and what could not be taken.
+/// Returns the entries as bytes without personal data, and the entries that are missing.
 fn stripped(found: Vec<Entry>, stripper: &Stripper) -> (Vec<(String, Vec<u8>)>, Vec<String>) {
     let (mut entries, mut left_out) = (Vec::new(), Vec::new());
     for entry in found {

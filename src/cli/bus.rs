@@ -1,4 +1,4 @@
-//! `yieldwall bus`: what the bus of a rig can carry.
+//! `yieldwall bus`: the capacity of a rig's bus.
 
 mod can;
 mod frame;
@@ -62,7 +62,7 @@ pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     if output.is_json() { output.report(to_json(&plans)) } else { output.result(&text(&plans)) }
 }
 
-/// Refuses what means nothing without a CAN bus.
+/// Refuses arguments that have no meaning without a CAN bus.
 fn check_arguments(arguments: &Arguments) -> Result<(), Failure> {
     let given = [
         ("--device-delay-us", arguments.device_delay_us > 0),

@@ -1,4 +1,4 @@
-//! `yieldwall calibrate`: what a machine is, measured by a person with nothing enabled.
+//! `yieldwall calibrate`: properties of a machine, measured by a person with nothing enabled.
 
 use std::f64::consts::TAU;
 use std::fs;
@@ -26,7 +26,7 @@ const POINTS: u32 = 8;
 const RADII: [f64; 2] = [0.45, 0.9];
 /// Points at least.
 const LEAST: usize = 8;
-/// A point is mistaken that is so many times as far off as all are in the mean, and so far, m.
+/// A point is mistaken if its error exceeds this multiple of the mean error, and this distance in m.
 const MISTAKEN: f64 = 3.0;
 const MISTAKEN_M: f64 = 5e-4;
 
@@ -220,7 +220,7 @@ fn visit(
     Ok(points.iter().copied().zip(angles).collect())
 }
 
-/// A number of a rig: its key, what the file says and what was found.
+/// A number of a rig: its key, its value in the file and its measured value.
 type Row = (String, f64, Estimate);
 
 fn rows(rig: &config::Rig, found: &Kinematics) -> Vec<Row> {

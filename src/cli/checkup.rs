@@ -9,7 +9,7 @@ use yieldwall_link::checkup::{Check, Verdict};
 
 /// Columns of a line.
 const WIDTH: usize = 80;
-/// Columns before what was found: the verdict and the subject.
+/// Columns before the finding, for the verdict and the subject.
 const INDENT: usize = 24;
 /// Columns before a command.
 const COMMAND_INDENT: usize = 4;

@@ -271,8 +271,8 @@ fn lines(report: &StepReport) -> String {
     text
 }
 
-/// Writes the report, and judges; `with_emergencies` adds what the drives have said to a failure, and `given_back` is whether they hold what they held
-/// before.
+/// Writes the report, and judges. `with_emergencies` adds the drives' reports to a failure, and `given_back` is whether the drives
+/// hold their old values.
 fn end(
     arguments: &Arguments,
     rig: &config::Rig,

@@ -119,7 +119,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     drawn
 }
 
-/// Text that was kept of what was run cannot be read.
+/// Returns the failure that a run's saved text cannot be read.
 fn not_kept(what: &str, error: impl std::fmt::Display) -> Failure {
     Failure::new(Exit::Internal, format!("{what}: {error}"), "")
 }
@@ -182,7 +182,7 @@ mod tests {
         assert!(lines.iter().any(|line| line.starts_with("torque, most") && line.ends_with('-')), "{lines:#?}");
     }
 
-    /// The recording of a run is that run: measures to the last bit, and what was run.
+    /// The recording of a run equals the run: the measures to the last bit, and the documents.
     #[test]
     fn a_recording_compares_as_its_run_and_is_exported_as_it_was_recorded() {
         let folder = Folder::new("recorded");

@@ -103,8 +103,8 @@ fn comes_within(from: BorrowedFd<'_>, longest: Duration) -> Option<bool> {
     (!is_gone).then_some(count > 0)
 }
 
-/// Returns what a person answers to a question that nothing depends on but files of a new name, without the spaces around it; `None`
-/// where nobody answers. Answers that were typed ahead count.
+/// Returns a person's answer to a question on which only files with a new name depend, without the spaces around it; `None` if
+/// nobody answers. Answers that were typed ahead count.
 pub(super) fn answer(from: &mut dyn BufRead, to: &mut dyn Write, question: &str) -> Option<String> {
     let mut line = String::new();
     let asked = write!(to, "{question} ").and_then(|()| to.flush());

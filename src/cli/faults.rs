@@ -28,8 +28,8 @@ impl FaultArgument {
         self.injection.kind.row().name
     }
 
-    /// The injection, a device by its name in the rig taken for what it is. Without a target it is at the first one of its kind that is on
-    /// such a bus, if there is one.
+    /// Returns the injection, with a device's name in the rig resolved to its kind. Without a target, it applies to the first
+    /// target of its kind on such a bus, if there is one.
     pub(super) fn of_rig(&self, rig: &config::Rig) -> Result<Injection, Failure> {
         let Some(device) = &self.device else {
             let fits = at_first_target(self.injection, rig);

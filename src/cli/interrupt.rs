@@ -22,7 +22,7 @@ pub(super) fn on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
     Ok(flag)
 }
 
-/// Whether a simulated run goes on.
+/// Whether a simulated run continues.
 pub(super) fn unless(is_interrupted: &AtomicBool) -> ControlFlow<()> {
     if is_interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
 }

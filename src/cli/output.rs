@@ -158,7 +158,7 @@ impl Output {
         Ok(())
     }
 
-    /// Takes a configuration that lends its names alone, so that its warnings say nothing of what is done.
+    /// Takes a configuration of which only the names are used, so that its warnings do not concern the action.
     ///
     /// # Errors
     /// The warnings, where they are denied.

@@ -274,8 +274,7 @@ mod tests {
         insta::assert_snapshot!("slurm", sample(&["study", "pair"], &["--merge"]));
     }
 
-    /// Runs the script as a task of an array or as a user does, with programs in the place of `sbatch` and of this program that print
-    /// their arguments.
+    /// Runs the script as a task of an array or as a user. Programs that print their arguments replace `sbatch` and this program.
     #[cfg(target_os = "linux")]
     fn run(script: &str, task: Option<&str>, arguments: &[&str]) -> (Option<i32>, String) {
         use std::fs;

@@ -100,7 +100,7 @@ fn told<T>(document: &Loaded<T>, at: &str, failure: &Failure, scene: &config::Sc
         failure.exit.code(),
         first.message
     );
-    // Advice to check what is being checked helps nobody, nor does advice for a rig that has run.
+    // Advice to run the check helps nobody during the check, and neither does advice for a rig that has run.
     let advice =
         first.help.as_deref().filter(|help| !help.contains("config check") && !help.starts_with("start the run again"));
     let help = advice.unwrap_or("look at what is told beside this, and at the scene");
@@ -117,7 +117,7 @@ fn of_error(error: &RigError) -> (String, Failure) {
     (at.to_owned(), rig_failure(error))
 }
 
-/// The key of what ended a run or held it longest, or of the energy that it gave.
+/// Returns the key of the fault that ended a run or held it longest, or of the energy that the run gave.
 fn key_of(report: &RunReport) -> String {
     let held = report.held_by.iter().max_by(|one, other| one.1.total_cmp(&other.1)).map(|(fault, _)| *fault);
     let stopped = report.cause.filter(|_| report.is_stopped()).map(|cause| cause.fault);

@@ -148,7 +148,7 @@ pub(super) fn unwritten(path: &Path, error: &io::Error) -> Failure {
     Failure::about_file(Exit::Usage, path, format!("{shown} could not be written: {why}"), help)
 }
 
-/// Takes away half a file, which is of use to nobody: not a device, a pipe or a link that was written to.
+/// Deletes a file that was written half: no device, pipe or link.
 pub(super) fn discard(path: &Path) {
     if fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_file()) {
         // The reported failure states that there is no such file.
@@ -191,7 +191,7 @@ fn check_regular(path: &Path) -> Result<bool, Failure> {
     Err(Failure::about_file(Exit::Usage, path, message, "name a file, or one that is not there yet"))
 }
 
-/// Whether it takes what is written without being changed, as a terminal and `/dev/null`.
+/// Whether the path accepts data without being changed, as a terminal and `/dev/null` do.
 fn is_sink(metadata: &fs::Metadata) -> bool {
     #[cfg(unix)]
     return std::os::unix::fs::FileTypeExt::is_char_device(&metadata.file_type());
@@ -236,7 +236,7 @@ pub(super) fn exchange(
     failure: impl Fn(io::Error) -> Failure,
     check: impl FnOnce(&Path) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
-    // A link stays one, and leads to the new text.
+    // A link stays a link, and points to the new text.
     let path = &fs::canonicalize(path).map_err(&failure)?;
     let beside = beside(path);
     let permissions = fs::metadata(path).map_err(&failure)?.permissions();

@@ -139,7 +139,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
             return Err(Failure::new(Exit::Usage, message, "leave --dry-run away, or name a rig"));
         }
         Document::Device(device) => return device::run(arguments, &device, output),
-        // Says what it is.
+        // The error names the kind of the document.
         Document::Scene(_)
         | Document::Figure(_)
         | Document::Profile(_)

@@ -56,7 +56,7 @@ pub(super) struct Arguments {
     mujoco: Option<PathBuf>,
 }
 
-/// The studies, each with what it asks.
+/// Returns the studies, each with its question.
 fn names() -> PossibleValuesParser {
     let each = NAMES.map(|name| {
         let about = study(name, &Options::default()).map_or("", |study| study.about());

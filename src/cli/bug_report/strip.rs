@@ -12,15 +12,15 @@ const HOST: &str = "HOST";
 const HOMES: [&str; 4] = ["/home/", "/Users/", "/var/home/", "\\Users\\"];
 /// Names of users and computers that identify nobody.
 const NOBODY: [&str; 5] = ["root", "localhost", "user", "host", "nobody"];
-/// A serial number of fewer digits is looked for where it is called one, and not everywhere.
+/// Number of digits below which a serial number is only replaced where it is labelled as one.
 const TELLING_DIGITS: usize = 5;
 
 /// Names that are taken out.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Stripper {
-    /// Whole paths, the longest first, and what stands in their place.
+    /// Whole paths, the longest first, with their replacements.
     paths: Vec<(String, &'static str)>,
-    /// Words, and what stands in their place.
+    /// Words, with their replacements.
     words: Vec<(String, &'static str)>,
     /// Serial numbers as they are written.
     serials: BTreeSet<String>,
@@ -53,7 +53,7 @@ impl Stripper {
             let home = home.trim_end_matches('/');
             let real = std::fs::canonicalize(home).ok().and_then(|path| path.to_str().map(str::to_owned));
             let each = [Some(home.to_owned()), real].into_iter().flatten();
-            // The folder of root tells nothing, and "/" is everywhere.
+            // The folder of root identifies nobody, and "/" is everywhere.
             paths.extend(each.filter(|path| path.len() > 1 && path != "/root").map(|path| (path, "~")));
         }
         paths.sort_by_key(|(path, _)| std::cmp::Reverse(path.len()));
@@ -110,7 +110,7 @@ impl Stripper {
     }
 }
 
-/// Replaces the name after `/home/`, whoever's it is.
+/// Replaces the name of any person after `/home/`.
 fn without_homes(text: &str, home: &str) -> String {
     let mut parts = text.split(home);
     let mut whole = parts.next().unwrap_or_default().to_owned();

@@ -6,7 +6,7 @@ use super::called;
 use yieldwall_bus::ethercat::{Advice, Budget, FrameBudget, PlannedDatagram, Purpose, SegmentSetup, advise};
 use yieldwall_config::{Diagnostic, Loaded, Rig, Severity};
 
-/// The budget of a rig's segment and what it was made from.
+/// The budget of a rig's segment, and its source.
 #[derive(Debug)]
 pub(crate) struct SegmentPlan<'a> {
     rig: &'a Rig,

@@ -54,7 +54,7 @@ pub(super) fn rig_hash(rig: &config::Rig) -> String {
     format!("{:016x}", fnv1a(text.as_bytes()))
 }
 
-/// The kind of machine that the `machine` of a report is: what has passed on one says nothing of another.
+/// Returns the kind of machine in the `machine` of a report: a step that passed on one kind proves nothing for another.
 fn kind(machine: &Value) -> &'static str {
     match (machine["simulated"] == true, machine["lockstep"] == true) {
         (true, _) => "the simulated machine",
@@ -64,7 +64,7 @@ fn kind(machine: &Value) -> &'static str {
 }
 
 impl Earlier {
-    /// Reads a report, and looks whether this run may go on after it.
+    /// Reads a report, and checks whether this run may continue it.
     pub(super) fn read(file: &Path, rig: &config::Rig, machine: &Machine) -> Result<Self, Failure> {
         let name = file.display();
         let invalid = |message: String, help: &str| Failure::new(Exit::ConfigInvalid, message, help);
@@ -119,12 +119,12 @@ impl Earlier {
         self.steps.iter().filter(|(step, _)| step.verdict == Verdict::Pass).count()
     }
 
-    /// Puts the steps of the earlier run in the place of those that were skipped, and says of each when it ran.
+    /// Replaces the skipped steps with those of the earlier run, and states for each when it ran.
     pub(super) fn complete(self, mut commissioned: Commissioned, now_unix_s: u64) -> (Commissioned, Vec<(Step, u64)>) {
         let mut ran = Vec::new();
         for (mut earlier, at) in self.steps {
             let Some(step) = commissioned.steps.iter_mut().find(|step| step.step == earlier.step) else { continue };
-            // Who the drives are was looked at again.
+            // The identity of the drives was checked again.
             if step.verdict != Verdict::Skipped {
                 continue;
             }

@@ -26,7 +26,7 @@ use yieldwall_run::commission::{Begin, STEPS};
 use yieldwall_run::host::{News, Person};
 use yieldwall_service::OnInterfaces;
 
-/// Drives that were switched on have started after so long.
+/// Time in which drives have started after power-on.
 const BOOTS_WITHIN: Duration = Duration::from_secs(10);
 
 /// Somebody at the arm, or nobody.

@@ -7,7 +7,7 @@ const LONGEST_LIST: usize = 16;
 /// Longest value that is shown as it is, in letters.
 const LONGEST_VALUE: usize = 40;
 
-/// A key at which documents differ, with what each has there.
+/// A key at which documents differ, with the value in each.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Difference {
     /// Such as `fixture.yield_n`.

@@ -38,7 +38,7 @@ pub(super) struct Item {
 }
 
 impl Item {
-    /// Runs or reads what is named.
+    /// Runs or reads the named item.
     pub(super) fn of(
         name: &str,
         label: char,
@@ -66,7 +66,7 @@ impl Item {
                 let about = replay::about_device(&device.value, &scene, overrides);
                 ("device", about, run_device(&device.value, &scene, overrides, |_| (), &mut onward))
             }
-            // Of another document it says what it is.
+            // For any other document, the error names its kind.
             Document::Rig(_)
             | Document::Scene(_)
             | Document::Figure(_)
@@ -166,7 +166,7 @@ fn document(about: &About) -> Result<Value, Failure> {
         Machine::Device(_) => serde_json::to_value(replay::device(about)?),
     };
     let mut value = value.map_err(|error| not_kept("document of the machine", error))?;
-    // The scene itself is compared, and not what its file is called.
+    // The comparison covers the scene itself, and ignores its file's name.
     for pointer in ["/simulation", ""] {
         if let Some(Value::Object(group)) = value.pointer_mut(pointer) {
             group.remove("scene");

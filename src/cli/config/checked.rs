@@ -10,7 +10,7 @@ use super::super::tune;
 use yieldwall_config::{self as config, Diagnostic, Document, ImpedanceDevice, Loaded, Report, Rig, Severity, Source};
 use yieldwall_rig::analysis::{Coupled, coupled_device};
 
-/// A file, what was found in it, and what was computed of it.
+/// A file, with its findings and computed results.
 pub(crate) struct Checked {
     pub(crate) result: Result<Document, Report>,
     pub(crate) findings: Vec<Diagnostic>,
@@ -21,7 +21,7 @@ pub(crate) struct Checked {
 }
 
 impl Checked {
-    /// Reads a file, and computes what can be said without running it.
+    /// Reads a file, and computes the results that need no run.
     pub(crate) fn of(source: Source) -> Self {
         let result = config::load(source);
         let mut findings = match &result {

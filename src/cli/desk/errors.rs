@@ -1,4 +1,4 @@
-//! `yieldwall errors`: what the ports of devices on EtherCAT have counted.
+//! `yieldwall errors`: the error counters of the ports of devices on EtherCAT.
 
 use serde_json::{Value, json};
 

@@ -34,7 +34,7 @@ pub(crate) fn not_opened(error: &OpenError, rig: &Rig, file: &str, interfaces: &
     }
 }
 
-/// Prints what the devices got back; whether that is all.
+/// Prints the restored values of the devices, and returns whether all were restored.
 pub(crate) fn restored(restored: Restored, output: &mut Output) -> Result<(), Failure> {
     for (name, at) in &restored.unreadable {
         output.aside(&format!("{name}: {} could not be read before, and stays as it was written", titled(*at, "")));

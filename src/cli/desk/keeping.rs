@@ -17,7 +17,7 @@ use yieldwall_fieldbus::objects::Address;
 use yieldwall_record::trusted;
 use yieldwall_service::{number, sheet_of};
 
-/// By what commands name a device.
+/// Name of a device in commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Named {
     /// On CAN: its node id.

@@ -166,7 +166,7 @@ fn has_pdo(entry: &Entry, id: u16) -> bool {
     received.chain(tpdo.iter().filter_map(|pdo| cob::tpdo(pdo.identifier, entry.node))).any(|own| own == id)
 }
 
-/// A PDO by its default identifier: its bytes, or what is mapped where the rig knows that.
+/// Describes a PDO by its default identifier: its bytes, or its mapped values if the rig knows the mapping.
 fn process_data(frame: &Frame, entry: Option<&Entry>, who: &str) -> String {
     let (number, is_tpdo) = ((frame.id() - 0x180) / 0x100 + 1, (frame.id() - 0x180) % 0x100 < 0x80);
     let direction = if is_tpdo { "TPDO" } else { "RPDO" };

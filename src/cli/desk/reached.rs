@@ -107,8 +107,8 @@ impl DeviceHandle {
         }
     }
 
-    /// Turns to an axis of the device: the drive of the rig that it is, or, without one, where a profile of the device has its objects, else
-    /// CiA 402.
+    /// Selects an axis of the device: that of the rig's drive, or else that at the objects of a profile of the device, or else that
+    /// of CiA 402.
     pub(super) fn turn_to_axis(&mut self, axis: u8) {
         match self {
             Self::Node(desk, node) => {

@@ -222,7 +222,8 @@ pub(super) fn disable_voltage(
     Err(Failure::new(Exit::SafetyStop, message, help))
 }
 
-/// Writes controlwords one after another and waits a second for the drive to leave the states of which `stays` is true; its statusword then.
+/// Writes controlwords one after another, and waits a second for the drive to leave the states for which `stays` is true. Returns
+/// its statusword then.
 fn write_words(
     is_dry: bool,
     reached: &mut DeviceHandle,

@@ -110,7 +110,7 @@ impl Shifts {
         text
     }
 
-    /// Whether the shifts are known, and within what was asked for.
+    /// Checks that the shifts are known, and within the requested limit.
     pub(super) fn judge(&self, plan: &Plan, rig: &config::Rig, repeated: &Repeated) -> Result<(), Failure> {
         let name = |joint: usize| rig.drives.get(joint).map_or("", |drive| drive.name.as_str());
         if let Some((joint, why)) = repeated.unknown {

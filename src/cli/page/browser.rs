@@ -10,7 +10,7 @@ use std::process::{Command, Stdio};
 use crate::keep::state_folder;
 use crate::output::Output;
 
-/// A file that leads to a page, for as long as the page is served.
+/// A file that redirects to a page while the page is served.
 pub(super) struct LeadingFile(PathBuf);
 
 impl Drop for LeadingFile {

@@ -126,8 +126,8 @@ fn of_fixture(fixture: &config::Fixture, trace: &Trace) -> Fixture {
     }
 }
 
-/// Part of the plane in which an arm works, m: least x, least y, greatest x, greatest y. It reaches sideways as far as the elbows, and to the
-/// side of the wrist nearly as far as a stretched arm.
+/// Part of the plane in which an arm works, m: smallest x, smallest y, largest x, largest y. It reaches sideways to the elbows, and
+/// to the side of the wrist almost as far as a stretched arm.
 fn arm_window_m(geometry: &Geometry) -> [f64; 4] {
     let [left, right] = geometry.base_m;
     let [dx, dy] = [right[0] - left[0], right[1] - left[1]];

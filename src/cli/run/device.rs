@@ -72,7 +72,7 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
     output.end(document, end)
 }
 
-/// Refuses what needs a bus or the cycles of a rig.
+/// Refuses arguments that need a bus or the cycles of a rig.
 fn check(arguments: &Arguments) -> Result<(), Failure> {
     let options = [
         ("--tui", arguments.tui),

@@ -19,7 +19,7 @@ use yieldwall_rig::report::RunReport;
 use yieldwall_run::recorder::LOG_STARTS_AT;
 use yieldwall_run::{Drilled, Settled};
 
-/// A run and what was known before it.
+/// A run, and the facts that were known before it.
 pub(super) struct Facts<'a> {
     pub(super) rig: &'a config::Rig,
     pub(super) drilled: Drilled,

@@ -1,4 +1,4 @@
-//! `yieldwall sensor calibrate`: what the force sensor makes of known forces.
+//! `yieldwall sensor calibrate`: the readings of the force sensor under known forces.
 
 use serde_json::json;
 

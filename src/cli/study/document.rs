@@ -14,7 +14,7 @@ use yieldwall_study::sweep::{Report, Study, Table};
 #[derive(Clone, Debug)]
 pub(super) struct Pace {
     pub(super) table: String,
-    /// Points, each a run of what the table is about.
+    /// Number of points, each of which is a run of the table's subject.
     pub(super) runs: usize,
     pub(super) wall_s: f64,
     pub(super) jobs: usize,

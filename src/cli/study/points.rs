@@ -77,8 +77,8 @@ impl Origin {
 }
 
 impl Points {
-    /// Answers what is asked about parts of some studies, for which nothing is computed, and says whether something is. `words` are those
-    /// behind the name of the program that compute all of them.
+    /// Answers a question about parts of some studies, for which nothing is computed, and returns whether there was one. `words`
+    /// are those after the name of the program that compute all of them.
     pub(crate) fn answer(
         &self,
         words: &[String],
@@ -209,8 +209,7 @@ fn print(sweep: &dyn Sweep, one: &Table, output: &mut Output) -> Result<(), Fail
     Ok(())
 }
 
-/// The points of a table: those that the folder holds, and what of its part is missing, with the pace at which that was
-/// computed.
+/// Returns the points of a table: those in the folder, and the newly computed ones of its part, with the speed of the computation.
 fn compute(
     arguments: &Points,
     sweep: &dyn Sweep,

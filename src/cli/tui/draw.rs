@@ -1,4 +1,4 @@
-//! The screen, drawn from what there is to show.
+//! Drawing of the screen.
 
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -214,7 +214,7 @@ mod tests {
         assert!(screen(&view(), 80, 24, stopping).contains("stopping along the ramp"));
     }
 
-    /// Only a rig that can come back offers it, and only what its state takes.
+    /// Only a rig that can come back offers reset and enable, and only those that its state accepts.
     #[test]
     fn reset_and_enabling_are_offered_where_the_rig_takes_them() {
         let back = Offer { can_come_back: true, ..Offer::default() };

@@ -35,8 +35,8 @@ impl Keys {
         self.armed.filter(|(_, at)| now.duration_since(*at) <= PATIENCE).map(|(act, _)| act)
     }
 
-    /// Takes a key; what it asks for. Space, q, Esc and Ctrl-C stop, whatever was pressed before. Where a rig can come back, r or e
-    /// and then Enter reset or enable; any other key between them undoes the first one.
+    /// Takes a key, and returns the requested act. Space, q, Esc and Ctrl-C stop, whatever was pressed before. If a rig can come
+    /// back, r or e and then Enter reset or enable; any other key between them cancels the first one.
     pub(super) fn press(&mut self, key: &KeyEvent, now: Instant, can_come_back: bool) -> Option<Act> {
         if key.kind == KeyEventKind::Release {
             return None;

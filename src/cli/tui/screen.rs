@@ -1,4 +1,4 @@
-//! The terminal: what is shown on it, and its keys.
+//! The terminal: its screen and its keys.
 
 use std::io::{self, IsTerminal};
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
@@ -25,7 +25,7 @@ pub(crate) struct Screen {
     threads: Vec<JoinHandle<()>>,
 }
 
-/// Refuses what is no terminal.
+/// Refuses an output that is no terminal.
 pub(crate) fn check_terminal() -> Result<(), Failure> {
     if io::stdout().is_terminal() && io::stdin().is_terminal() {
         return Ok(());
@@ -65,7 +65,7 @@ impl Screen {
                     armed: Act::of(armed.load(Ordering::Relaxed)),
                 };
                 if terminal.draw(|frame| draw(frame, &now, offer)).is_err() {
-                    // The terminal is gone; the rig goes on, and SIGTERM or SIGHUP ends it.
+                    // The terminal is closed; the rig continues, and SIGTERM or SIGHUP ends it.
                     return;
                 }
                 thread::sleep(REFRESH);
@@ -87,7 +87,7 @@ impl Drop for Screen {
     }
 }
 
-/// Whether a picture would go to a terminal that a panic has given back.
+/// Whether a picture would go to a terminal that a panic has restored.
 fn thread_has_panicked() -> bool {
     ratatui::crossterm::terminal::is_raw_mode_enabled().is_ok_and(|is_raw| !is_raw)
 }
@@ -96,7 +96,7 @@ fn spawn(name: &str, work: impl FnOnce() + Send + 'static) -> io::Result<JoinHan
     thread::Builder::new().name(name.to_owned()).spawn(work)
 }
 
-/// Waits for keys, and does what they ask for.
+/// Waits for keys, and carries out their acts.
 fn attend(is_over: &AtomicBool, is_interrupted: &AtomicBool, orders: Option<&Orders>, armed: &AtomicU8) {
     let mut keys = Keys::default();
     while !is_over.load(Ordering::Relaxed) {

@@ -75,7 +75,7 @@ impl View {
         self.late[class.min(CLASSES - 1)] += 1;
     }
 
-    /// Takes an event; what every cycle shows anyway is not logged.
+    /// Takes an event; the log omits the values that every cycle shows.
     pub(crate) fn tell(&mut self, event: &Event) {
         if self.log.len() == LOG {
             self.log.pop_front();

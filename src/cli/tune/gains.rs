@@ -96,7 +96,7 @@ impl Proposal {
         edit.carry_out().map(Some)
     }
 
-    /// Says what was written, or what would be.
+    /// Reports the written gains, or the gains that would be written.
     pub(super) fn tell(&self, written: Option<&Path>, output: &mut Output) -> Result<(), Failure> {
         match (written, &self.place) {
             _ if self.is_tuned() => output.news("The rig has these gains already. Nothing was written."),
@@ -169,7 +169,7 @@ pub(super) fn nothing() -> Failure {
     Failure::new(Exit::OutOfTolerance, message, "look at `cycle.period_us` and at `control.feed_forward.inertia`")
 }
 
-/// Puts gains in the place of others.
+/// Replaces the gains.
 pub(super) fn set(gains: &mut ControlGains, new: Gains) {
     let (stiffness, damping, integral) =
         (Positive::new(new.stiffness), NotNegative::new(new.damping), NotNegative::new(new.integral));

@@ -34,7 +34,7 @@ use yieldwall_run::{
 /// # Source
 /// [`Psmc`](yieldwall_motion::control::Psmc).
 const SLIDING_FACTOR: f64 = 1.3;
-/// Share of the identified dry friction that a feed-forward may have: what exceeds the real one pushes a joint that rests.
+/// Share of the identified dry friction that a feed-forward may have: an excess over the real friction pushes a joint at rest.
 const FED_SHARE: f64 = 0.8;
 
 #[derive(Debug, clap::Args)]
@@ -185,7 +185,7 @@ fn end(
         traced.found.is_none().then(|| told(traced, failure(traced, joint, &drive.name, &rig.value)))
     });
     let judged = stopped.map_or_else(|| judge(&found, &rig.value), Err);
-    // Only what both joints have shown says something of the rig.
+    // Only values of both joints allow conclusions on the rig.
     let joints = joints_found(&found, &rig.value).filter(|_| judged.is_ok());
     let (proposal, judged) = match joints.map(|joints| propose(rig, &joints)) {
         Some(Ok(proposal)) => (Some(proposal), judged),
@@ -317,7 +317,7 @@ fn joints_found(found: &[&JointLoop], rig: &Rig) -> Option<[JointFound; 2]> {
     (rig.rig.command_mode == CommandMode::Torque).then_some([left.found()?, right.found()?])
 }
 
-/// Gains by what was identified.
+/// Proposes gains from the identified values.
 fn propose(rig: &Loaded<Rig>, joints: &[JointFound; 2]) -> Result<Proposal, Failure> {
     let margins = |rig: &Rig| -> Result<PoseMargins, Failure> {
         identified_margins(rig, joints).map_err(|error| rig_failure(&error))?.ok_or_else(nothing)
@@ -334,7 +334,8 @@ fn propose(rig: &Loaded<Rig>, joints: &[JointFound; 2]) -> Result<Proposal, Fail
     Ok(Proposal::new(rig, tuned, [before, after].map(Margins::Torque)))
 }
 
-/// Viscous friction, where it was identified: what a drive in position mode does within a cycle changes with the rate too.
+/// Returns the viscous friction if it was identified: in position mode, the drive's reaction within a cycle changes with the rate
+/// too.
 fn viscous<'a>(friction: &'a Friction, rig: &Rig) -> Option<&'a Estimate> {
     (rig.rig.command_mode != CommandMode::Position).then_some(&friction.viscous_n_m_s_per_rad)
 }

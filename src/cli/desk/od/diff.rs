@@ -38,7 +38,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     for word in words {
         files.push(if is_file(word) { Some(super::values(Path::new(word), eds.as_ref(), output)?) } else { None });
     }
-    // Devices are read by the objects of the data sheet, or those of the file; else all are looked for.
+    // Devices are read by the objects of the data sheet, or by those of the file; otherwise the command searches for all objects.
     let by = eds.clone().or_else(|| files.iter().flatten().next().cloned());
     let (mut reached, mut values) = (None::<DeviceHandle>, Vec::new());
     for (word, file) in words.into_iter().zip(files) {
@@ -113,7 +113,7 @@ fn differences(first: &Eds, second: &Eds, eds: Option<&Eds>, all: bool) -> Vec<D
         first.entries().chain(second.entries()).map(|(index, sub, _)| (index, sub)).collect();
     addresses.sort_unstable();
     addresses.dedup();
-    // An identifier that counts from the node id is the same on both sides if what is added is.
+    // An identifier that counts from the node id is the same on both sides if its offset is the same.
     let ids = [first, second].map(|side| side.node.as_ref().map(|node| node.id));
     let own = [ids[0].or(ids[1]), ids[1].or(ids[0])].map(Option::unwrap_or_default);
     for (index, sub) in addresses {

@@ -81,7 +81,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 /// Objects that distinguish kinds of device: device type, vendor and product.
 const KIND: [(u16, u8, &str); 3] = [(0x1000, 0, "device type"), (0x1018, 1, "vendor"), (0x1018, 2, "product code")];
 
-/// Refuses a device whose process data are exchanged, or may be: what they are does not change then.
+/// Refuses a device whose process data are, or may be, exchanged: the mapping cannot change meanwhile.
 fn refuse_exchanging(reached: &mut DeviceHandle) -> Result<(), Failure> {
     let state = match reached {
         DeviceHandle::Node(desk, node) => {

@@ -1,4 +1,4 @@
-//! Gains in the file of a rig: numbers in the place of numbers, and nothing else.
+//! Gains in the file of a rig: the edit replaces only numbers by numbers.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -71,7 +71,7 @@ impl Edit {
             GainsSource::Here(spans) => {
                 let mut text = old.to_string();
                 let mut edits: Vec<_> = spans.iter().zip(changes).collect();
-                // From the end, so that what comes before stays where it is.
+                // The edits go from the end, so that earlier offsets stay valid.
                 edits.sort_by_key(|((offset, _), _)| std::cmp::Reverse(*offset));
                 for ((offset, length), (_, _, new)) in edits {
                     text.replace_range(*offset..offset + length, &format!("{new:?}"));

@@ -45,7 +45,7 @@ fn section(rig: &Rig, joint: &JointLoop, tuned: Option<&Rig>) -> String {
 
 /// Known values at frequencies in Hz.
 type Known = [(f64, Complex<f64>)];
-/// A curve in a Bode plot: its name, what is known, and how it is drawn.
+/// A curve in a Bode plot: its name, its known values, and its drawing function.
 type Curve = (String, Vec<(f64, Complex<f64>)>, Mark);
 /// Curve over the frequency.
 type Drawn = fn(&Known) -> Vec<(f64, f64)>;
@@ -87,14 +87,14 @@ fn phase_deg(points: &Known) -> Vec<(f64, f64)> {
         .collect()
 }
 
-/// The open loop, measured and by what was identified; the joint alone where the controllers act on the tool.
+/// Returns the chart of the open loop, measured and identified; of the joint alone if the controllers act on the tool.
 fn loop_chart(rig: &Rig, dynamics: &Dynamics, tuned: Option<&Rig>) -> Chart {
     let period_s = period_s(rig);
     let delay_cycles = (dynamics.delay_s.value / period_s).max(0.0);
     let [inertia, viscous] = [dynamics.inertia_kg_m2.value, dynamics.viscous_n_m_s_per_rad.value.max(0.0)];
     let is_joint = matches!(rig.control.gains, ControlGains::Joint { .. });
     let of_rig = |rig: &Rig| gains(&rig.control).map(|(gains, _)| gains).filter(|_| is_joint);
-    // Without gains a unit of stiffness: what is left is the joint.
+    // Without gains, a stiffness of one leaves only the joint.
     let alone = Gains { stiffness: 1.0, damping: 0.0, integral: 0.0 };
     let servo = |gains: Gains| ServoLoop { gains, period_s, delay_cycles };
     let highest_hz = 0.45 / period_s;
