@@ -19,14 +19,14 @@ pub struct Linkage {
     /// Lengths of the distal links, m. Above 0.
     #[garde(dive)]
     pub distal_m: [Positive; 2],
-    /// Working mode: seen from base joint to wrist, the side on which each elbow lies.
+    /// Working mode: the side of the line from base joint to wrist on which each elbow lies.
     pub elbows: [ElbowSide; 2],
-    /// Assembly mode: the side on which the wrist lies, seen from left to right elbow.
+    /// Assembly mode: the side of the line from left to right elbow on which the wrist lies.
     pub wrist: WristSide,
-    /// Where the tool sits.
+    /// Position of the tool on its link.
     #[garde(dive)]
     pub tool: Tool,
-    /// Radius of the disc about the origin that the tool must reach, m; checked when the file is read. Above 0.
+    /// Radius of the disc about the origin that the tool must reach, m. Above 0. The program checks it when it reads the file.
     #[garde(dive)]
     pub working_radius_m: Positive,
 }
@@ -65,7 +65,7 @@ impl Linkage {
 pub enum ElbowSide {
     /// To the left of the direction from base joint to wrist.
     Left,
-    /// To the right of it.
+    /// To the right of the direction from base joint to wrist.
     Right,
 }
 
@@ -75,20 +75,20 @@ pub enum ElbowSide {
 pub enum WristSide {
     /// To the left of the direction from left to right elbow.
     Forward,
-    /// To the right of it.
+    /// To the right of the direction from left to right elbow.
     Backward,
 }
 
-/// Where the tool sits on a distal link.
+/// Position of the tool on a distal link.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct Tool {
     /// The distal link that carries the tool.
     pub fixed_to: DistalLink,
-    /// From the wrist along that link, away from its elbow, m.
+    /// Distance from the wrist along that link, away from its elbow, m.
     pub along_m: Finite,
-    /// From the wrist to the left of that direction, m.
+    /// Distance from the wrist to the left of that direction, m.
     pub across_m: Finite,
 }
 
@@ -96,9 +96,9 @@ pub struct Tool {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DistalLink {
-    /// Of the left arm.
+    /// Distal link of the left arm.
     Left,
-    /// Of the right arm.
+    /// Distal link of the right arm.
     Right,
 }
 

@@ -7,12 +7,12 @@ use serde::{Deserialize, Serialize};
 use super::fixture::Fixture;
 use crate::number::{NotNegative, Positive};
 
-/// An impedance device [KTF08, IV-A]: back-drivable, taken as a point mass in space whose position is measured.
+/// An impedance device [KTF08, IV-A]: a back-drivable device, modelled as a point mass in space. Its position is measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct ImpedanceDevice {
-    /// What the device is called.
+    /// Name of the device.
     #[garde(dive)]
     pub device: DeviceIdentity,
     /// Timing of the control.
@@ -21,7 +21,7 @@ pub struct ImpedanceDevice {
     /// The virtual fixture; its coupling is `impedance`, its surface lies in space.
     #[garde(dive)]
     pub fixture: Fixture,
-    /// What the embedded simulation takes the device to be.
+    /// Machine model of the embedded simulation.
     #[garde(dive)]
     pub plant: DevicePlant,
     /// File with the scene to run, relative to this file.

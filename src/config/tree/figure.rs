@@ -1,4 +1,4 @@
-//! A figure of the paper: which machine, which scene, what is drawn enlarged.
+//! A figure of the paper: its machine, its scene, and the windows that are drawn enlarged.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::fixture::Fixture;
 use crate::number::{Finite, Positive, nullable, present};
 
-/// A figure to reproduce: one run for each machine and each hold.
+/// A figure to reproduce: one run for each machine and each hold time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
@@ -26,15 +26,15 @@ pub struct Figure {
     /// Scene file, relative to this file; it replaces the scene of the machine.
     #[garde(length(min = 1))]
     pub scene: String,
-    /// N_wait of each run in steps; it replaces the hold of the fixture.
+    /// N_wait of each run in steps; replaces `hold_steps` of the fixture.
     #[garde(length(min = 1), inner(range(max = 10_000)))]
     pub hold_steps: Vec<u32>,
-    /// A fixture that replaces that of the machine, or null to keep it.
+    /// A fixture that replaces the fixture of the machine, or null to keep it.
     #[garde(dive)]
     #[serde(deserialize_with = "present")]
     #[schemars(schema_with = "nullable::<Fixture>")]
     pub fixture: Option<Fixture>,
-    /// Windows drawn enlarged, of a figure with several holds, in place of positions over time; may be empty.
+    /// Windows that are drawn enlarged in a figure with several hold times, in place of positions over time; may be empty.
     #[garde(dive)]
     pub magnify: Vec<MagnifiedWindow>,
 }

@@ -23,37 +23,37 @@ pub struct Fixture {
     /// R in N: force at which the surface yields. Above `friction_n`.
     #[garde(dive)]
     pub yield_n: Positive,
-    /// From which sides the surface resists.
+    /// Sides from which the surface resists.
     pub side: Side,
-    /// N_wait in steps: how long the proxy is held on the surface after it meets it; 0 for no hold. With an admittance
-    /// coupling 0 or at least 2, since the input position depends on two past steps.
+    /// N_wait in steps: how long the proxy stays on the surface after it meets it; 0 for no hold. With an admittance coupling 0
+    /// or at least 2, since the input position depends on two past steps.
     #[garde(range(max = 10_000))]
     pub hold_steps: u32,
-    /// A hold whose length follows from each impact; `hold_steps` is then 0. Left out: none.
+    /// A hold whose length depends on each impact; `hold_steps` is then 0. Left out: none.
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub automatic_hold: Option<AutomaticHold>,
-    /// Damping when the rig has given the hand more than it may, for the admittance coupling, surfaces that do not move and
-    /// laws without a spring. Left out: none.
+    /// Damping after the rig has given the hand more energy than allowed. Only for the admittance coupling, for surfaces that do
+    /// not move and for laws without a spring. Left out: none.
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub passivity: Option<Passivity>,
-    /// How the surface's curvature enters the step: `tangent` as in the paper, or `exact` for a circle or sphere.
+    /// How the curvature of the surface enters the step: `tangent` as in the paper, or `exact` for a circle or sphere.
     pub curvature: Curvature,
     /// Reference C: a surface, or a curve in space or a point.
     #[garde(dive)]
     pub surface: Surface,
-    /// Further surfaces, with the same levels and the same side: walls leave what is free of all of them, of guides the
-    /// nearest counts. At most 15. Left out: none.
+    /// Further surfaces with the same levels and the same side. Walls leave free only the space that is free of all walls; of
+    /// several guides the nearest acts. At most 15. Left out: none.
     #[garde(dive, length(max = 15))]
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub also: Vec<Surface>,
-    /// How the fixture answers in place of the law of the paper. Left out: that law.
+    /// A law that replaces the law of the paper. Left out: the law of the paper.
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub law: Option<FixtureLaw>,
-    /// A motion of the surfaces, all together, for the admittance coupling. Left out: none. Figures show them where they
-    /// are nearest to their place, and dashed where they are farthest.
+    /// A common motion of all surfaces, for the admittance coupling. Left out: none. Figures show the surfaces nearest to their
+    /// place, and dashed where they are farthest from it.
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub motion: Option<Motion>,
@@ -99,21 +99,20 @@ impl Fixture {
     }
 }
 
-/// How a fixture answers in place of the law of the paper: with another admissible set, or without a yield law, for
-/// comparison.
+/// A law that replaces the law of the paper, for comparison: another admissible set, or a law without yielding.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub enum FixtureLaw {
     /// The law of the paper with another yield force on the side that is not forbidden, for a bilateral fixture.
     Tube {
-        /// Force at which a guide gives way off the forbidden side, N. At least `friction_n`.
+        /// Force at which a guide yields on the side that is not forbidden, N. At least `friction_n`.
         #[garde(dive)]
         outward_yield_n: Positive,
     },
-    /// An ellipse with R across the surface and F along it: a force that turns without a corner.
+    /// An ellipse with R across the surface and F along it: the direction of the force changes without a corner.
     Ellipse {},
-    /// A spring and a damper to the surface. It stores energy; friction acts besides.
+    /// A spring and a damper to the surface. The spring stores energy; friction acts as well.
     Elastic {
         /// Stiffness across the surface, N/m. At most 1e6.
         #[garde(dive)]
@@ -121,10 +120,10 @@ pub enum FixtureLaw {
         /// Damping across the surface, N s/m. 0 to 1e6.
         #[garde(dive)]
         damping_n_s_per_m: NotNegative,
-        /// Whether the force is cut to R.
+        /// Whether the force is limited to R.
         is_saturated: bool,
     },
-    /// Damping that differs across and along the surface: an anisotropic admittance. Friction acts besides.
+    /// Damping that differs across and along the surface: an anisotropic admittance. Friction acts as well.
     Viscous {
         /// Across the surface, N s/m. 0 to 1e6.
         #[garde(dive)]
@@ -149,7 +148,7 @@ impl FixtureLaw {
         }
     }
 
-    /// The contrast that it is; `None` for one that yields.
+    /// The comparison law that it is; `None` for a law that yields.
     pub fn guidance(&self) -> Option<fixture::Guidance> {
         match *self {
             Self::Tube { .. } | Self::Ellipse {} => None,
@@ -167,14 +166,14 @@ impl FixtureLaw {
     }
 }
 
-/// A motion of the surfaces: from their place by the amplitude and back, smoothly, without end.
+/// A motion of the surfaces: from their place by the amplitude and back, smoothly and without end.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct Motion {
     /// Greatest displacement, m.
     pub amplitude_m: [Finite; 2],
-    /// Duration of one way there and back, s. 0.01 to 10000; the greatest speed may be 0.5 m/s.
+    /// Duration of one swing there and back, s. 0.01 to 10000; the greatest speed may be 0.5 m/s.
     #[garde(dive)]
     pub swing_s: Positive,
 }
@@ -185,16 +184,16 @@ impl From<Motion> for fixture::Motion<2> {
     }
 }
 
-/// A hold after an impact that ends when the push above R has brought more impulse than a hand's mass can, or with its
-/// window. For the admittance coupling.
+/// A hold after an impact. It ends when the push above R has brought more impulse than the mass of a hand can bring, or when the
+/// longest time is over. For the admittance coupling.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct AutomaticHold {
-    /// The heaviest hand that shall not break through at an impact, kg. 0.1 to 20; 1.5 serves most.
+    /// Heaviest hand that must not break through at an impact, kg. 0.1 to 20; 1.5 is right for most rigs.
     #[garde(dive)]
     pub hand_mass_kg: Positive,
-    /// Longest hold after an impact, s. 0.002 to 1; 0.15 serves most.
+    /// Longest hold after an impact, s. 0.002 to 1; 0.15 is right for most rigs.
     #[garde(dive)]
     pub longest_s: Positive,
 }
@@ -210,8 +209,8 @@ impl From<AutomaticHold> for fixture::AutomaticHold {
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct Passivity {
-    /// What the rig may give the hand beyond the kinetic energy of its proxy before damping takes it back, J. 0.0001 to 10;
-    /// above what the lag of the servo makes of a rig that does not swing, and below `guard.energy_limit_j`.
+    /// Energy that the rig may give the hand beyond the kinetic energy of its proxy before damping takes it back, J. 0.0001 to
+    /// 10. Set it above the energy that the servo lag causes in a rig that does not oscillate, and below `guard.energy_limit_j`.
     #[garde(dive)]
     pub bound_j: Positive,
 }
@@ -222,7 +221,7 @@ impl From<Passivity> for fixture::Passivity {
     }
 }
 
-/// How the user's force and the proxy are coupled.
+/// Coupling between the user's force and the proxy.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 #[garde(allow_unvalidated)]
@@ -259,22 +258,22 @@ impl Coupling {
     }
 }
 
-/// From which sides a surface resists.
+/// Sides from which a surface resists.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Side {
-    /// The proxy is held on the surface from both sides.
+    /// The fixture holds the proxy on the surface from both sides.
     Bilateral,
-    /// The proxy is kept out of the forbidden side.
+    /// The fixture keeps the proxy out of the forbidden side.
     Unilateral,
 }
 
-/// How the surface's curvature enters the step.
+/// How the curvature of the surface enters the step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Curvature {
-    /// The step of a flat surface on the tangent, then projection onto the surface, as in the paper.
+    /// The step of a flat surface along the tangent, then projection onto the surface, as in the paper.
     Tangent,
-    /// Exact in polar coordinates about the centre; for circle and sphere.
+    /// The exact step in polar coordinates about the centre; for circle and sphere.
     Exact,
 }

@@ -1,4 +1,4 @@
-//! What is broken on purpose during a scene.
+//! Faults and defects that a scene injects on purpose.
 
 use std::borrow::Cow;
 
@@ -14,28 +14,29 @@ use crate::number::{Finite, NotNegative, Positive};
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct SceneFault {
-    /// What is broken; `yieldwall faults` lists all names with what each does.
+    /// Name of the injected fault; `yieldwall faults` lists all names and their effects.
     pub inject: FaultName,
-    /// When it begins, s since the scene began. 0 or above; of no meaning for what is there from switching on.
+    /// Time at which it begins, s since the start of the scene. 0 or above; ignored for faults that are present from power-on.
     #[garde(dive)]
     pub at_s: NotNegative,
-    /// How long it lasts, s. Above 0; as usual for this kind if left out.
+    /// Duration, s. Above 0. Left out: the usual duration of this fault.
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub for_s: Option<Positive>,
-    /// Where; at the usual place for this kind if left out.
+    /// Place at which it acts. Left out: the usual place of this fault.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target: Option<FaultTarget>,
-    /// How strong, in the unit of this kind; as strong as usual if left out.
+    /// Strength, in the unit of this fault. Left out: the usual strength.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub size: Option<Finite>,
 }
 
 impl SceneFault {
-    /// The injection that is meant.
+    /// Returns the injection that the entry describes.
     ///
     /// # Errors
-    /// If target, times or size are not possible for the kind. Whether the kind means something on the buses of a rig is not asked.
+    /// If target, times or size are not possible for the kind. Whether the kind means something on the buses of a rig is not
+    /// checked.
     pub fn injection(&self) -> Result<Injection, InjectionError> {
         let mut injection = Injection::new(self.inject.0, self.at_s.get());
         if let Some(duration) = self.for_s {
@@ -51,33 +52,33 @@ impl SceneFault {
     }
 }
 
-/// What is wrong with the machine of a scene from the beginning.
+/// A defect that the machine of a scene has from the beginning.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct SceneDefect {
-    /// What is wrong; `yieldwall commission --defect list` lists all names.
+    /// Name of the defect; `yieldwall commission --defect list` lists all names.
     pub defect: DefectName,
-    /// With which drive; the left one if left out. Not for a defect of the sensor.
+    /// Drive that has the defect. Left out: the left drive. Not for a defect of the sensor.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drive: Option<DriveSide>,
-    /// How large it is, in the unit of this defect; as large as usual if left out.
+    /// Size, in the unit of this defect. Left out: the usual size.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub size: Option<Finite>,
 }
 
-/// One of both drives.
+/// One of the two drives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DriveSide {
-    /// The left one.
+    /// The left drive.
     Left,
-    /// The right one.
+    /// The right drive.
     Right,
 }
 
 impl SceneDefect {
-    /// The defect that is meant.
+    /// Returns the defect that the entry describes.
     ///
     /// # Errors
     /// If place or size are not possible for it.

@@ -1,6 +1,6 @@
 //! The configuration as types. The doc comments become the descriptions in the JSON Schema and the help of a message.
 //!
-//! Every key is required; a key that may be absent in meaning is written `null`. Every unit stands in the key.
+//! Every key is required; a key without a value is written `null`. Every key that has a unit names it.
 
 mod arm;
 mod device;

@@ -10,13 +10,13 @@ use yieldwall_drives::profiles::{DeviceProfile, SHIPPED};
 
 use crate::reader;
 
-/// A device model: the name of one that comes with the program, or a profile's file (`.yaml`), relative to this file.
+/// A device model: the name of a model that comes with the program, or the file of a profile (`.yaml`), relative to this file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(from = "String", into = "String")]
 pub struct ProfileName {
     written: String,
     profile: Option<Arc<DeviceProfile>>,
-    /// What its profile names.
+    /// Table of error codes that its profile names.
     codes: Option<Arc<ErrorCodes>>,
 }
 
@@ -30,20 +30,20 @@ static CODES: LazyLock<BTreeMap<&'static str, Arc<ErrorCodes>>> = LazyLock::new(
     codes::SHIPPED.iter().filter_map(read).collect()
 });
 
-/// A table of error codes that comes with the program.
+/// Returns a table of error codes that comes with the program.
 pub fn shipped_error_codes(name: &str) -> Option<Arc<ErrorCodes>> {
     CODES.get(name).cloned()
 }
 
-/// Whether a name means a file and not what comes with the program.
+/// Whether a name is that of a file, not of a model that comes with the program.
 pub(crate) fn is_yaml(name: &str) -> bool {
     [".yaml", ".yml"].iter().any(|end| name.ends_with(end))
 }
 
-/// A device model that comes with the program.
+/// Returns a device model that comes with the program.
 ///
 /// # Panics
-/// If there is none of this name.
+/// If no model has this name.
 pub fn shipped_profile(name: &str) -> Arc<DeviceProfile> {
     PROFILES.get(name).cloned().unwrap_or_else(|| panic!("no profile {name} comes with the program"))
 }
@@ -54,12 +54,12 @@ impl ProfileName {
         PROFILES.iter().map(|(name, profile)| (*name, profile))
     }
 
-    /// What the rig says.
+    /// The name as the rig file has it.
     pub fn as_str(&self) -> &str {
         &self.written
     }
 
-    /// Whether it means a file and not one that comes with the program.
+    /// Whether it names a file, not a model that comes with the program.
     pub fn is_file(&self) -> bool {
         is_yaml(&self.written)
     }
@@ -74,12 +74,12 @@ impl ProfileName {
         self.written = written;
     }
 
-    /// What the device's error codes mean; `None` if its profile names no table.
+    /// Meanings of the device's error codes; `None` if its profile names no table.
     pub fn error_codes(&self) -> Option<&Arc<ErrorCodes>> {
         self.codes.as_ref()
     }
 
-    /// Takes what its file says, and the table of error codes that the file names.
+    /// Stores the content of its file, and the table of error codes that the file names.
     pub fn set(&mut self, profile: DeviceProfile, codes: Option<Arc<ErrorCodes>>) {
         self.profile = Some(Arc::new(profile));
         self.codes = codes;

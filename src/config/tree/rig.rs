@@ -24,16 +24,17 @@ use crate::number::{Finite, NotNegative, Positive, nullable, present};
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct Rig {
-    /// What the rig is called and how it commands the drives.
+    /// Name of the rig and command mode of its drives.
     #[garde(dive)]
     pub rig: RigIdentity,
     /// Timing of the control.
     #[garde(dive)]
     pub cycle: Cycle,
-    /// Buses by name; drives and sensor refer to them, and each bus has one of them at least. One fault stops all.
+    /// Buses by name. Drives and sensor refer to these names; each bus has at least one device. A fault on one bus stops all
+    /// devices.
     #[garde(length(min = 1), dive)]
     pub buses: BTreeMap<String, Bus>,
-    /// The servo drives: first of the left arm, then of the right.
+    /// The servo drives: first the drive of the left arm, then the drive of the right arm.
     #[garde(dive)]
     pub drives: [Drive; 2],
     /// The six-axis force sensor.
@@ -51,8 +52,8 @@ pub struct Rig {
     /// Limits at which the rig holds or stops.
     #[garde(dive)]
     pub guard: Guard,
-    /// What the simulation takes the machine to be, and what happens in it: a file, relative to this file, or what stands in such
-    /// a file. Nothing of it is used on a real bus. Left out: the rig cannot be simulated.
+    /// Machine model of the simulation, and its scene: a file, relative to this file, or the content of such a file. A real bus
+    /// uses nothing of it. Left out: the rig cannot be simulated.
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(schema_with = "named_simulation")]
@@ -68,17 +69,17 @@ impl Rig {
         self.simulation.as_ref().ok_or(NotSimulated)
     }
 
-    /// Whether frames take their time on the buses: always, but where a simulation says otherwise.
+    /// Whether frames take time on the buses: always, unless a simulation says otherwise.
     pub fn frames_take_time(&self) -> bool {
         self.simulation.as_ref().is_none_or(|simulation| simulation.timing == BusTiming::Arbitrated)
     }
 
-    /// Whether a bus of it is CAN.
+    /// Whether one of its buses is a CAN bus.
     pub fn is_on_can(&self) -> bool {
         self.buses.values().any(|bus| bus.canopen().is_some())
     }
 
-    /// Whether a bus of it is an EtherCAT segment.
+    /// Whether one of its buses is an EtherCAT segment.
     pub fn is_on_ethercat(&self) -> bool {
         self.buses.values().any(|bus| matches!(bus, Bus::Ethercat(_)))
     }
@@ -110,7 +111,7 @@ impl Rig {
         self.drives.iter().any(|drive| drive.address.position().is_some())
     }
 
-    /// Why no machine of this rig can have a defect, and which one can; `None` if it can.
+    /// Returns the reason why no machine of this rig can have a defect, and the kind of rig that can; `None` if this rig can.
     pub fn excludes(&self, defect: DefectKind) -> Option<[&'static str; 2]> {
         match defect {
             DefectKind::HeartbeatConsumerOff if self.has_drives_on_ethercat() => {
@@ -123,14 +124,14 @@ impl Rig {
         }
     }
 
-    /// On which kind of bus an injection acts.
+    /// Returns the kind of bus on which an injection acts.
     pub fn medium(&self, injection: &Injection) -> Medium {
         let [left, right] = self.drives.each_ref().map(|drive| drive.address.position().is_some());
         let is_on_segment = [left, right, self.sensor.protocol.position().is_some()];
         injection.medium(|device| is_on_segment.get(device) == Some(&true))
     }
 
-    /// On which kinds of bus it acts: on both where it is at the master's interfaces to all buses.
+    /// Returns the kinds of bus on which an injection acts: both, if it acts at the interfaces of the master to all buses.
     pub fn media(&self, injection: &Injection) -> impl Iterator<Item = Medium> {
         let medium = self.medium(injection);
         let has_both = self.is_on_can() && self.is_on_ethercat() && injection.target == Target::Link;
@@ -138,7 +139,7 @@ impl Rig {
         [medium].into_iter().chain(other).filter(|medium| injection.kind.row().media.contains(medium))
     }
 
-    /// This program as a node of its buses: the first of them, which the others are like.
+    /// This program as a node of the first CAN bus. The other CAN buses have the same settings.
     pub fn own_node(&self) -> Option<CanBus> {
         self.buses.values().find_map(Bus::canopen)
     }
@@ -152,15 +153,14 @@ impl Rig {
     }
 }
 
-/// What a file that a rig names has said.
+/// The device profile that a file named by a rig holds.
 type NamedFile = std::sync::Arc<yieldwall_drives::profiles::DeviceProfile>;
 
-/// Where a document names a device model: the key, the name, and whether a model is of the kind that is wanted there.
+/// A place where a document names a device model: the key, the name, and whether a model is of the kind wanted there.
 pub(crate) type NamedProfile<'a> = (&'static str, &'a mut ProfileName, fn(&Role) -> bool);
 
 impl Rig {
-    /// Gives the device profiles that are files names of their own, so that they can lie beside this document; names and
-    /// profiles.
+    /// Gives new names to device profiles that are files, so that they can lie beside this document. Returns names and profiles.
     pub fn name_profile_files(&mut self) -> Vec<(String, NamedFile)> {
         let mut named: Vec<(String, NamedFile)> = Vec::new();
         for (_, name, _) in self.profiles_mut() {
@@ -180,21 +180,21 @@ impl Rig {
         named
     }
 
-    /// Gives the files of device profiles the names that they have elsewhere.
+    /// Replaces the file names of device profiles.
     pub fn rename_profile_files(&mut self, renamed: impl Fn(&str) -> String) {
         for (_, name, _) in self.profiles_mut().into_iter().filter(|(_, name, _)| name.is_file()) {
             name.rename(renamed(name.as_str()));
         }
     }
 
-    /// The device profiles that it names by their files, as it writes them.
+    /// Returns the file names of its device profiles as the document writes them.
     pub fn profile_files(&self) -> impl Iterator<Item = &str> {
         let of_sensor = self.sensor.protocol.profile();
         let named = self.drives.iter().map(|drive| &drive.profile).chain(of_sensor);
         named.filter(|name| name.is_file()).map(ProfileName::as_str)
     }
 
-    /// The device models that it names.
+    /// Returns the device models that it names.
     pub(crate) fn profiles_mut(&mut self) -> Vec<NamedProfile<'_>> {
         let is_servo: fn(&Role) -> bool = |role| matches!(role, Role::Servo(_));
         let is_sensor: fn(&Role) -> bool = |role| matches!(role, Role::ForceSensor(_));
@@ -213,7 +213,7 @@ impl Rig {
     }
 }
 
-/// Identity of a rig and the way it commands its drives.
+/// Identity of a rig and command mode of its drives.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
@@ -221,7 +221,7 @@ pub struct RigIdentity {
     /// Name for reports and figures.
     #[garde(length(min = 1))]
     pub name: String,
-    /// What is sent to the drives in each cycle: torque (CST), velocity (CSV) or position (CSP).
+    /// Quantity that the rig sends to the drives in each cycle: torque (CST), velocity (CSV) or position (CSP).
     pub command_mode: CommandMode,
 }
 
@@ -230,11 +230,11 @@ pub struct RigIdentity {
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct Cycle {
-    /// T in us: time from SYNC to SYNC. 100 to 100 000.
+    /// T in us: time from one SYNC to the next. 100 to 100 000.
     #[garde(range(min = 100, max = 100_000))]
     pub period_us: u32,
-    /// When the control step runs, us after SYNC: late enough for all TPDOs, early enough for the RPDOs to arrive before
-    /// the next SYNC. Below `period_us`.
+    /// Start of the control step, us after SYNC: after the last TPDO, and early enough for the RPDOs to arrive before the next
+    /// SYNC. Below `period_us`.
     #[garde(range(min = 1))]
     pub compute_at_us: u32,
 }
@@ -262,7 +262,7 @@ impl Validate for Bus {
 }
 
 impl Bus {
-    /// A CAN bus; `None` for another kind.
+    /// Returns the CAN bus; `None` for another kind.
     pub fn canopen(&self) -> Option<CanBus> {
         match self {
             Bus::Canopen(bus) => Some(*bus),
@@ -270,7 +270,7 @@ impl Bus {
         }
     }
 
-    /// A CAN bus, to change it; `None` for another kind.
+    /// Returns the CAN bus to change it; `None` for another kind.
     pub fn canopen_mut(&mut self) -> Option<&mut CanBus> {
         match self {
             Bus::Canopen(bus) => Some(bus),
@@ -279,24 +279,24 @@ impl Bus {
     }
 }
 
-/// An EtherCAT segment: devices in a line behind one port of the computer. Written `{}` if outputs act at SYNC0.
+/// An EtherCAT segment: devices in a line behind one port of the computer. Written `{}` if outputs take effect at SYNC0.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct EthercatBus {
-    /// When drives have their outputs act; `sync0` if left out. Inputs are those of SYNC0 either way.
+    /// Time at which drives apply their outputs; `sync0` if left out. Drives sample their inputs at SYNC0 in both cases.
     #[serde(default, skip_serializing_if = "is_default")]
     pub outputs: OutputsAct,
 }
 
-/// When the drives of a segment have their outputs act.
+/// Time at which the drives of a segment apply their outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OutputsAct {
-    /// At the SYNC0 behind them, a cycle after the inputs that they answer (1C32h:01 is 2).
+    /// At the SYNC0 that follows, one cycle after the inputs from which they were computed (1C32h:01 is 2).
     #[default]
     Sync0,
-    /// When they arrive, behind the control step of the same cycle (1C32h:01 is 1).
+    /// When they arrive, after the control step of the same cycle (1C32h:01 is 1).
     OnArrival,
 }
 
@@ -304,7 +304,7 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
 
-/// A CAN bus, and this program as a node of it.
+/// A CAN bus, and the settings of this program as a node of it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
@@ -341,7 +341,7 @@ impl Validate for Address {
 }
 
 impl Address {
-    /// A node of a CANopen bus; `None` on another kind of bus.
+    /// Returns the node of a CANopen bus; `None` on another kind of bus.
     pub fn canopen(&self) -> Option<CanopenAddress> {
         match self {
             Address::Canopen(node) => Some(*node),
@@ -349,7 +349,7 @@ impl Address {
         }
     }
 
-    /// A node of a CANopen bus, to change it; `None` on another kind of bus.
+    /// Returns the node of a CANopen bus to change it; `None` on another kind of bus.
     pub fn canopen_mut(&mut self) -> Option<&mut CanopenAddress> {
         match self {
             Address::Canopen(node) => Some(node),
@@ -383,7 +383,7 @@ impl Address {
         }
     }
 
-    /// The bus that it is for.
+    /// The kind of bus that it is for.
     pub fn fieldbus(&self) -> Fieldbus {
         match self {
             Address::Canopen(_) => Fieldbus::Canopen,
@@ -405,9 +405,10 @@ impl Drive {
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct EthercatAddress {
-    /// Devices between the computer and this one. 0 for the first one; no other device has the same.
+    /// Number of devices between the computer and this device. 0 for the first one; each device has its own number.
     pub position: u16,
-    /// Axis of a device of several drives, whose profile has `axes`: 0 to 7. 0 if left out; both drives of one device write it.
+    /// Axis of a device with several drives, whose profile has `axes`: 0 to 7. 0 if left out; if both drives are axes of one
+    /// device, both need it.
     #[garde(range(max = 7))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub axis: Option<u8>,
@@ -418,19 +419,20 @@ pub struct EthercatAddress {
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct CanopenAddress {
-    /// CANopen node-ID, 1 to 127; no other node of the bus has it.
+    /// CANopen node-ID, 1 to 127; each node of the bus has its own.
     #[garde(range(min = 1, max = 127))]
     pub node_id: u8,
     /// Heartbeat period of the drive, ms; this program watches it. 1 to 10 000, at least two control periods.
     #[garde(range(min = 1, max = 10_000))]
     pub heartbeat_ms: u16,
-    /// Axis of a device of several drives, whose profile has `axes`: 0 to 7. 0 if left out; both drives of one device write it.
+    /// Axis of a device with several drives, whose profile has `axes`: 0 to 7. 0 if left out; if both drives are axes of one
+    /// device, both need it.
     #[garde(range(max = 7))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub axis: Option<u8>,
 }
 
-/// A servo drive and the joint it turns.
+/// A servo drive and the joint that it turns.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
@@ -438,20 +440,20 @@ pub struct Drive {
     /// Name for reports and messages.
     #[garde(length(min = 1))]
     pub name: String,
-    /// The bus it is on: a key of `buses`.
+    /// Bus of the drive: a key of `buses`.
     pub bus: String,
-    /// How it is found on that bus.
+    /// Address of the drive on that bus.
     #[garde(dive)]
     pub address: Address,
     /// Device model: identity, process data, watchdogs and limits.
     pub profile: ProfileName,
-    /// Position counts for one turn of the proximal link, gear included. Above 0.
+    /// Position counts per turn of the proximal link, gear included. Above 0.
     #[garde(range(min = 1))]
     pub encoder_counts_per_rev: u32,
-    /// What the encoder knows at power-on; what the profile says if left out.
+    /// Kind of the encoder: how much it knows at power-on. Left out: the kind that the profile names.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub encoder: Option<EncoderKind>,
-    /// How the drive finds its reference by itself; for an encoder that does not know it at power-on, and for no other.
+    /// Homing by the drive itself. Only for an encoder that does not know its reference at power-on.
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub homing: Option<Homing>,
@@ -462,34 +464,36 @@ pub struct Drive {
     /// Rated torque at the link, N m. Above 0.
     #[garde(dive)]
     pub rated_torque_n_m: Positive,
-    /// How long the drive is waited for while the network is booted; the usual times if left out.
+    /// Times for which the boot of the network waits for the drive. Left out: the usual times.
     #[garde(dive)]
     #[serde(default)]
     pub waits: Waits,
-    /// Longest time from the request to be enabled to Operation Enabled, ms, brakes included. 1 to 60 000; 5000 if left out.
+    /// Longest time from the enable request to Operation Enabled, ms, brakes included. 1 to 60 000; 5000 if left out.
     #[garde(range(min = 1, max = 60_000))]
     #[serde(default = "enabling_ms")]
     pub enabling_ms: u32,
 }
 
-/// How a drive finds its reference by itself, in the homing mode of CiA 402.
+/// Homing by the drive itself, in the homing mode of CiA 402.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct Homing {
-    /// Method, by its number in 6098h: one that the profile has. 37 takes the present position, to which a person has brought the joint.
+    /// Homing method: a number of 6098h that the profile has. 37 takes the present position, to which a person has moved the
+    /// joint.
     pub method: i8,
-    /// Angle of the proximal link at home: at the index, at the edge of the switch, or in the jig. Rad. Until the drive is homed its joint is taken to be there.
+    /// Angle of the proximal link at home, rad: at the index, at the edge of the switch, or in the jig. Until the drive is homed,
+    /// the program assumes that its joint is there.
     pub angle_rad: Finite,
-    /// Angle of the joint from one index of the encoder to the next, rad, for methods that look for an index and an encoder on the motor: more
-    /// than twice `within_rad`, so that no other one is found.
+    /// Angle of the joint from one index of the encoder to the next, rad. For methods that search an index and an encoder on the
+    /// motor. More than twice `within_rad`, so that the drive cannot find another index.
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub index_every_rad: Option<Positive>,
-    /// How far from home the joint may be when the drive is switched on, and how far it may go to find it, rad. 0.01 to 1.5.
+    /// Largest distance of the joint from home at power-on, and largest distance of its search for home, rad. 0.01 to 1.5.
     #[garde(dive)]
     pub within_rad: Positive,
-    /// How fast the joint goes, rad/s. 0.005 to 0.5.
+    /// Speed of the joint during homing, rad/s. 0.005 to 0.5.
     #[garde(dive)]
     pub rate_rad_per_s: Positive,
 }
@@ -501,14 +505,14 @@ pub struct Homing {
 pub struct Control {
     /// Control law of torque mode.
     pub law: ControlLaw,
-    /// Gains, and with them the space in which the error is formed. Torque mode takes `joint` or `cartesian`, velocity
-    /// mode takes `rate`; in position mode the drives close the loop and nothing of `control` is used.
+    /// Gains of the controller, and the space in which it forms the error. Torque mode takes `joint` or `cartesian`, velocity
+    /// mode takes `rate`. In position mode the drives close the loop, and the rig uses nothing of `control`.
     #[garde(dive)]
     pub gains: ControlGains,
     /// H in s: time constant of the sliding line of PSMC; used in torque mode. 0 or above.
     #[garde(dive)]
     pub sliding_time_s: NotNegative,
-    /// What is known of the machine and added to the torque of torque mode.
+    /// Known friction and inertia of the machine, as a feed-forward term of torque mode.
     #[garde(dive)]
     pub feed_forward: FeedForward,
 }
@@ -523,12 +527,12 @@ pub enum ControlLaw {
     Pid,
 }
 
-/// Gains of a control law, and with them the space in which the error is formed.
+/// Gains of a control law, and the space in which it forms the error.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub enum ControlGains {
-    /// The error is formed in joint angles.
+    /// Error in joint angles.
     Joint {
         /// K in N m/rad: position gain. Above 0.
         #[garde(dive)]
@@ -546,7 +550,7 @@ pub enum ControlGains {
         #[garde(dive)]
         gain_per_s: Positive,
     },
-    /// The error is formed at the tool.
+    /// Error at the tool.
     Cartesian {
         /// K in N/m: position gain. Above 0.
         #[garde(dive)]
@@ -560,7 +564,7 @@ pub enum ControlGains {
     },
 }
 
-/// What is known of the machine and added to the torque. Pairs list the left arm before the right.
+/// Known friction and inertia of the machine, added to the torque. Pairs list the left arm before the right.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
@@ -583,7 +587,8 @@ pub struct FeedForward {
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct Guard {
-    /// Largest torque sent to a joint, N m. Above 0, and within what the drives can be told: 32.767 times rated.
+    /// Largest torque sent to a joint, N m. Above 0, and within the range of the drives' torque command: 32.767 times the rated
+    /// torque.
     #[garde(dive)]
     pub torque_limit_n_m: Positive,
     /// Largest rate of a joint, rad/s. Above 0.
@@ -592,31 +597,31 @@ pub struct Guard {
     /// Largest speed of the tool, m/s. Above 0.
     #[garde(dive)]
     pub tool_speed_limit_m_per_s: Positive,
-    /// Force of the hand above which the rig stops, N. Above `fixture.yield_n`.
+    /// Largest force of the hand, N; above it the rig stops. Above `fixture.yield_n`.
     #[garde(dive)]
     pub force_limit_n: Positive,
-    /// Greatest change of the force of the hand from one sample of the sensor to the next, N; a greater one is cut to it and
-    /// holds the rig. Above 0.
+    /// Largest change of the hand's force from one sensor sample to the next, N. Above 0. The rig cuts a larger change to this
+    /// value and holds.
     #[garde(dive)]
     pub force_step_limit_n: Positive,
-    /// Greatest mean difference between the torques of a joint and what the sensed force and the motion account for, N m,
-    /// before the rig stops; used in torque mode with an inertia in `control.feed_forward`. Above the joints' friction;
-    /// null switches it off.
+    /// Largest mean difference between the torques of a joint and the torques that sensed force and motion explain, N m; above it
+    /// the rig stops. Used in torque mode with an inertia in `control.feed_forward`. Above the joints' friction; null switches it
+    /// off.
     #[garde(dive)]
     #[serde(deserialize_with = "present")]
     #[schemars(schema_with = "nullable::<Positive>")]
     pub residual_limit_n_m: Option<Positive>,
-    /// Greatest energy that the rig may give the hand in one go beyond what it held and what moving surfaces brought, J, before
-    /// it holds; what was given is forgotten within a second. Above 0.
+    /// Largest burst of energy into the hand beyond the energy that the rig stored and that moving surfaces brought, J; above it
+    /// the rig holds. Above 0. The rig forgets given energy within a second.
     #[garde(dive)]
     pub energy_limit_j: Positive,
-    /// Distance that the tool keeps from singular positions and from the edge of the workspace, m. Above 0.
+    /// Smallest distance of the tool from singular positions and from the edge of the workspace, m. Above 0.
     #[garde(dive)]
     pub singularity_margin_m: Positive,
-    /// Largest distance between commanded and measured angle, rad; the drives get twice this. Above 0.
+    /// Largest distance between commanded and measured angle, rad; the drives' own limit is twice this value. Above 0.
     #[garde(dive)]
     pub following_error_limit_rad: Positive,
-    /// Greatest deceleration of the ramp along which the rig stops, m/s^2. Above 0.
+    /// Largest deceleration of the ramp along which the rig stops, m/s^2. Above 0.
     #[garde(dive)]
     pub stop_deceleration_m_per_s2: Positive,
 }

@@ -1,4 +1,4 @@
-//! A scene: what the hand does, and how truly the simulation models the machine.
+//! A scene: motion of the hand, and fidelity of the machine model.
 
 use garde::Validate;
 use schemars::JsonSchema;
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::injection::{SceneDefect, SceneFault};
 use crate::number::{Finite, NotNegative, Positive, nullable, present};
 
-/// What happens in a run of the embedded simulation.
+/// Course of a run of the embedded simulation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
@@ -17,84 +17,84 @@ pub struct Scene {
     pub duration_s: Positive,
     /// Seed of noise and tremor: the same seed gives the same run, bit for bit.
     pub seed: u64,
-    /// How truly a rig is modelled. Either `model` or `device_model` is given.
+    /// Fidelity of the model of a rig. Either `model` or `device_model` is given.
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<SceneModel>,
-    /// How truly an impedance device is modelled. Either `model` or `device_model` is given.
+    /// Fidelity of the model of an impedance device. Either `model` or `device_model` is given.
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub device_model: Option<DeviceModel>,
     /// The hand that moves the tool.
     #[garde(dive)]
     pub hand: Hand,
-    /// What is broken on purpose; nothing if left out. Only a rig has it.
+    /// Injected faults; none if left out. Only for a rig.
     #[garde(length(max = 64), dive)]
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub faults: Vec<SceneFault>,
-    /// What is wrong with the machine from the beginning, for a commissioning to find; nothing if left out. Only a rig has it.
+    /// Defects of the machine from the beginning, which `commission` should find; none if left out. Only for a rig.
     #[garde(length(max = 16), dive)]
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub defects: Vec<SceneDefect>,
-    /// How much the outputs of the scene may change when a modelled term is left out before the term counts as having an
-    /// effect: `yieldwall study need`. Left out: not judged.
+    /// Smallest changes of the scene's outputs that count as an effect when `yieldwall study need` leaves out a modelled term.
+    /// Left out: the study does not judge the scene.
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tolerance: Option<SceneTolerance>,
 }
 
-/// What counts as no change of a scene's outputs.
+/// Changes of a scene's outputs that do not count as an effect.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct SceneTolerance {
-    /// Of depths and distances from the surface, mm. Above 0.
+    /// Tolerance of depths and distances from the surface, mm. Above 0.
     #[garde(dive)]
     pub distance_mm: Positive,
-    /// Of the greatest force, N. Above 0.
+    /// Tolerance of the greatest force, N. Above 0.
     #[garde(dive)]
     pub force_n: Positive,
-    /// Of the greatest torque, N m. Above 0; not used on an impedance device.
+    /// Tolerance of the greatest torque, N m. Above 0; not used on an impedance device.
     #[garde(dive)]
     pub torque_n_m: Positive,
-    /// Of the energy given to the hand, mJ. Above 0.
+    /// Tolerance of the energy given to the hand, mJ. Above 0.
     #[garde(dive)]
     pub energy_mj: Positive,
 }
 
 impl Scene {
-    /// Step of the integration in us, whatever machine the scene is for; `None` only before the scene is checked.
+    /// Integration step in us, for either kind of machine; `None` only before the scene is checked.
     pub fn plant_step_us(&self) -> Option<u32> {
         let of_device = || self.device_model.map(|model| model.plant_step_us);
         self.model.map(|model| model.plant_step_us).or_else(of_device)
     }
 }
 
-/// How truly the simulation models an impedance device: a point mass that has neither encoders, gears nor force sensor.
+/// Fidelity of the model of an impedance device: a point mass without encoders, gears or force sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct DeviceModel {
-    /// Step of the integration, us. 1 to 10 000; the control period is a whole multiple of it.
+    /// Integration step, us. 1 to 10 000; the control period is a whole multiple of it.
     #[garde(range(min = 1, max = 10_000))]
     pub plant_step_us: u32,
 }
 
-/// How truly the simulation models a rig.
+/// Fidelity of the model of a rig.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct SceneModel {
-    /// Whether the arm is simulated or the tool is where the proxy is; `ideal` needs `rig.command_mode: position`.
+    /// Whether the simulation models the arm, or places the tool at the proxy; `ideal` needs `rig.command_mode: position`.
     pub tracking: Tracking,
-    /// Step of the integration, us. 1 to 10 000; the control period is a whole multiple of it.
+    /// Integration step, us. 1 to 10 000; the control period is a whole multiple of it.
     #[garde(range(min = 1, max = 10_000))]
     pub plant_step_us: u32,
-    /// How the position is measured.
+    /// Model of the position measurement.
     pub encoder: EncoderModel,
-    /// How the force is measured.
+    /// Model of the force measurement.
     pub force_sensor: ForceSensorModel,
-    /// Standard deviation of the noise on each axis of the force sensor, counts; read only when `force_sensor` is noisy.
+    /// Standard deviation of the noise on each axis of the force sensor, counts; used only when `force_sensor` is noisy.
     #[garde(dive)]
     pub force_noise_counts: NotNegative,
     /// Elastic gears between motor and link, or null for stiff ones; null with `tracking: ideal`.
@@ -104,17 +104,17 @@ pub struct SceneModel {
     pub joint_elasticity: Option<JointElasticity>,
 }
 
-/// Whether the arm is simulated.
+/// Whether the simulation models the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Tracking {
-    /// The tool is where the proxy is; there is no arm.
+    /// The tool is where the proxy is; the arm is not modelled.
     Ideal,
-    /// The machine with its inertia and friction.
+    /// The arm with its inertia and friction.
     Rigid,
 }
 
-/// How the position is measured.
+/// Model of the position measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EncoderModel {
@@ -124,11 +124,11 @@ pub enum EncoderModel {
     Quantised,
 }
 
-/// How the force is measured.
+/// Model of the force measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ForceSensorModel {
-    /// In whole counts, as every sensor on a bus.
+    /// In whole counts, like every sensor on a bus.
     Quantised,
     /// In whole counts, with noise.
     Noisy,
@@ -145,23 +145,23 @@ pub struct JointElasticity {
     /// Damping of each gear, N m s/rad. 0 or above.
     #[garde(dive)]
     pub damping_n_m_s_per_rad: NotNegative,
-    /// Part of `arm.motor_kg_m2` of the simulation that lies on the motor's side of the gear. Above 0, below 1.
+    /// Share of `arm.motor_kg_m2` of the simulation on the motor side of the gear. Above 0, below 1.
     #[garde(dive)]
     pub motor_share: Positive,
 }
 
-/// The hand: a mass that is pulled along a path by a spring and damper.
+/// The hand: a mass that a spring and damper pull along a path.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct Hand {
-    /// Mass that moves with the tool, kg. 0 or above.
+    /// Mass of the hand, which moves with the tool, kg. 0 or above.
     #[garde(dive)]
     pub mass_kg: NotNegative,
-    /// Stiffness between the point aimed at and the tool, N/m. Above 0.
+    /// Stiffness between aim point and tool, N/m. Above 0.
     #[garde(dive)]
     pub stiffness_n_per_m: Positive,
-    /// Damping between the point aimed at and the tool, N s/m. 0 or above.
+    /// Damping between aim point and tool, N s/m. 0 or above.
     #[garde(dive)]
     pub damping_n_s_per_m: NotNegative,
     /// Largest force of the spring and damper together, N, above 0; or null for a hand without limit.
@@ -174,14 +174,14 @@ pub struct Hand {
     #[serde(deserialize_with = "present")]
     #[schemars(schema_with = "nullable::<Tremor>")]
     pub tremor: Option<Tremor>,
-    /// Error of the hand's aim: a slow random course about the path. Left out: none.
+    /// Error of the hand's aim: a slow random deviation from the path. Left out: none.
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub aim_error: Option<AimError>,
-    /// Where tool and aim are at the start, m: two coordinates on a rig, three on an impedance device.
+    /// Start position of tool and aim point, m: two coordinates on a rig, three on an impedance device.
     #[garde(length(min = 2, max = 3))]
     pub start_m: Vec<Finite>,
-    /// Path of the point that the hand aims at, segment after segment; the tool follows through the spring.
+    /// Path of the aim point, segment after segment; the tool follows through the spring.
     #[garde(length(min = 1), dive)]
     pub path: Vec<PathSegment>,
 }
@@ -202,25 +202,25 @@ pub struct Tremor {
     pub high_hz: Positive,
 }
 
-/// Slow random course of the point aimed at about its path. It grows from nothing over the first half second.
+/// Slow random deviation of the aim point from its path. It grows from zero during the first half second.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct AimError {
-    /// Root mean square on each axis, m. 0 to 0.05; people who trace a line by eye err by some 0.005, in haste by 0.02.
+    /// Root mean square on each axis, m. 0 to 0.05. People who trace a line by eye err by about 0.005, in haste by 0.02.
     #[garde(dive)]
     pub rms_m: NotNegative,
-    /// Above this frequency it has little power, Hz. Above 0, at most 50; people move by intent below some 2 Hz.
+    /// Frequency above which it has little power, Hz. Above 0, at most 50. Intended motions of people lie below about 2 Hz.
     #[garde(dive)]
     pub corner_hz: Positive,
 }
 
-/// One piece of the path of the point that the hand aims at.
+/// One piece of the path of the aim point.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub enum PathSegment {
-    /// Straight to a point, by minimum jerk.
+    /// A straight line to a point, by minimum jerk.
     To {
         /// End point, m: as many coordinates as `start_m`.
         #[garde(length(min = 2, max = 3))]
@@ -229,9 +229,9 @@ pub enum PathSegment {
         #[garde(dive)]
         in_s: Positive,
     },
-    /// Along an arc about a centre, by minimum jerk in the angle. In space the arc turns about the z direction.
+    /// An arc about a centre, by minimum jerk in the angle. In space the arc turns about the z direction.
     Arc {
-        /// Centre, m: as many coordinates as `start_m`, and not where the arc starts; the third is not used.
+        /// Centre, m: as many coordinates as `start_m`, and not the start of the arc; the third is not used.
         #[garde(length(min = 2, max = 3))]
         center_m: Vec<Finite>,
         /// Angle, rad; counter-clockwise positive.
@@ -239,16 +239,16 @@ pub enum PathSegment {
         /// Duration, s. Above 0.
         #[garde(dive)]
         in_s: Positive,
-        /// How the speed runs along the arc.
+        /// Speed profile along the arc.
         speed: ArcSpeed,
     },
-    /// Stay.
+    /// A pause.
     Wait {
         /// Duration, s. Above 0.
         #[garde(dive)]
         for_s: Positive,
     },
-    /// Let go of the tool, and take it again at the end where the path has come to. The mass of the hand stays at the tool.
+    /// The hand lets go of the tool, and takes it again at the end of the path so far. The mass of the hand stays at the tool.
     LetGo {
         /// Duration, s. Above 0.
         #[garde(dive)]
@@ -256,7 +256,7 @@ pub enum PathSegment {
     },
 }
 
-/// How the speed runs along an arc.
+/// Speed profile along an arc.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ArcSpeed {
@@ -267,7 +267,7 @@ pub enum ArcSpeed {
 }
 
 impl PathSegment {
-    /// How long it lasts in s.
+    /// Duration in s.
     pub fn duration_s(&self) -> f64 {
         match self {
             Self::To { in_s, .. } | Self::Arc { in_s, .. } => **in_s,

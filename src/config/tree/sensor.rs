@@ -16,13 +16,13 @@ pub struct Sensor {
     /// Name for reports and messages.
     #[garde(length(min = 1))]
     pub name: String,
-    /// The bus it is on: a key of `buses`.
+    /// Bus of the sensor: a key of `buses`.
     pub bus: String,
-    /// What it speaks on that bus, and its identifiers.
+    /// Protocol of the sensor on that bus, and its identifiers.
     #[garde(dive)]
     pub protocol: SensorProtocol,
-    /// How often it samples, Hz. On CANopen the fastest rate of the profile that is not above that of the cycle; else what the sensor is set
-    /// to, a whole number from 1 to 10 000, or a rate of its profile.
+    /// Sample rate, Hz. On CANopen the fastest rate of the profile that is not above the rate of the cycle. On other buses the
+    /// rate to which the sensor is set: a whole number from 1 to 10 000, or a rate of its profile.
     #[garde(dive)]
     pub sample_rate_hz: Positive,
     /// Calibration matrix: wrench = matrix * counts; rows Fx Fy Fz (N per count) then Tx Ty Tz (N m per count).
@@ -30,11 +30,12 @@ pub struct Sensor {
     /// Counts at which the sensor saturates, 1 and up; at most what its channels can send, which is 32 767 on plain CAN.
     #[garde(range(min = 1, max = 2_147_483_647))]
     pub range_counts: u32,
-    /// The link that the sensor turns with.
+    /// Link on which the sensor turns.
     pub mounted_on: Mount,
-    /// Angle of the sensor's x axis against that link, rad.
+    /// Angle of the sensor's x axis relative to that link, rad.
     pub mounting_angle_rad: Finite,
-    /// Mass beyond the sensor, whose inertia is taken out of the reading, kg. A part of the tool's; the simulated sensor carries it. 0 or above.
+    /// Mass beyond the sensor, kg. 0 or above. The program subtracts its inertia from the reading. It is a part of the tool's
+    /// mass; the simulated sensor carries it.
     #[garde(dive)]
     pub handle_mass_kg: NotNegative,
     /// Corner frequency of the low pass on the force, Hz, below half the sampling rate of the control; null for no filter.
@@ -42,25 +43,25 @@ pub struct Sensor {
     #[serde(deserialize_with = "present")]
     #[schemars(schema_with = "nullable::<Positive>")]
     pub low_pass_hz: Option<Positive>,
-    /// The greatest force that is taken for the sensor's zero each time the rig is enabled, N; nobody may touch the handle then. Left out:
-    /// no tare, and the zero is that of the sensor.
+    /// Largest force that the rig accepts as the zero of the sensor each time it is enabled, N. Nobody may touch the handle then.
+    /// Left out: no tare; the sensor's own zero counts.
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tare_up_to_n: Option<Positive>,
-    /// How long the sensor is waited for while the network is booted; the usual times if left out.
+    /// Times for which the boot of the network waits for the sensor. Left out: the usual times.
     #[garde(dive)]
     #[serde(default)]
     pub waits: Waits,
 }
 
-/// What a force sensor speaks.
+/// Protocol of a force sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub enum SensorProtocol {
     /// A CANopen node whose process data follow SYNC.
     Canopen {
-        /// CANopen node-ID, 1 to 127; no other node of the bus has it.
+        /// CANopen node-ID, 1 to 127; each node of the bus has its own.
         #[garde(range(min = 1, max = 127))]
         node_id: u8,
         /// Device model: identity, process data and status bits.
@@ -68,58 +69,58 @@ pub enum SensorProtocol {
         /// Heartbeat period of the sensor, ms; this program watches it. 1 to 10 000, at least two control periods.
         #[garde(range(min = 1, max = 10_000))]
         heartbeat_ms: u16,
-        /// Whether the boot has the sensor zero itself by the objects `zero` of its profile; nobody may touch the handle then. No if left
-        /// out.
+        /// Whether the sensor zeroes itself during the boot, by the objects `zero` of its profile. Nobody may touch the handle
+        /// then. No if left out.
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         zero_at_start: bool,
     },
-    /// Plain CAN: it streams samples by its own clock, each over two frames, as the Robotous RFT series does.
+    /// Plain CAN: the sensor streams samples by its own clock, each in two frames, as the Robotous RFT series does.
     Streaming {
-        /// Identifier of orders to the sensor. 1 to 2047, written 0x001 to 0x7ff.
+        /// Identifier of commands to the sensor. 1 to 2047, written 0x001 to 0x7ff.
         #[garde(range(min = 1, max = 0x7ff))]
         command_id: u16,
         /// Identifiers of the two frames of a sample, the first below the second. 1 to 2047.
         #[garde(inner(range(min = 1, max = 0x7ff)))]
         data_ids: [u16; 2],
-        /// Longest time from the first frame of a sample to its second, us: above what other frames can hold up the second,
-        /// below the time from sample to sample. 1 to 1 000 000.
+        /// Longest time from the first frame of a sample to its second, us. 1 to 1 000 000. Longer than other frames can delay
+        /// the second frame, shorter than the time between samples.
         #[garde(range(min = 1, max = 1_000_000))]
         pair_gap_us: u32,
-        /// Whether the sensor is told to zero itself at each start; nobody may touch the handle then.
+        /// Whether the program commands the sensor to zero itself at each start. Nobody may touch the handle then.
         zero_at_start: bool,
     },
-    /// Plain CAN: it is asked in every cycle and answers with two frames, as the ATI Net F/T does.
+    /// Plain CAN: the program asks the sensor in every cycle, and the sensor answers with two frames, as the ATI Net F/T does.
     Polled {
-        /// Identifier of requests; those of the answers are 5 and 6 above. 1 to 2041, written 0x001 to 0x7f9.
+        /// Identifier of requests; the answers have the identifiers 5 and 6 above it. 1 to 2041, written 0x001 to 0x7f9.
         #[garde(range(min = 1, max = 0x7f9))]
         base_id: u16,
-        /// How a number lies in its two bytes.
+        /// Byte order of a number.
         byte_order: ByteOrder,
-        /// Bits of the status word of which any says that a channel is at the end of its range, such as 0x0002.
+        /// Bits of the status word that report a channel at the end of its range, such as 0x0002. Any of them counts.
         overload_bits: u16,
-        /// Bits of the status word of which any says that the sample is not valid.
+        /// Bits of the status word that report an invalid sample. Any of them counts.
         invalid_bits: u16,
         /// Longest time from the first frame of an answer to its second, us. 1 to 1 000 000.
         #[garde(range(min = 1, max = 1_000_000))]
         pair_gap_us: u32,
-        /// Whether the sensor is told to zero itself at each start; nobody may touch the handle then.
+        /// Whether the program commands the sensor to zero itself at each start. Nobody may touch the handle then.
         zero_at_start: bool,
     },
     /// A device of an EtherCAT segment.
     Ethercat {
-        /// Devices between the computer and this one. 0 for the first one; no other device has the same.
+        /// Number of devices between the computer and this device. 0 for the first one; each device has its own number.
         position: u16,
         /// Device model: identity, process data and status bits; `ati-ethercat` if left out.
         #[serde(default = "usual_on_ethercat", skip_serializing_if = "is_usual_on_ethercat")]
         profile: ProfileName,
-        /// Whether the boot has the sensor zero itself by the objects `zero` of its profile; nobody may touch the handle then. No if left
-        /// out.
+        /// Whether the sensor zeroes itself during the boot, by the objects `zero` of its profile. Nobody may touch the handle
+        /// then. No if left out.
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         zero_at_start: bool,
     },
 }
 
-/// The model of a sensor on EtherCAT of which the rig names none.
+/// Model of a sensor on EtherCAT for which the rig names none.
 fn usual_on_ethercat() -> ProfileName {
     ProfileName::from("ati-ethercat".to_owned())
 }
@@ -136,7 +137,7 @@ impl Sensor {
         [[fx, fy, fz], [tx, ty, tz]].map(|rows| 3.0 / rows.map(size).iter().sum::<f64>())
     }
 
-    /// Whether samples carry no counter, and the process data come in every cycle: then each that comes counts as a sample.
+    /// Whether samples carry no counter while the process data come in every cycle. Then each arrival counts as a sample.
     pub fn counts_arrivals(&self) -> bool {
         let model = self.protocol.profile().and_then(|profile| profile.get()?.force_sensor());
         model.is_some_and(|model| {
@@ -148,7 +149,7 @@ impl Sensor {
 }
 
 impl SensorProtocol {
-    /// The device model, of a sensor that has one.
+    /// The device model, if the sensor has one.
     pub fn profile(&self) -> Option<&ProfileName> {
         match self {
             SensorProtocol::Canopen { profile, .. } | SensorProtocol::Ethercat { profile, .. } => Some(profile),
@@ -156,7 +157,7 @@ impl SensorProtocol {
         }
     }
 
-    /// Its key, and the model, to be changed.
+    /// Returns the key and the model, to change it.
     pub(crate) fn profile_mut(&mut self) -> Option<(&'static str, &mut ProfileName)> {
         match self {
             SensorProtocol::Canopen { profile, .. } => Some(("sensor.protocol.canopen.profile", profile)),
@@ -165,7 +166,7 @@ impl SensorProtocol {
         }
     }
 
-    /// Whether the sensor is commanded to zero itself at each start.
+    /// Whether the program commands the sensor to zero itself at each start.
     pub fn zero_at_start(&self) -> bool {
         match self {
             SensorProtocol::Canopen { zero_at_start, .. }
@@ -200,7 +201,7 @@ impl SensorProtocol {
     }
 }
 
-/// How a number lies in its two bytes.
+/// Byte order of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ByteOrder {
@@ -210,11 +211,11 @@ pub enum ByteOrder {
     LittleEndian,
 }
 
-/// The link that a sensor turns with.
+/// Link on which a sensor turns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Mount {
-    /// It does not turn.
+    /// The base: the sensor does not turn.
     Base,
     /// The distal link of the left arm.
     LeftDistal,

@@ -1,4 +1,4 @@
-//! What the simulation of a rig needs and a real bus does not.
+//! Parts of a rig that only a simulation needs.
 
 use garde::Validate;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -11,7 +11,7 @@ use super::profile::ProfileName;
 use super::rig::NamedProfile;
 use crate::number::{NotNegative, Positive};
 
-/// What the simulation of a rig takes the machine to be, and what happens in it. Nothing of it is used on a real bus.
+/// Machine model and scene of the simulation of a rig. A real bus uses nothing of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
@@ -24,12 +24,12 @@ pub struct Simulation {
     /// The loop closed inside each drive in position and velocity mode.
     #[garde(dive)]
     pub drive_position_loop: DrivePositionLoop,
-    /// What both simulated drives are, if they are not what the rig's profiles say: of another model, or odd. Left out: by the
-    /// rig's profiles.
+    /// Model of both simulated drives, if it differs from the rig's profiles: another device model, or odd behaviour. Left out:
+    /// the rig's profiles.
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drive_model: Option<DriveModel>,
-    /// Devices on an EtherCAT segment that are odd, and devices beside those of the rig. Left out: none.
+    /// Oddities of simulated EtherCAT devices, and devices that the rig does not have. Left out: none.
     #[garde(length(max = 16), dive)]
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub segment: Vec<SegmentDevice>,
@@ -38,57 +38,59 @@ pub struct Simulation {
     pub scene: String,
 }
 
-/// What a simulated drive is: the model, and what it does in a manner of its own, which no profile says.
+/// A simulated drive: its device model, and odd behaviour that no profile describes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct DriveModel {
-    /// The device model of both drives, whatever the rig takes them for.
+    /// Device model of both drives, whatever model the rig expects.
     pub profile: ProfileName,
     /// Whether bytes of an RPDO can be skipped by dummy entries (0005h and the like).
     pub has_dummies: bool,
-    /// Whether a mode (6060h) is refused with 08000022h in a state in which it cannot change; it is taken over later otherwise.
+    /// Whether the drive refuses a mode (6060h) with 08000022h in a state in which the mode cannot change. Otherwise it takes the
+    /// mode over later.
     pub refuses_mode: bool,
-    /// How it answers over SDO.
+    /// Behaviour of its SDO server.
     #[garde(dive)]
     pub sdo_server: SdoServer,
-    /// Objects that are otherwise than those of CiA 402, on CAN and on EtherCAT.
+    /// Objects that differ from CiA 402, on CAN and on EtherCAT.
     #[garde(length(max = 64), dive)]
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub objects: Vec<OddObject>,
-    /// Error code of the Fault in which both drives are from power-on until a fault reset, whatever resets the node. Left out: they are in none.
+    /// Error code of the Fault state in which both drives are from power-on. Only a fault reset ends it; a reset of the node does
+    /// not. Left out: no fault.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub fault_code: u16,
-    /// Time from a start until the power stages have voltage, ms: each drive sends the emergency 3220h at its start, and withdraws it then (0000h). 0 to
-    /// 60 000. Left out: they have it at once.
+    /// Time from a start until the power stages have voltage, ms. 0 to 60 000. Each drive sends the emergency 3220h at its start,
+    /// and withdraws it (0000h) after this time. Left out: voltage from the start.
     #[garde(range(max = 60_000))]
     #[serde(default, skip_serializing_if = "is_zero")]
     pub supply_ms: u32,
 }
 
-/// An object of a simulated drive that is otherwise than that of CiA 402.
+/// An object of a simulated drive that differs from CiA 402.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct OddObject {
     /// Index of the object.
     pub index: u16,
-    /// Its sub-index; left out for all that the index has.
+    /// Sub-index of the object. Left out: all sub-indices of the index.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sub: Option<u8>,
-    /// Whether the drive does not have it.
+    /// Whether the drive lacks the object.
     #[serde(default, skip_serializing_if = "is_false")]
     pub absent: bool,
-    /// Whether a write is refused with 06010002h.
+    /// Whether the drive refuses a write with 06010002h.
     #[serde(default, skip_serializing_if = "is_false")]
     pub read_only: bool,
-    /// Its value at power-on, if it is another one.
+    /// Value at power-on, if it differs from the usual one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub holds: Option<i64>,
-    /// Bits that are set at power-on, and without which a write is refused with 06090030h.
+    /// Bits that are set at power-on, and that every write must contain; the drive refuses others with 06090030h.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub needed_bits: u32,
-    /// Time from the request of a write to its answer on CAN, ms; 0 for that of all objects. 0 to 60 000.
+    /// Time from a write request to its answer on CAN, ms. 0 to 60 000; 0 for the time of all other objects.
     #[garde(range(max = 60_000))]
     #[serde(default, skip_serializing_if = "is_zero")]
     pub write_ms: u32,
@@ -102,47 +104,47 @@ fn is_zero<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
 
-/// Oddities of a simulated device on EtherCAT, or a device beside those of the rig.
+/// Oddities of a simulated device on EtherCAT, or a device that the rig does not have.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct SegmentDevice {
-    /// Its position in the segment, 0 at the master. Where the rig has no device it is one without
-    /// objects. 0 to 63.
+    /// Position in the segment, 0 next to the master. 0 to 63. A position that the rig does not use gets a device without
+    /// objects.
     #[garde(range(max = 63))]
     pub position: u16,
-    /// Its SII image in hexadecimal digits, with blanks between them; FFh follows up to the size that word 3Eh says. Left
-    /// out: the one that its objects make, and of a device without objects an empty chip.
+    /// SII image in hexadecimal digits, separated by blanks. FFh fills the rest up to the size in word 3Eh. Left out: an image
+    /// made from its objects; for a device without objects an empty chip.
     #[garde(inner(length(max = 400_000), custom(check_digits)))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sii: Option<String>,
-    /// Answer to a request for SDO information. Left out: it is answered.
+    /// Reaction to a request for SDO information. Left out: an answer.
     #[serde(default, skip_serializing_if = "is_answered")]
     pub sdo_information: SdoInformation,
-    /// Counter of all its mailbox messages. 0 to 7. Left out: it counts from 1 to 7.
+    /// Counter in all its mailbox messages. 0 to 7. Left out: a count from 1 to 7.
     #[garde(inner(range(max = 7)))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mailbox_counter: Option<u8>,
     /// Bits of AL status (0130h) that are always set, of bit 5 and above. Left out: 0.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub al_status_bits: u16,
-    /// Whether the cable from the master is in its output. Left out: it is in its input.
+    /// Whether the cable from the master is plugged into its output. Left out: into its input.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub is_turned: bool,
 }
 
-/// Answer to a request for SDO information.
+/// Reaction to a request for SDO information.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SdoInformation {
-    /// It is answered.
+    /// The device answers it.
     #[default]
     Answered,
-    /// It is dropped.
+    /// The device drops it.
     Unanswered,
-    /// An SDO abort answers it.
+    /// The device answers with an SDO abort.
     Aborted,
-    /// A mailbox error answers it.
+    /// The device answers with a mailbox error.
     MailboxError,
 }
 
@@ -150,7 +152,7 @@ fn is_answered(information: &SdoInformation) -> bool {
     *information == SdoInformation::Answered
 }
 
-/// Two hexadecimal digits a byte.
+/// Checks that a text has two hexadecimal digits per byte.
 fn check_digits(text: &str, (): &()) -> garde::Result {
     match digits(text).map(|digits| digits.len() % 2) {
         Some(0) => Ok(()),
@@ -158,14 +160,14 @@ fn check_digits(text: &str, (): &()) -> garde::Result {
     }
 }
 
-/// The digits of a text that has nothing else but blanks.
+/// Returns the digits of a text that has nothing but digits and blanks.
 fn digits(text: &str) -> Option<Vec<u8>> {
     let digits = text.chars().filter(|one| !one.is_whitespace());
     digits.map(|one| one.to_digit(16).map(|digit| digit as u8)).collect()
 }
 
 impl SegmentDevice {
-    /// Its SII image, if it has one of its own.
+    /// Returns its SII image, if it has its own.
     pub fn image(&self) -> Option<Vec<u8>> {
         let digits = digits(self.sii.as_ref()?)?;
         let (pairs, _) = digits.as_chunks::<2>();
@@ -173,22 +175,22 @@ impl SegmentDevice {
     }
 }
 
-/// How a simulated drive answers over SDO.
+/// Behaviour of the SDO server of a simulated drive.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct SdoServer {
-    /// Time from a request to what answers it, ms. 0 to 1000.
+    /// Time from a request to the answer, ms. 0 to 1000.
     #[garde(range(max = 1000))]
     pub answer_ms: u32,
-    /// Whether every value comes in segments, those of 4 bytes and less too, and blocks are refused.
+    /// Whether the server sends every value in segments, even values of 4 bytes and less, and refuses block transfers.
     pub segments_only: bool,
-    /// Objects that are sent with another length than that of their type.
+    /// Objects that are sent with a length that does not fit their type.
     #[garde(length(max = 64), dive)]
     pub lengths: Vec<SentLength>,
 }
 
-/// An object that is sent with another length than that of its type.
+/// An object that is sent with a length that does not fit its type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
@@ -202,20 +204,20 @@ pub struct SentLength {
     pub bytes: u8,
 }
 
-/// A rig was to be simulated, and its file names no simulation.
+/// Error: the file of a rig that should be simulated names no simulation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error("the rig has no `simulation`, which only a rig on a real bus does without")]
 pub struct NotSimulated;
 
 impl Simulation {
-    /// Gives the file of a device profile the name that it has elsewhere.
+    /// Replaces the file name of a device profile.
     pub fn rename_profile_files(&mut self, renamed: impl Fn(&str) -> String) {
         for (_, name, _) in self.profiles_mut().into_iter().filter(|(_, name, _)| name.is_file()) {
             name.rename(renamed(name.as_str()));
         }
     }
 
-    /// The device model that it names.
+    /// Returns the device model that it names.
     pub(crate) fn profiles_mut(&mut self) -> Vec<NamedProfile<'_>> {
         let is_servo: fn(&Role) -> bool = |role| matches!(role, Role::Servo(_));
         let model = self.drive_model.as_mut();
@@ -229,11 +231,11 @@ pub(super) fn named_simulation(generator: &mut SchemaGenerator) -> Schema {
     json_schema!({ "anyOf": [{ "type": "string", "minLength": 1 }, whole, { "type": "null" }] })
 }
 
-/// How the embedded simulation times frames.
+/// Timing of frames in the embedded simulation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BusTiming {
-    /// Bits cost time and priorities decide who waits.
+    /// Bits take time, and priorities decide which frame waits.
     Arbitrated,
     /// Frames arrive at once.
     Ideal,
@@ -244,7 +246,7 @@ pub enum BusTiming {
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct DrivePositionLoop {
-    /// Its period, us; the control period is a whole multiple of it. 10 to 10 000.
+    /// Period of the loop, us; the control period is a whole multiple of it. 10 to 10 000.
     #[garde(range(min = 10, max = 10_000))]
     pub period_us: u32,
     /// Position gain, N m/rad. Above 0.

@@ -28,12 +28,12 @@ pub enum Surface {
     },
     /// Straight line in the plane.
     Line {
-        /// A point of it, m.
+        /// A point of the line, m.
         point_m: [Finite; 2],
-        /// Direction across it, of any length but 0; points out of the forbidden side.
+        /// Direction across the line, of any length but 0; it points out of the forbidden side.
         normal: [Finite; 2],
     },
-    /// Circular cylinder in space, without end.
+    /// Circular cylinder in space, of infinite length.
     Cylinder {
         /// A point of the axis, m.
         axis_point_m: [Finite; 3],
@@ -47,9 +47,9 @@ pub enum Surface {
     },
     /// Plane in space.
     Plane {
-        /// A point of it, m.
+        /// A point of the plane, m.
         point_m: [Finite; 3],
-        /// Direction across it, of any length but 0; points out of the forbidden side.
+        /// Direction across the plane, of any length but 0; it points out of the forbidden side.
         normal: [Finite; 3],
     },
     /// Sphere in space.
@@ -86,10 +86,10 @@ pub enum Surface {
     },
     /// Point in the plane; `side` is bilateral.
     Point {
-        /// Where, m.
+        /// Position, m.
         point_m: [Finite; 2],
-        /// How near a passing proxy meets it, m. 0 to 0.1, 0 never; at most half of what
-        /// `guard.tool_speed_limit_m_per_s` allows in a cycle, in which the proxy comes onto the point.
+        /// Distance at which the point captures a passing proxy, m. 0 to 0.1; 0: never. The proxy moves onto the point within one
+        /// cycle, so at most half of the distance that `guard.tool_speed_limit_m_per_s` allows in a cycle.
         #[garde(dive)]
         capture_radius_m: NotNegative,
     },
@@ -97,7 +97,7 @@ pub enum Surface {
     Box {
         /// Centre, m.
         center_m: [Finite; 3],
-        /// From the centre to each side, m. Above 0.
+        /// Distance from the centre to each side, m. Above 0.
         #[garde(dive)]
         half_size_m: [Positive; 3],
         /// The side that a unilateral fixture forbids; without effect when `side` is bilateral.
@@ -108,24 +108,24 @@ pub enum Surface {
         /// Points in order, m. 2 to 512, at least 3 when closed.
         #[garde(length(min = 2, max = 512))]
         points_m: Vec<[Finite; 3]>,
-        /// Whether the last point is joined to the first.
+        /// Whether the curve joins its last point to the first.
         is_closed: bool,
-        /// How near a passing proxy meets it, m. 0 to 0.1; 0 never.
+        /// Distance at which the curve captures a passing proxy, m. 0 to 0.1; 0: never.
         #[garde(dive)]
         capture_radius_m: NotNegative,
     },
     /// Point in space; `side` is bilateral.
     SpacePoint {
-        /// Where, m.
+        /// Position, m.
         point_m: [Finite; 3],
-        /// How near a passing proxy meets it, m. 0 to 0.1; 0 never.
+        /// Distance at which the point captures a passing proxy, m. 0 to 0.1; 0: never.
         #[garde(dive)]
         capture_radius_m: NotNegative,
     },
 }
 
 impl Surface {
-    /// Dimension of the space that it lies in: 2 or 3.
+    /// Dimension of the space in which it lies: 2 or 3.
     pub fn dimension(&self) -> usize {
         match self {
             Self::Circle { .. }
@@ -143,7 +143,7 @@ impl Surface {
         }
     }
 
-    /// The key that names it in a file.
+    /// Key that names it in a file.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Circle { .. } => "circle",
@@ -161,7 +161,7 @@ impl Surface {
         }
     }
 
-    /// The key of the numbers that give it its size or shape.
+    /// Key of the numbers that give its size or shape.
     pub fn size_key(&self) -> &'static str {
         match self {
             Self::Circle { .. } | Self::Cylinder { .. } | Self::Sphere { .. } => "radius_m",
@@ -179,7 +179,7 @@ impl Surface {
         !matches!(self, Self::Point { .. } | Self::SpaceCurve { .. } | Self::SpacePoint { .. })
     }
 
-    /// A few words that say which one it is.
+    /// A few words that describe it.
     pub fn summary(&self) -> String {
         match self {
             Self::Circle { radius_m, .. } | Self::Cylinder { radius_m, .. } | Self::Sphere { radius_m, .. } => {

@@ -1,31 +1,31 @@
-//! How long devices are waited for.
+//! Times for which the boot waits for devices.
 
 use garde::Validate;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// How long one device is waited for while the network is booted, ms. A key that is left out has the value of the device's
-/// profile; a force sensor on plain CAN is waited for 5000 ms.
+/// Times for which the boot of the network waits for one device, ms. A key that is left out takes the value of the device's
+/// profile; for a force sensor on plain CAN it is 5000 ms.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(default, deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct Waits {
-    /// From the reset to the boot-up message, ms. 1 to 60 000.
+    /// Time from the reset to the boot-up message, ms. 1 to 60 000.
     #[garde(range(min = 1, max = 60_000))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub boot_up_ms: Option<u32>,
-    /// For the answer to one SDO request, ms. 1 to 60 000.
+    /// Time for the answer to one SDO request, ms. 1 to 60 000.
     #[garde(range(min = 1, max = 60_000))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sdo_ms: Option<u32>,
-    /// From the start command to the first heartbeat in Operational, or to the first sample of a force sensor on plain CAN, ms.
-    /// 1 to 60 000.
+    /// Time from the start command to the first heartbeat in Operational, or to the first sample of a force sensor on plain CAN,
+    /// ms. 1 to 60 000.
     #[garde(range(min = 1, max = 60_000))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub start_ms: Option<u32>,
 }
 
-/// `enabling_ms` of a drive that does not say.
+/// Value of `enabling_ms` if a drive has none.
 pub(super) fn enabling_ms() -> u32 {
     5000
 }
