@@ -35,7 +35,7 @@ enum Shape {
     Map(Vec<(String, Piece)>),
 }
 
-/// Reads a file, with those that it is put together from, and tells which one it is like.
+/// Reads a file and the files that it is composed from, and returns the file that it is a variant of.
 ///
 /// # Errors
 /// A file; its first syntax error; a file of another kind; or what cannot be merged.
@@ -142,7 +142,7 @@ impl Parts {
         }
     }
 
-    /// Opens a file that is named at a place. What concerns it as a whole is a finding there.
+    /// Opens a file that is named at a place. An error of the whole file becomes a finding at that place.
     fn open(&mut self, source: &Source, key: &str, at: Spot) -> Result<Outline, Report> {
         let (file, outline) = read_outline(source).map_err(|report| {
             let at_key = |finding: Diagnostic| match finding.place {
@@ -159,8 +159,8 @@ impl Parts {
         self.files[file].finding(place, key, format!("`{key}`: {message}"), help.to_owned())
     }
 
-    /// A variant in its base, which may be a variant itself, and the kind of both; `like` is the number of the variant's file and the value that
-    /// names the base.
+    /// Merges a variant with its base, which may be a variant itself, and returns the kind of both. `like` holds the number of
+    /// the variant's file and the value that names the base.
     fn merge_with_base(
         &mut self,
         mut own: Piece,
@@ -335,8 +335,8 @@ struct Merger<'a> {
 }
 
 impl Merger<'_> {
-    /// What stands at a path: groups are merged key by key, anything else is that of the variant. A choice is merged
-    /// with the same choice alone, and a list whose entries have names entry by entry.
+    /// Merges the values at a path: groups key by key; any other value of the variant replaces the base's value. A choice merges
+    /// only with the same choice, and a list with named entries entry by entry.
     fn merge(&self, at: &str, base: Piece, own: Piece) -> Result<Piece, Report> {
         let Piece { key, value, content } = own;
         let content = match (base.content, content) {
@@ -418,7 +418,7 @@ impl Merger<'_> {
 }
 
 impl Piece {
-    /// Whether it means the same between brackets. What was there does; what came to it by a merge may not.
+    /// Whether the value means the same between brackets. A value that stood there does; a value that a merge added may not.
     fn fits_brackets(&self) -> bool {
         match &self.content {
             Shape::Scalar { text, is_quoted } => *is_quoted || !text.contains([',', '[', ']', '{', '}', '\n']),
@@ -445,8 +445,8 @@ fn join(group: &str, key: &str) -> String {
     if group.is_empty() { key.to_owned() } else { format!("{group}.{key}") }
 }
 
-/// Writes a value after its key, or as a document. What is in brackets stays so where it can; other groups and lists are
-/// in block style, each value on a line.
+/// Writes a value after its key, or as a document. A value in brackets keeps them where possible; other groups and lists are in
+/// block style, each value on a line.
 fn write(piece: &Piece, indent: usize, out: &mut String) {
     let is_inner = !out.is_empty();
     let is_empty = match &piece.content {

@@ -203,7 +203,7 @@ fn a_rig_without_simulation_is_right_and_has_no_scene() {
     assert!(is("simulation: null").simulation.is_none());
 }
 
-/// What a recording keeps.
+/// A recording keeps this form.
 #[test]
 fn normal_form_of_a_variant_needs_no_other_file() {
     for name in builtin_names().filter(|name| !name.contains('/')) {

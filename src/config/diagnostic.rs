@@ -1,4 +1,4 @@
-//! What is wrong with a configuration, where, and what to do next; apart from how it is drawn.
+//! Errors and warnings about a configuration: message, place and remedy, independent of how they are drawn.
 
 use std::fmt;
 use std::sync::Arc;
@@ -65,7 +65,7 @@ pub struct Related {
     pub file: String,
     /// Where.
     pub place: TextSpan,
-    /// What stands there.
+    /// Text at that place.
     pub label: String,
 }
 
@@ -82,9 +82,9 @@ pub struct Diagnostic {
     /// The key that it concerns, such as `drives[0].profile`; empty, and left out of JSON, where it is about none.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub key: String,
-    /// What is wrong.
+    /// The error or warning.
     pub message: String,
-    /// What to do next.
+    /// The remedy.
     pub help: Option<String>,
     /// Other places that explain it.
     pub related: Vec<Related>,

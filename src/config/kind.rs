@@ -1,4 +1,4 @@
-//! The kinds of document, told apart by their keys.
+//! The kinds of document; the program recognises them by their keys.
 
 use std::fmt;
 
@@ -7,7 +7,7 @@ use super::tree::ProfileName;
 /// The key that names the file which a variant is like.
 pub(super) const LIKE: &str = "like";
 
-/// What a document is.
+/// Kind of a document.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// An admittance rig.
@@ -20,9 +20,9 @@ pub enum Kind {
     Figure,
     /// A device profile.
     Profile,
-    /// What the simulation of a rig takes the machine to be.
+    /// Machine model of the simulation of a rig.
     Simulation,
-    /// What the error codes of a vendor mean.
+    /// Meanings of a vendor's error codes.
     ErrorCodes,
 }
 

@@ -1,8 +1,8 @@
 //! Configuration: YAML in, checked types out, and a message with line and column for whatever is wrong.
 //!
-//! A document is read in three steps: text ([`Source`]), typed tree (the first syntax or type error ends
-//! it), meaning (ranges and relations between keys; all errors are collected). What comes out of [`load_rig`] and its
-//! siblings holds every rule that the doc comments of the tree state.
+//! The program reads a document in three steps: text ([`Source`]), typed tree (the first syntax or type error ends it), meaning
+//! (ranges and relations between keys; all errors are collected). The results of [`load_rig`] and its siblings satisfy every rule
+//! that the doc comments of the tree state.
 
 mod check;
 mod compose;

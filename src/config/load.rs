@@ -36,14 +36,14 @@ pub struct Loaded<T> {
     pub source: Source,
     /// The file that it is like, when it is a variant. The value has everything of it.
     pub like: Option<Source>,
-    /// What can be used but should be looked at, in the files that it names too.
+    /// Warnings, also about the files that it names: the document can be used, but a person should look at them.
     pub warnings: Vec<Diagnostic>,
     locator: Arc<Locator>,
 }
 
 impl<T> Loaded<T> {
-    /// A finding at a key of this document, such as `cycle.period_us`, by a check that takes more than the document; and
-    /// the other keys that explain it, each with what stands there.
+    /// Returns a finding at a key of this document, such as `cycle.period_us`, by a check that needs more than the document. The
+    /// finding also shows the other keys that explain it, each with its text.
     pub fn finding(
         &self,
         severity: Severity,

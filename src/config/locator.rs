@@ -41,7 +41,7 @@ impl File {
 pub(super) struct Locator {
     /// The files that the document is put together from; the first names it.
     pub(super) files: Vec<File>,
-    /// What is read: the text of the one file, or of all together.
+    /// The text that was read: the text of one file, or of all files together.
     pub(super) text: Arc<str>,
     pub(super) outline: Outline,
     /// Where the values of the text stand in the files; empty where there is one file.

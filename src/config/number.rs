@@ -8,9 +8,9 @@ use garde::error::{Error, Path};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 
-/// What a number that is not finite is answered with.
+/// Error for a number that is not finite.
 pub(super) const NOT_FINITE: &str = "is not a finite number";
-/// What a number of absurd size is answered with.
+/// Error for a number of absurd size.
 pub(super) const TOO_LARGE: &str = "is larger than 1e12";
 
 /// Largest number of a configuration: no rig has one near it, and products of a few of them stay finite.

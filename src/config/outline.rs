@@ -29,7 +29,7 @@ pub(super) struct Form {
     pub(super) is_quoted: bool,
 }
 
-/// What a value is.
+/// Content of a value.
 #[derive(Clone, Debug)]
 pub(super) enum Content {
     /// Plain or quoted text.
@@ -66,7 +66,7 @@ impl Node {
         }
     }
 
-    /// What it is, in words.
+    /// Describes the value in words.
     pub(super) fn describe(&self) -> String {
         match &self.content {
             Content::Scalar(text) if text.is_empty() || self.value.length == 0 => "empty".to_owned(),

@@ -209,7 +209,7 @@ fn unsigned(text: &str) -> Option<u64> {
     whole(text)?.try_into().ok()
 }
 
-/// A number of YAML 1.2. Those that are too large for any are none.
+/// Parses a number of YAML 1.2. A number too large for an `f64` is no number.
 fn number(text: &str) -> Option<f64> {
     match text.to_ascii_lowercase().as_str() {
         ".nan" => Some(f64::NAN),

@@ -57,7 +57,7 @@ fn variant(kind: Kind, whole: &Value, definitions: &mut Map<String, Value>) -> V
     schema
 }
 
-/// A schema without the keys that have to be there, but for the key of a choice and the name of an entry.
+/// Returns a schema without required keys, except the key of a choice and the name of an entry.
 fn loosen(schema: &Value, definitions: &mut Map<String, Value>) -> Value {
     let mut loose = schema.clone();
     if let Some(name) = reference(schema) {
@@ -117,13 +117,13 @@ impl Guide {
         Self { root: &ASKED, kind }
     }
 
-    /// What the doc comment of a key says.
+    /// Returns the text of a key's doc comment.
     pub(super) fn description(&self, path: &str) -> Option<String> {
         let text = self.find(path)?.get("description")?.as_str()?;
         Some(text.replace('\n', " "))
     }
 
-    /// What may stand at a path, in words.
+    /// Describes in words the values allowed at a path.
     pub(super) fn expectation(&self, path: &str) -> Option<String> {
         self.expect(self.find(path)?)
     }

@@ -21,7 +21,7 @@ const OF_DRIVES: [(&str, &[(&str, &str)]); 2] = [("profiles", profiles::SHIPPED)
 /// Name of the text of values that stand over those of a file.
 pub(super) const SET: &str = "--set";
 
-/// What stands before the name of a shipped file.
+/// Prefix of the name of a shipped file.
 const BUILTIN_PREFIX: &str = "builtin:";
 
 macro_rules! shipped {
@@ -173,7 +173,7 @@ impl Source {
         Self { path: name.into(), origin: Origin::Memory(Arc::new(texts.into_iter().collect())) }
     }
 
-    /// What [`Display`](fmt::Display) printed: a path on disk, or with `builtin:` before it a shipped file.
+    /// Parses the output of [`Display`](fmt::Display): a path on disk, or with the prefix `builtin:` a shipped file.
     pub fn named(name: &str) -> Self {
         match name.strip_prefix(BUILTIN_PREFIX) {
             Some(path) => builtin(path),
@@ -377,7 +377,8 @@ impl fmt::Display for Source {
     }
 }
 
-/// What a document that names another one by `other` writes for the file that the other one calls `path`.
+/// Returns the path that a document writes for a file, if it names another document by `other` and that document calls the file
+/// `path`.
 pub(super) fn rebase(other: &str, path: &str) -> String {
     if path.starts_with(BUILTIN_PREFIX) {
         return path.to_owned();

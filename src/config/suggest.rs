@@ -1,4 +1,4 @@
-//! Which of the known words was meant.
+//! Suggestion of the known word that was probably meant.
 
 use std::path::Path;
 

@@ -101,7 +101,7 @@ fn check_own_node(findings: &mut Findings, rig: &Rig) {
     }
 }
 
-/// Whether nodes beat slowly enough for the cycle to tell a late beat from a lost one.
+/// Whether nodes send heartbeats slowly enough for the cycle to distinguish a late heartbeat from a lost one.
 pub(super) fn check_heartbeats(findings: &mut Findings, rig: &Rig) {
     let period = rig.cycle.period_us;
     let sensor = rig.sensor.protocol.heartbeat_ms().map(|beat_ms| ("sensor.protocol.canopen.heartbeat_ms", beat_ms));

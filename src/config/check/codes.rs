@@ -1,4 +1,4 @@
-//! What a table of error codes says, against itself.
+//! Checks of a table of error codes against itself.
 
 use yieldwall_drives::codes::{self, ErrorCodes};
 

@@ -5,14 +5,14 @@ use super::words::{round, shorten_numbers};
 use crate::tree::{Coupling, Curvature, Fixture, FixtureLaw, Guard, ImpedanceDevice, Side, Surface};
 use yieldwall_motion::fixture::{self, FixtureError};
 
-/// Radius of curvature in units of R / kappa below which the tangent step of the paper is off by a quarter of the
-/// friction level or more (measured: 0.25 F/kappa at 5, 0.97 at 2).
+/// Radius of curvature in units of R / kappa below which the tangent step of the paper has an error of a quarter of the friction
+/// level or more. Measured errors: 0.25 F/kappa at 5, 0.97 at 2.
 const TANGENT_RADIUS_RATIO: f64 = 5.0;
 
 /// Share of the guard's speed limit that a capture may take: the way of the proxy itself comes on top of it.
 const CAPTURE_SHARE: f64 = 0.5;
 
-/// What a fixture works on.
+/// Machine on which a fixture works.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Host {
     Rig,

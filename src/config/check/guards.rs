@@ -9,7 +9,7 @@ use crate::tree::{CommandMode, ControlGains, Coupling, Rig};
 
 /// Longest time in which a rig may come to rest, s: the wait for it at the end of a run.
 pub(super) const LONGEST_STOP_S: f64 = 2.0;
-/// Per mille of the rated torque that the torque limit has at least: below it a torque is told in steps that are felt.
+/// Smallest torque limit in per mille of the rated torque. Below it, the steps of the torque command are large enough to feel.
 const LEAST_TORQUE_STEPS: f64 = 50.0;
 /// Greatest share of the torque limit that one count of an encoder may ask for.
 const MOST_OF_A_COUNT: f64 = 0.25;
@@ -171,7 +171,7 @@ fn check_angle_steps(findings: &mut Findings, rig: &Rig) {
     }
 }
 
-/// Whether the sensor tells the forces of the fixture apart.
+/// Whether the sensor resolves the forces of the fixture.
 fn check_force_steps(findings: &mut Findings, rig: &Rig) {
     let (friction, yields) = (*rig.fixture.friction_n, *rig.fixture.yield_n);
     let (least, name) = if friction > 0.0 { (friction, "friction_n") } else { (yields, "yield_n") };

@@ -98,7 +98,7 @@ pub(super) fn check_guard(findings: &mut Findings, rig: &Rig) {
     }
 }
 
-/// Whether the drives can be told the limits. Drives of one kind are told of together.
+/// Checks that the drives can represent the limits. One finding covers all drives of one kind.
 pub(super) fn check_drive_limits(findings: &mut Findings, rig: &Rig) {
     let [left, right] = &rig.drives;
     if left.rated_torque_n_m == right.rated_torque_n_m {

@@ -1,4 +1,4 @@
-//! What a rig says of its machine beside what the simulation takes it to be.
+//! Comparison of a rig's machine data with the machine model of its simulation.
 
 use super::Findings;
 use super::words::round;

@@ -1,4 +1,4 @@
-//! What the types cannot say: ranges that garde reports, and relations between keys.
+//! Checks that types cannot express: ranges that garde reports, and relations between keys.
 
 mod axes;
 mod bus;

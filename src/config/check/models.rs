@@ -96,8 +96,8 @@ fn check_tried(findings: &mut Findings, key: &str, profile: &DeviceProfile) {
     }
 }
 
-/// The rule of which watchdogs suffice on CANopen: one that acts when the master dies, always; in torque mode within 10 ms. One for SYNC or
-/// set-points that the drive lacks is told.
+/// Checks the rule for watchdogs on CANopen: the drive always needs one that acts when the master dies, in torque mode within 10
+/// ms. Reports a watchdog for SYNC or set-points that the drive lacks.
 fn check_watchdogs(findings: &mut Findings, key: &str, rig: &Rig, name: &ProfileName, servo: &Servo) {
     let name = name.as_str();
     if servo.lacks(Watchdog::Heartbeat) {

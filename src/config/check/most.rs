@@ -35,7 +35,7 @@ pub(super) struct Most {
 }
 
 impl Most {
-    /// That of a rig; `None` where its arm, or the arm's inertia, is not known or does not reach the disc.
+    /// Returns the values of a rig. `None` if its arm, or the arm's inertia, is unknown or does not reach the disc.
     pub(super) fn of(rig: &Rig) -> Option<Self> {
         let five_bar = FiveBar::new(rig.linkage.geometry()).ok()?;
         let inertia = rig.control.feed_forward.inertia.map(|inertia| inertia.mass_model());

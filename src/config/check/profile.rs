@@ -1,4 +1,4 @@
-//! What a device profile says, against the standards and against itself.
+//! Checks of a device profile against the standards and against itself.
 
 use yieldwall_drives::cia402::State;
 use yieldwall_drives::profiles::{
@@ -202,7 +202,7 @@ impl Checked<'_> {
         }
     }
 
-    /// What the process data of a force sensor carry, which way.
+    /// Checks which process data of a force sensor carry which quantity, and their direction.
     fn sensor_pdos(&mut self, sensor: &ForceSensor) {
         const KEY: &str = "device.force_sensor.process_data";
         let PdoMap { rpdo, tpdo } = &sensor.process_data;
@@ -564,7 +564,7 @@ impl Checked<'_> {
         }
     }
 
-    /// What the process data of a drive have to carry, and when.
+    /// Checks that the process data of a drive carry the quantities that it needs, and when they carry them.
     fn drive_pdos(&mut self, key: &str, map: &PdoMap, set_point: Quantity) {
         // A frame of EtherCAT carries all of them.
         let is_one = self.profile.is_for(Fieldbus::Canopen);

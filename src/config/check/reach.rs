@@ -1,4 +1,4 @@
-//! What the arm reaches.
+//! Checks of the arm's reach.
 
 use std::f64::consts::TAU;
 use yieldwall_motion::elementary;
@@ -48,7 +48,7 @@ pub(super) fn check_linkage(findings: &mut Findings, rig: &Rig) {
     check_surface_reach(findings, "fixture", &rig.fixture, rig);
 }
 
-/// What to do about a disc that is out of reach: the greatest one that is not, in whole millimetres.
+/// Advice on a disc out of reach: the largest disc within reach, in whole millimetres.
 fn reach_help(five_bar: &FiveBar, radius_m: f64, margin_m: f64) -> String {
     let is_reached = |mm: u32| five_bar.reaches_disc(TipPoint::new(0.0, 0.0), 1e-3 * f64::from(mm), margin_m).is_ok();
     let (mut reached, mut missed) = (0, (1e3 * radius_m).min(MOST_MM).ceil() as u32);

@@ -68,7 +68,7 @@ fn check_cycle(findings: &mut Findings, rig: &Rig) {
     }
 }
 
-/// Whether the drives can be told the period: 60C2h holds one byte and a power of ten of a second.
+/// Checks that the drives can represent the period: 60C2h holds one byte and a power of ten of a second.
 fn check_interpolation_time(findings: &mut Findings, period_us: u32) {
     let mut value = period_us;
     while value > 0 && value.is_multiple_of(10) {

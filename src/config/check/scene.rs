@@ -29,7 +29,7 @@ const LEAST_DAMPING_RATIO: f64 = 0.15;
 /// Least distance of the start of an arc from its centre, m.
 const MIN_ARC_RADIUS_M: f64 = 1e-9;
 
-/// What runs a scene.
+/// Machine that runs a scene.
 #[derive(Clone, Copy)]
 pub(crate) enum Machine<'a> {
     Rig(&'a Rig),
@@ -101,7 +101,7 @@ fn check_damping(findings: &mut Findings, scene: &Scene) {
         .see("hand.mass_kg", "the mass");
 }
 
-/// What is random in a hand.
+/// Checks the random parts of a hand.
 fn check_noise(findings: &mut Findings, scene: &Scene) {
     if let Some(tremor) = scene.hand.tremor {
         let (low, high) = (*tremor.low_hz, *tremor.high_hz);
@@ -166,7 +166,7 @@ struct Leg {
     /// Its key, without the last part.
     key: String,
     is_arc: bool,
-    /// Of an arc, m.
+    /// Radius of an arc, m.
     radius_m: f64,
     /// Where it ends, m.
     end_m: [f64; 2],
@@ -223,8 +223,8 @@ fn check_arcs(findings: &mut Findings, scene: &Scene) {
     }
 }
 
-/// Whether a rig can follow the hand: where the hand's spring would pull beyond the force limit however far the arm comes, and where
-/// it leads faster than the tool may move.
+/// Checks that a rig can follow the hand. It reports a spring force beyond the force limit even if the arm comes as far as it
+/// can, and an aim faster than the tool may move.
 fn check_path(findings: &mut Findings, scene: &Scene, rig: &Rig) {
     let hand = &scene.hand;
     let (radius_m, limit_n) = (*rig.linkage.working_radius_m, *rig.guard.force_limit_n);

@@ -100,7 +100,7 @@ fn listed(words: &[String]) -> String {
     }
 }
 
-/// What CANopen uses an identifier for on this bus.
+/// Returns the CANopen use of an identifier on this bus.
 fn user_of(id: u16, rig: &Rig) -> Option<String> {
     let drives = rig.drives.iter().filter(|drive| drive.bus == rig.sensor.bus);
     let drives = drives.filter_map(|drive| Some((drive.name.as_str(), drive.address.node_id()?)));
@@ -123,7 +123,7 @@ fn user_of(id: u16, rig: &Rig) -> Option<String> {
     }
 }
 
-/// Whether the two frames of a sample can be told from those of the next.
+/// Checks that the two frames of a sample cannot be confused with the frames of the next.
 fn check_gap(findings: &mut Findings, rig: &Rig, key: &str, gap_us: u32) {
     let period_us = 1e6 / *rig.sensor.sample_rate_hz;
     if f64::from(gap_us) >= period_us {

@@ -1,11 +1,11 @@
-//! What is wrong with a machine from the day on which it was put together, for a commissioning to find.
+//! Defects that a machine has from its assembly, for a commissioning to find.
 
 use std::fmt::{self, Display, Formatter};
 use std::str::FromStr;
 
 use thiserror::Error;
 
-/// What is wrong.
+/// Kind of a defect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 #[expect(missing_docs, reason = "every kind is described by its row of the table")]
@@ -31,7 +31,7 @@ pub enum DefectKind {
 /// The size of a defect.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DefectSize {
-    /// What the number is, with its unit.
+    /// Meaning of the number, with its unit.
     pub what: &'static str,
     /// The usual one.
     pub usual: f64,
@@ -41,24 +41,24 @@ pub struct DefectSize {
     pub most: f64,
 }
 
-/// What is known of a defect.
+/// Catalogue row of a defect.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DefectRow {
-    /// Which one.
+    /// Kind of the defect.
     pub kind: DefectKind,
     /// Its name, as it stands in files and arguments.
     pub name: &'static str,
-    /// What is wrong.
+    /// Description of the defect.
     pub meaning: &'static str,
     /// Whether one of both drives has it, and not the sensor.
     pub is_of_drive: bool,
     /// How large it is; `None` for one that is there or is not.
     pub size: Option<DefectSize>,
-    /// What finds it.
+    /// Step or check that finds it.
     pub found_by: FoundBy,
 }
 
-/// What finds a defect.
+/// Step or check that finds a defect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FoundBy {
     /// The step of a commissioning that has this name.
@@ -230,9 +230,9 @@ impl DefectKind {
 /// A defect of a machine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Defect {
-    /// What is wrong.
+    /// Kind of the defect.
     pub kind: DefectKind,
-    /// With which drive: 0 the left one, 1 the right one. Of no meaning for a defect of the sensor.
+    /// Drive that has it: 0 the left one, 1 the right one. Ignored for a defect of the sensor.
     pub drive: usize,
     /// How large it is, in the unit of its row; 0 for one without a size.
     pub size: f64,
@@ -255,9 +255,9 @@ pub enum DefectError {
     Size {
         /// Name of the kind.
         name: &'static str,
-        /// What was asked for.
+        /// Size asked for.
         size: String,
-        /// What is allowed.
+        /// Sizes allowed.
         allowed: Option<DefectSize>,
     },
     /// The place is not one of both drives, or the defect is one of the sensor.
@@ -265,7 +265,7 @@ pub enum DefectError {
     TextSpan {
         /// Name of the kind.
         name: &'static str,
-        /// What was asked for.
+        /// Place asked for.
         place: String,
         /// Whether a drive has it.
         is_of_drive: bool,
@@ -278,13 +278,13 @@ impl Defect {
         Self { kind, drive: 0, size: kind.row().size.map_or(0.0, |size| size.usual) }
     }
 
-    /// The same with the drive of this index.
+    /// Returns the same defect at the drive of this index.
     #[must_use]
     pub fn at(self, drive: usize) -> Self {
         Self { drive, ..self }
     }
 
-    /// The same of another size.
+    /// Returns the same defect with another size.
     ///
     /// # Errors
     /// If it takes none, or not this one.

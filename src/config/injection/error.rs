@@ -1,9 +1,9 @@
-//! What is not possible to inject.
+//! Errors of an impossible injection.
 
 use super::{Medium, Size, Target};
 use thiserror::Error;
 
-/// What is not possible to inject.
+/// Reason why an injection is impossible.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum InjectionError {
     /// The kind does not act there.
@@ -42,7 +42,7 @@ pub enum InjectionError {
         /// The duration that was asked for, in s.
         duration_s: f64,
     },
-    /// What happens once, or is there from switching on, has no duration.
+    /// Faults that happen once, or are present from power-on, have no duration.
     #[error("{name} takes no duration: it happens once, or is there from switching on")]
     NoDuration {
         /// Name of the kind.
@@ -55,7 +55,7 @@ pub enum InjectionError {
         name: &'static str,
         /// The size that was asked for.
         size: f64,
-        /// What is allowed.
+        /// Sizes allowed.
         allowed: Size,
     },
     /// The kind has no size.

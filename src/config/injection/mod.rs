@@ -1,7 +1,8 @@
 //! Fault injection as data: what can be broken on the embedded simulation and on devices that are served, and what has to follow.
 //!
-//! [`Kind`] names what is broken, [`CATALOGUE`] says of each what it does, where, on which kind of bus, and what is expected of the
-//! rig, and [`Injection`] is one of them at a moment. The rig in virtual time carries them out, and what serves a segment.
+//! [`Kind`] names a fault. [`CATALOGUE`] describes each fault: its effect, its place, its kind of bus, and the reaction that the
+//! rig must show. [`Injection`] is a fault at a moment. The rig in virtual time carries injections out, and so does the program
+//! that serves a segment.
 
 mod catalogue;
 mod defect;
@@ -13,7 +14,7 @@ pub use error::InjectionError;
 
 use yieldwall_motion::guard::{Fault, Reaction, State};
 
-/// What is broken.
+/// Kind of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 #[expect(missing_docs, reason = "every kind is described by its row of the catalogue")]
@@ -212,9 +213,9 @@ pub enum Lasts {
 /// A number that says how strong an injection is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Size {
-    /// What it counts, with its unit.
+    /// Meaning of the number, with its unit.
     pub what: &'static str,
-    /// What it is if nothing else is said.
+    /// Usual value.
     pub usual: f64,
     /// Least value.
     pub least: f64,
@@ -235,7 +236,7 @@ pub enum Ending {
     DrivesStop,
 }
 
-/// What a person has to do to run the rig again, once the injection is over.
+/// Action of a person that makes the rig run again after the injection is over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Recovery {
     /// Nothing.
@@ -248,7 +249,7 @@ pub enum Recovery {
     NewProcess,
 }
 
-/// What has to follow from an injection with the row's own target, duration and size, on a rig in motion.
+/// Reaction that must follow an injection with the row's own target, duration and size, on a rig in motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Expected {
     /// The faults that may show; one of them is the cause of a stop. Empty if nothing is to be noticed, or if the boot
@@ -258,7 +259,7 @@ pub struct Expected {
     pub reaction: Reaction,
     /// How the rig ends.
     pub ending: Ending,
-    /// What makes it run again.
+    /// Action that makes the rig run again.
     pub recovery: Recovery,
 }
 
@@ -269,7 +270,7 @@ pub struct CatalogueRow {
     pub kind: Kind,
     /// Short name, unique, as it stands in files and arguments.
     pub name: &'static str,
-    /// What it does.
+    /// Description of the effect.
     pub meaning: &'static str,
     /// The rows of the fault matrix that it covers.
     pub matrix: &'static [u8],
@@ -281,9 +282,9 @@ pub struct CatalogueRow {
     pub lasts: Lasts,
     /// How strong, if that can be chosen.
     pub size: Option<Size>,
-    /// What has to follow; on EtherCAT where nothing else is said.
+    /// Required reaction; on EtherCAT too, unless `on_ethercat` replaces it.
     pub expected: Expected,
-    /// What has to follow on EtherCAT, if that is something else than on CAN.
+    /// Required reaction on EtherCAT, if it differs from the reaction on CAN.
     pub on_ethercat: Option<&'static Expected>,
 }
 
@@ -293,7 +294,7 @@ impl CatalogueRow {
         self.media.iter().any(|medium| self.expected_on(*medium).faults.contains(&fault))
     }
 
-    /// What has to follow on such a bus.
+    /// Returns the required reaction on such a bus.
     pub fn expected_on(&self, medium: Medium) -> &Expected {
         self.on_ethercat.filter(|_| medium == Medium::Ethercat).unwrap_or(&self.expected)
     }
@@ -302,13 +303,13 @@ impl CatalogueRow {
 /// Something broken at a moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Injection {
-    /// What is broken.
+    /// Kind of the fault.
     pub kind: Kind,
     /// Where.
     pub target: Target,
     /// When it begins, in s since the scene began; of no meaning for what is there from switching on.
     pub start_s: f64,
-    /// How long it lasts in s; `None` if it stays. Of no meaning for what happens once.
+    /// Duration in s; `None` if the fault stays. Ignored for faults that happen once.
     pub duration_s: Option<f64>,
     /// How strong it is, in the unit of [`CatalogueRow::size`]; of no meaning without one.
     pub size: f64,
@@ -326,19 +327,19 @@ impl Injection {
         Self { kind, target, start_s, duration_s, size: row.size.map_or(0.0, |size| size.usual) }
     }
 
-    /// The same at another place.
+    /// Returns the same injection at another place.
     #[must_use]
     pub fn on(self, target: Target) -> Self {
         Self { target, ..self }
     }
 
-    /// The same for another time; `None` if it stays.
+    /// Returns the same injection with another duration; `None` if it stays.
     #[must_use]
     pub fn lasting(self, duration_s: Option<f64>) -> Self {
         Self { duration_s, ..self }
     }
 
-    /// The same with another strength.
+    /// Returns the same injection with another strength.
     #[must_use]
     pub fn sized(self, size: f64) -> Self {
         Self { size, ..self }
@@ -350,9 +351,9 @@ impl Injection {
             || matches!(self.kind, Kind::SendFailed | Kind::InterfaceDown)
     }
 
-    /// On which kind of bus it acts: that of the devices of its target, and otherwise on a segment if there is one and the kind means
-    /// something there, or nothing else is there. `is_on_segment` tells it of a device, of which 0 is the left drive, 1 the right drive, 2 the
-    /// sensor.
+    /// Returns the kind of bus on which it acts. With a device as target, it is the bus of that device. Otherwise it is a segment
+    /// if the rig has a segment on which the kind means something, or if the rig has no other bus. `is_on_segment` answers for a
+    /// device: 0 is the left drive, 1 the right drive, 2 the sensor.
     pub fn medium(&self, is_on_segment: impl Fn(usize) -> bool) -> Medium {
         let mut named = (0..3).filter(|device| self.target.has_device(*device)).peekable();
         let is_there = match named.peek() {
@@ -363,7 +364,7 @@ impl Injection {
         if is_there { Medium::Ethercat } else { Medium::Can }
     }
 
-    /// When it ends in s; infinity if it stays. What happens once ends as it begins.
+    /// End of the injection in s; infinity if it stays. A fault that happens once ends when it begins.
     pub fn end_s(&self) -> f64 {
         match (self.kind.row().lasts, self.duration_s) {
             (Lasts::Once, _) => self.start_s,

@@ -40,7 +40,7 @@ pub(crate) fn with(load: &str, name: &str, text: &str) -> Source {
 }
 
 impl Case {
-    /// What is loaded: the changed file, or one that names it.
+    /// Source that is loaded: the changed file, or a file that names it.
     pub(crate) fn source(&self) -> Source {
         if self.base.is_empty() {
             return Source::memory("changed.yaml", self.to);

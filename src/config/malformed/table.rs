@@ -3,17 +3,17 @@
 /// A change to a file that makes it wrong.
 #[derive(Debug)]
 pub(crate) struct Case {
-    /// What kind of mistake it is.
+    /// Class of the mistake.
     pub(crate) class: &'static str,
-    /// Which one of them.
+    /// Name of the mistake in its class.
     pub(crate) name: &'static str,
     /// The file that is loaded.
     pub(crate) load: &'static str,
     /// The file that is changed; empty when `to` is the whole file.
     pub(crate) base: &'static str,
-    /// What is replaced, at its first place.
+    /// Text that is replaced, at its first place.
     pub(crate) from: &'static str,
-    /// What replaces it.
+    /// Replacement.
     pub(crate) to: &'static str,
 }
 

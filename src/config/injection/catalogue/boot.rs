@@ -1,4 +1,4 @@
-//! What is wrong from switching on.
+//! Faults that are present from power-on.
 
 use super::super::Ending::NotEnabled;
 use super::super::Lasts::FromBoot;

@@ -1,4 +1,4 @@
-//! Frames, nodes and strangers on the bus.
+//! Frames, nodes and foreign devices on the bus.
 
 use super::super::Ending::GoesOn;
 use super::super::Lasts::{For, Once};

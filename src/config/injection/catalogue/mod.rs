@@ -46,12 +46,12 @@ const fn row(
     }
 }
 
-/// The same on a segment too.
+/// Extends a row to EtherCAT segments.
 const fn on_any(row: CatalogueRow) -> CatalogueRow {
     CatalogueRow { media: &[Medium::Can, Medium::Ethercat], ..row }
 }
 
-/// The same on a segment too, where all that is behind a device or a cable goes missing.
+/// Extends a row to EtherCAT segments, where every device behind a device or a cable is lost.
 const fn cut_off_on_ethercat(row: CatalogueRow) -> CatalogueRow {
     CatalogueRow { on_ethercat: Some(CUT_OFF), ..on_any(row) }
 }
