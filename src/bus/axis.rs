@@ -7,7 +7,7 @@ use yieldwall_motion::cycle::{DriveSample, LinkEvents};
 use yieldwall_motion::guard::{Allowed, JointCommand};
 use yieldwall_motion::sensing::RawSample;
 
-/// What a drive has sent since the last cycle: raw words, as any fieldbus carries them.
+/// Raw words that a drive has sent since the last cycle, the same over every fieldbus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DriveWords {
     /// Statusword, if it has come.
@@ -22,7 +22,7 @@ impl DriveWords {
     }
 }
 
-/// What a drive is sent.
+/// Words that the master sends to a drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DriveOrders {
     /// Controlword.
@@ -33,14 +33,14 @@ pub struct DriveOrders {
     pub releases: bool,
 }
 
-/// What has come over the networks since the last cycle.
+/// Data that have arrived over the networks since the last cycle.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Arrived {
     /// Words of the left and of the right drive.
     pub drives: [DriveWords; 2],
     /// The newest sample of the force sensor, if one has come.
     pub sample: Option<RawSample>,
-    /// What happened on the networks.
+    /// Events on the networks.
     pub link: LinkEvents,
 }
 
@@ -64,7 +64,7 @@ pub struct AxisSetup {
     pub scaling: AxisScaling,
     /// Angle in rad near which positions are unwrapped: the drive counts modulo 2^32.
     pub expected_rad: f64,
-    /// Of a drive that has to be homed: its homing, and the angle in rad at which its joint is taken to be until it is.
+    /// Homing of a drive that needs it, and the angle in rad that the program assumes for its joint before homing.
     pub home: Option<(Homing, f64)>,
 }
 
@@ -73,11 +73,11 @@ pub struct AxisSetup {
 pub struct HomingState {
     /// Whether its position refers to home; always of a drive that needs no homing.
     pub is_referenced: bool,
-    /// Home was found; the drive may still come to rest. It tells that in homing mode alone.
+    /// Whether the drive has found home; it may still come to rest. The drive reports this in homing mode only.
     pub is_found: bool,
-    /// Home was found, and the drive stands. It tells that in homing mode alone.
+    /// Whether the drive has found home and stands still. The drive reports this in homing mode only.
     pub is_over: bool,
-    /// It has given up. It tells that in homing mode alone.
+    /// Whether the drive has given up. The drive reports this in homing mode only.
     pub has_failed: bool,
     /// Its last position has jumped: it refers to something else than the one before.
     pub has_jumped: bool,
@@ -90,8 +90,8 @@ pub(super) struct Axis {
     /// Counts at the angle near which each position is unwrapped.
     expected_counts: i64,
     home: Option<(Homing, f64)>,
-    /// What its angles are shifted by, rad, since the first position: of a drive that is not homed so much that its joint was where it is
-    /// taken to be.
+    /// Shift of its angles since the first position, rad. A drive that is not homed gets the shift that puts its joint at the
+    /// assumed angle.
     shift_rad: Option<f64>,
     /// While the drive homes: a greater change of its angle than this, rad, is one of its reference, and its angle goes on as it was.
     jump_rad: Option<f64>,
@@ -162,7 +162,7 @@ impl Axis {
         self.home.as_ref().is_none_or(|(homing, _)| homing.is_referenced(self.statusword.0))
     }
 
-    /// What the words say, in SI. A statusword that has not come is the last one.
+    /// Converts the words to SI. Without a new statusword it uses the last one.
     ///
     /// Real-time: yes.
     pub(super) fn take(&mut self, words: DriveWords) -> DriveSample {
@@ -233,13 +233,13 @@ impl Axis {
         self.jump_rad.is_none() && self.home.is_some() && self.was_referenced && !self.is_referenced()
     }
 
-    /// The position at which the drive is told a joint angle in rad, counts.
+    /// Position that commands a joint angle in rad, counts.
     fn position(&self, angle_rad: f64) -> i32 {
         let counts = self.scaling.counts(angle_rad - self.shift_rad.unwrap_or_default());
         wrap(counts.unwrap_or(self.unwrapper.counts()))
     }
 
-    /// What is known of the drive while no position has come.
+    /// The state of the drive before its first position arrives.
     pub(super) fn unheard(&self) -> DriveSample {
         self.sample(None)
     }
@@ -278,8 +278,8 @@ impl Axis {
     }
 }
 
-/// The controlwords that bring a drive that is heard and follows each of them from the end of the boot to Operation Enabled, each once, in their
-/// order: what keeps it waiting, and what then enables it.
+/// Controlwords from the end of the boot to Operation Enabled, in their order, each once. The drive must be heard and follow each
+/// of them. The first ones keep it waiting, the later ones enable it.
 pub fn words_to_enable() -> Vec<u16> {
     let mut drive = StateMachine::new(OptionCodes::default());
     let mut walk = StateWalk::new();
@@ -298,9 +298,9 @@ pub fn words_to_enable() -> Vec<u16> {
     words
 }
 
-/// What both drives are sent: each one step towards `goal`, with its share of `command`. Only a command that the guard has allowed becomes a
-/// target. A value that cannot be scaled keeps the joint where it is. Brakes
-/// of the master are released if they are to be and the drive is enabled.
+/// Returns the orders for both drives: each drive goes one step towards `goal`, with its share of `command`. Only a command that
+/// the guard has allowed becomes a target. If a value cannot be scaled, the joint keeps its position. The master releases a brake
+/// if it should be released and the drive is enabled.
 ///
 /// Real-time: yes.
 pub(super) fn orders(

@@ -1,4 +1,4 @@
-//! What devices have told of themselves by emergency messages, over whatever bus.
+//! Emergency messages of devices, over any bus.
 
 use yieldwall_fieldbus::canopen::{EmcyCode, ErrorRegister};
 use yieldwall_fieldbus::time::Time;
@@ -7,12 +7,12 @@ use yieldwall_motion::guard::Device;
 /// Emergencies that are remembered.
 const EMERGENCIES: usize = 8;
 
-/// What a device has told by an emergency message.
+/// Content of an emergency message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EmergencyReport {
     /// When the message came.
     pub time: Time,
-    /// The device. Its address alone does not tell which: each bus has its own.
+    /// The device. Its address alone does not identify it: each bus has its own addresses.
     pub device: Device,
     /// Error code.
     pub code: EmcyCode,
@@ -27,7 +27,7 @@ pub struct EmergencyReport {
     pub is_withdrawn: bool,
 }
 
-/// What the devices told last: a ring, and where the next one goes.
+/// Last emergencies: a ring, and the place of the next entry.
 #[derive(Clone, Debug, Default)]
 pub(super) struct LastTold {
     ring: [Option<EmergencyReport>; EMERGENCIES],
@@ -45,8 +45,8 @@ impl LastTold {
         self.next = (self.next + 1) % EMERGENCIES;
     }
 
-    /// Takes a message of a device: one that says that no error is left withdraws all that it told before. One of fewer errors does not say
-    /// which one has gone. Whether it tells of an error.
+    /// Takes an emergency message of a device. A message without error withdraws all earlier ones of the device; a message with
+    /// fewer errors does not say which error has gone. Returns whether the message reports an error.
     ///
     /// Real-time: yes.
     pub(super) fn hear(&mut self, told: EmergencyReport) -> bool {

@@ -9,7 +9,7 @@ use super::signs::HeardFrame;
 use yieldwall_fieldbus::canopen::{Emergency, NmtState, NodeSet};
 use yieldwall_fieldbus::objects::AbortCode;
 
-/// What a node said last of itself since the boot began.
+/// Last messages of a node since the boot began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Said {
     /// The state in its last heartbeat; [`NmtState::Initialising`] for its boot-up message.
@@ -37,7 +37,7 @@ impl fmt::Display for Said {
     }
 }
 
-/// Who was heard on the bus of a silent node since the reset.
+/// Nodes heard since the reset on the bus of a silent node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Others {
     /// Nodes of the rig that have announced themselves.
@@ -61,7 +61,7 @@ impl fmt::Display for Others {
     }
 }
 
-/// What went wrong in one step of the boot.
+/// Failure of one step of the boot.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum BootFailure {
     /// Somebody else is the master of a bus. Nothing more is sent.
@@ -71,7 +71,7 @@ pub enum BootFailure {
         "a master is on this bus; nothing was sent"
     })]
     OtherMaster {
-        /// What told so, with its bus.
+        /// The frame that shows it, with its bus.
         heard: HeardFrame,
         /// Whether this master had sent something before.
         has_sent: bool,
@@ -96,11 +96,11 @@ pub enum BootFailure {
     Missing {
         /// How long the master waited, in ms.
         waited_ms: u64,
-        /// Whether the interface told that nobody acknowledges what it sends, or that it is bus-off.
+        /// Whether the interface reported bus-off, or that nobody acknowledges its frames.
         is_unheard: bool,
-        /// What it said meanwhile.
+        /// Messages of the node in the meantime.
         said: Said,
-        /// Who else was heard on its bus.
+        /// Other nodes heard on its bus.
         others: Box<Others>,
     },
     /// The node did not become Operational after the start command.
@@ -111,7 +111,7 @@ pub enum BootFailure {
     NotStarted {
         /// How long the master waited, in ms.
         waited_ms: u64,
-        /// What it said last.
+        /// Last messages of the node.
         said: Said,
     },
     /// The node restarted, so that its configuration is lost.
@@ -148,14 +148,14 @@ pub enum BootFailure {
         index: u16,
         /// Sub-index.
         sub: u8,
-        /// What it holds.
+        /// Value in the object.
         held: u32,
-        /// What was written.
+        /// Value written.
         wanted: u32,
         /// The abort code.
         code: AbortCode,
     },
-    /// The motor's rated current is 0, so that no limit of the torque can be told in its unit.
+    /// The motor's rated current is 0, so that a torque limit has no value in its unit.
     #[error("object {index:04X}h:{sub} holds 0 as the rated current: enter the motor's data by the maker's tool")]
     NoRating {
         /// Index.
@@ -173,7 +173,7 @@ pub enum BootFailure {
         index: u16,
         /// Sub-index.
         sub: u8,
-        /// What it holds.
+        /// Value in the object.
         held: u32,
         /// The most that the rig allows.
         most: u32,
@@ -188,9 +188,9 @@ pub enum BootFailure {
         index: u16,
         /// Sub-index.
         sub: u8,
-        /// What the sensor reports.
+        /// Counts per unit that the sensor reports.
         counts: u32,
-        /// What the rig counts by.
+        /// Counts per unit that the rig uses.
         wanted: u32,
     },
     /// The power of ten of the cycle time cannot be changed, and the cycle time is no multiple of it.
@@ -234,12 +234,12 @@ pub enum BootFailure {
         index: u16,
         /// Sub-index.
         sub: u8,
-        /// What the profile says.
+        /// Value in the profile.
         expected: Box<str>,
         /// The device's value.
         received: u32,
     },
-    /// The drive does not tell how many increments its encoder has.
+    /// The drive does not report how many increments its encoder has.
     #[error(
         "its encoder has {increments} increments in {revolutions} revolutions (608Fh), by which no speed limit in r/min \
          (6080h) can be told; set the encoder's resolution in the drive"
@@ -257,17 +257,17 @@ pub enum BootFailure {
         index: u16,
         /// Sub-index.
         sub: u8,
-        /// What was written.
+        /// Value written.
         written: u32,
-        /// What came back.
+        /// Value read back.
         received: u32,
     },
-    /// The drive is in another mode of operation than it was told.
+    /// The drive is not in the commanded mode of operation.
     #[error("the drive was told mode {wanted} (6060h) and is in mode {} (6061h)", *.received as u8 as i8)]
     Mode {
         /// Code of the mode in 6060h.
         wanted: u32,
-        /// What 6061h says.
+        /// Mode in 6061h.
         received: u32,
     },
     /// The profile has no process data for the rig's command mode.
@@ -278,7 +278,7 @@ pub enum BootFailure {
         /// The mode.
         mode: &'static str,
     },
-    /// The drives cannot be told the cycle time.
+    /// The cycle time cannot be represented in the drives.
     #[error("a cycle time of {period_us} us cannot be written to 60C2h: at most 255 times a power of ten of a second")]
     CycleTime {
         /// The cycle time in us.
@@ -301,7 +301,7 @@ pub enum BootFailure {
     Layout {
         /// Name of the profile.
         profile: Box<str>,
-        /// What they lack.
+        /// Objects that they lack.
         lacking: &'static str,
     },
     /// The profile is not one of this kind of device.
@@ -367,9 +367,9 @@ pub struct BootError {
     pub node_id: Option<u8>,
     /// The node's name in the configuration.
     pub name: String,
-    /// What was being done.
+    /// Step that failed.
     pub step: &'static str,
-    /// What went wrong.
+    /// The failure.
     #[source]
     pub failure: BootFailure,
 }

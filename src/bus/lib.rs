@@ -8,10 +8,10 @@
 //! [`Master`] is sans-I/O: the caller brings frames and moments and carries away what it puts into the outbox. A cycle has two
 //! moments: [`Network::open`] at 0 and [`Master::on_compute`] when all process data are in. [`budget`] proves beforehand that they are.
 //!
-//! `can` knows frames and nodes and brings raw words, [`ethercat`] does so of a segment: each is a [`Network`], and [`Networks`] are all
-//! of a rig. `script` is what a device is asked and told over
-//! either. `axis` stands once for all buses: words to SI and back, the walk to
-//! Operation Enabled, and what a command that the guard has allowed becomes.
+//! `can` knows frames and nodes and delivers raw words; [`ethercat`] does the same for a segment. Each is a [`Network`], and
+//! [`Networks`] are all networks of a rig. `script` holds the requests and commands to a device over either bus. `axis` serves
+//! all buses: it converts words to SI and back, walks to Operation Enabled, and turns commands that the guard has allowed into
+//! targets.
 
 mod axis;
 mod can;

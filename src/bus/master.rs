@@ -85,8 +85,8 @@ impl Master {
         &mut self.cycle
     }
 
-    /// Has the drives be watched while they move by themselves, as [`Cycle::home`]: a change of an angle from cycle to cycle that is
-    /// greater than this, rad, is one of its reference. `None` ends that.
+    /// Watches the drives while they move by themselves, as [`Cycle::home`]. A change of an angle by more than this from cycle to
+    /// cycle, rad, counts as a change of its reference. `None` ends the watch.
     pub fn home(&mut self, jump_rad: Option<f64>) {
         self.cycle.home(jump_rad.is_some());
         self.axes.iter_mut().for_each(|axis| axis.set_jump(jump_rad));
@@ -97,7 +97,7 @@ impl Master {
         self.axes.each_ref().map(Axis::referenced_rad).into()
     }
 
-    /// The last position of each drive as it has told it, in its counts without a wrap.
+    /// Last position that each drive has reported, in its counts without a wrap.
     ///
     /// Real-time: yes.
     pub fn positions(&self) -> [i64; 2] {
@@ -146,7 +146,7 @@ impl Master {
     /// Begins the boot, as [`Network::start`]: the first time, and again when a person restarts the network after a device was reset or
     /// lost. Nothing is enabled.
     ///
-    /// After [`Master::quick_stop_now`] it does nothing: only a new master can tell what the cycle does.
+    /// After [`Master::quick_stop_now`] this does nothing: only a new master can know what the cycle does.
     pub fn start(&mut self, now: Time, out: &mut dyn Outbox) {
         if self.has_failed {
             return;

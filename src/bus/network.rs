@@ -18,8 +18,8 @@ use yieldwall_motion::guard::{Device, DeviceSet, Directive, State};
 
 /// A network: boot, then raw words that come and go twice a cycle.
 ///
-/// It is sans-I/O. CAN frames that it sends go to the outbox of a call, Ethernet frames wait for [`Network::drain`]. From
-/// [`Network::on_packet`] on, the methods are real-time while the network is operational, but for the reports.
+/// A network is sans-I/O. Its CAN frames go to the outbox of a call; its Ethernet frames wait for [`Network::drain`]. From
+/// [`Network::on_packet`] on, the methods are real-time while the network is operational, except for the reports.
 pub trait Network: Send + Sync {
     /// The phase of the network.
     fn phase(&self) -> &Phase;
@@ -27,9 +27,9 @@ pub trait Network: Send + Sync {
     /// Time for which the caller listens for another master before it sends anything.
     fn listening(&self) -> Duration;
 
-    /// Begins to listen for another master, with nothing sent until [`Network::announce`] or [`Network::start`]. One that is
-    /// heard is [`Phase::Failed`] with [`BootFailure::OtherMaster`](crate::BootFailure::OtherMaster), and so it is from then on until the
-    /// exchange of process data: in operation such frames are a fault of the cycle.
+    /// Begins to listen for another master. It sends nothing until [`Network::announce`] or [`Network::start`]. If it hears
+    /// another master, the phase becomes [`Phase::Failed`] with [`BootFailure::OtherMaster`](crate::BootFailure::OtherMaster).
+    /// This rule ends with the exchange of process data: in operation such frames are a fault of the cycle.
     fn listen(&mut self) {}
 
     /// Sends what disturbs nobody, before anything that does: two masters that begin at the same moment hear each other.
@@ -65,13 +65,14 @@ pub trait Network: Send + Sync {
 
     /// The begin of a cycle: SYNC, and behind it the request to a sensor that is polled; on a segment the input frame.
     ///
-    /// At most one cycle is in flight: while set-points of an earlier cycle have not been seen on their bus, or SYNC on a bus
-    /// without set-points, neither SYNC nor set-points are sent on any. At the second such cycle in a row the master falls
-    /// silent ([`Network::is_silent`]).
+    /// At most one cycle is in flight. While set-points of an earlier cycle (or SYNC, on a bus without set-points) have not been
+    /// seen on their bus, the master sends neither SYNC nor set-points on any bus. At the second such cycle in a row the master
+    /// falls silent ([`Network::is_silent`]).
     ///
-    /// Drives act at SYNC on the last set-point that they heard. After one of somebody else SYNC therefore waits on all buses
-    /// until own ones, which the cycle has computed as the answer to [`Fault::Intruder`](yieldwall_motion::guard::Fault::Intruder), were
-    /// sent and seen. Sending them here already would gain nothing: the SYNC that makes the drives act on them is that of the next cycle.
+    /// Drives act at SYNC on the last set-point that they heard. After a set-point of a foreign node SYNC therefore waits on all
+    /// buses until own set-points were sent and seen; the cycle computes them as the answer to
+    /// [`Fault::Intruder`](yieldwall_motion::guard::Fault::Intruder). To send them here already would gain nothing: the drives
+    /// act on them at the SYNC of the next cycle.
     fn open(&mut self, out: &mut dyn Outbox);
 
     /// The devices of which something is missing that answers [`Network::open`].
@@ -157,7 +158,8 @@ pub trait Network: Send + Sync {
         None
     }
 
-    /// Forgets when heartbeats came, which do not tell one device from two where they waited to be taken.
+    /// Forgets when heartbeats came. If heartbeats waited to be taken, their times cannot show whether one device or two sent
+    /// them.
     fn forget_heartbeat_times(&mut self) {}
 
     /// Asks the devices to leave operation while they go on getting outputs, until they are booted again; for a watchdog drill.

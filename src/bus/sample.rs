@@ -37,8 +37,9 @@ impl SampleCodec {
         }
     }
 
-    /// Takes `bits` bits of a value, 1 to 32, from the low part of `raw` into a sample whose flags were not set before; whether they were
-    /// those of a channel. A number that is not finite has the sample be not valid; one beyond 32 bits of counts becomes the greatest.
+    /// Takes `bits` bits of a value, 1 to 32, from the low part of `raw` into a sample whose flags were not set before. Returns
+    /// whether the bits were those of a channel. A number that is not finite makes the sample invalid; a number beyond 32 bits of
+    /// counts becomes the greatest.
     ///
     /// Real-time: yes.
     pub fn take(&self, quantity: Quantity, raw: u64, bits: u8, sample: &mut RawSample) -> bool {

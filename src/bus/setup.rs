@@ -1,4 +1,4 @@
-//! What the master has to know of the network.
+//! Setup of the network for the master.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -19,7 +19,7 @@ pub struct Waits {
     pub start: Duration,
 }
 
-/// What a drive is told that is to find its reference by itself.
+/// Homing order to a drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HomingOrder {
     /// Method (6098h).
@@ -28,7 +28,7 @@ pub struct HomingOrder {
     pub speed_counts_per_s: u32,
     /// Acceleration, counts/s^2.
     pub acceleration_counts_per_s2: u32,
-    /// What the position is at home, counts.
+    /// Position at home, counts.
     pub position_at_home: i32,
 }
 
@@ -42,12 +42,12 @@ pub struct BrakeWords {
 }
 
 impl BrakeWords {
-    /// Those of a drive; none if the master does not hold its brake.
+    /// Returns the brake words of a drive; `None` if the master does not hold its brake.
     pub fn of(servo: &Servo) -> Option<Self> {
         servo.brake.of_master().map(|output| Self { closed: output.word(false), released: output.word(true) })
     }
 
-    /// Those of a brake that is released or closed.
+    /// Returns the word that releases or closes the brake.
     ///
     /// Real-time: yes.
     pub(super) fn word(self, is_released: bool) -> u32 {
@@ -95,7 +95,7 @@ pub struct SensorSetup {
     pub name: String,
     /// The bus that it is on.
     pub bus: BusId,
-    /// What it speaks.
+    /// Protocol of the sensor.
     pub link: SensorLink,
     /// How long it is waited for.
     pub waits: Waits,
@@ -103,7 +103,7 @@ pub struct SensorSetup {
     pub sample_period: Duration,
 }
 
-/// What a force sensor speaks.
+/// Protocol of a force sensor.
 #[derive(Clone, Debug)]
 pub enum SensorLink {
     /// CANopen.

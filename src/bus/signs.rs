@@ -1,4 +1,4 @@
-//! What on a bus tells that a master is there already, or a device.
+//! Signs that a bus already has a master, or a device.
 //!
 //! Whoever wants to send listens first. A frame that only a master sends is a master. The heartbeat of a node that the rig does
 //! not know is none: masters and devices send it alike, and a device alone disturbs nobody. The one exception is the
@@ -18,7 +18,7 @@ const HEARTBEATS: u32 = 2;
 /// PDOs of each direction that a node has by default.
 const PDOS: std::ops::RangeInclusive<u8> = 1..=4;
 
-/// What a frame tells.
+/// Meaning of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sign {
     /// NMT command.
@@ -44,7 +44,7 @@ pub enum Sign {
     },
     /// SDO request.
     Request {
-        /// Who is asked.
+        /// Node that the request is for.
         node_id: u8,
     },
     /// An order to a force sensor on plain CAN.
@@ -96,12 +96,12 @@ impl fmt::Display for Sign {
     }
 }
 
-/// A frame that was heard, and what it tells.
+/// A frame that was heard, and its meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HeardFrame {
     /// The frame.
     pub frame: Frame,
-    /// What it tells.
+    /// Meaning of the frame.
     pub sign: Sign,
 }
 
@@ -117,7 +117,7 @@ impl fmt::Display for HeardFrame {
     }
 }
 
-/// The frames that tell something.
+/// Frames that are signs of a master or a device.
 #[derive(Clone, Debug)]
 pub struct Signs {
     /// Whether NMT commands, SYNC and node guarding do, whatever the rig.
@@ -177,7 +177,7 @@ impl Signs {
         Self { of_masters: false, known }
     }
 
-    /// What a frame tells, if anything. Its bus counts ([`Frame::bus`]).
+    /// Returns the meaning of a frame, if it is a sign. Its bus counts ([`Frame::bus`]).
     pub fn find(&self, frame: &Frame) -> Option<HeardFrame> {
         let id = frame.id();
         let sign = match id {
@@ -212,7 +212,7 @@ impl MasterSetup {
         self.nodes_of(DeviceSet::drive(0) | DeviceSet::drive(1) | DeviceSet::SENSOR)
     }
 
-    /// Of these devices.
+    /// Returns the nodes of these devices.
     fn nodes_of(&self, devices: DeviceSet) -> impl Iterator<Item = (BusId, NodeId)> {
         let drives = (0..).zip(&self.drives).map(|(at, drive)| (DeviceSet::drive(at), drive.bus, drive.node_id));
         let sensor = match &self.sensor.link {

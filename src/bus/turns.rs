@@ -69,7 +69,7 @@ impl Turns {
         Self { offsets, ..Self::default() }
     }
 
-    /// Forgets who waits. What was asked before has ended for the drive that has asked.
+    /// Forgets the waiting drives. The earlier request of the asking drive has ended.
     pub(super) fn restart(&mut self) {
         *self = Self { asker: self.asker, ..Self::new(self.offsets) };
     }

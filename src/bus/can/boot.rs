@@ -318,8 +318,9 @@ fn pdos(
     Ok(steps)
 }
 
-/// The remap order of CiA 301: switch the PDO off, clear the mapping, write it, set the type, switch it on. The mapping is a unit of its own:
-/// one that is fixed and right stays while the parameters change. One that the profile calls fixed is compared alone.
+/// The remap order of CiA 301: switch the PDO off, clear the mapping, write it, set the type, switch it on. The mapping is a unit
+/// of its own: a mapping that is fixed and right stays while the parameters change. If the profile calls the mapping fixed, the
+/// boot only compares it.
 fn remap(pdo: &MappedPdo, is_rpdo: bool, id: u32, deadline_ms: u32) -> impl Iterator<Item = Step> {
     let access = |index: u16, sub: u8, bytes: u8, action: Action| Step {
         doing: "map the process data",

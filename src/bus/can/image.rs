@@ -33,7 +33,7 @@ const SET_POINT_SLOT: u8 = u8::MAX - 3;
 enum Source {
     Status,
     Position,
-    /// Of the sensor's sample.
+    /// A quantity of the sensor's sample.
     Sample(Quantity),
 }
 
@@ -67,12 +67,12 @@ impl Incoming {
     }
 }
 
-/// What a frame is to the image.
+/// Meaning of a frame to the process image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Taken {
     /// One of its process data.
     Image,
-    /// One that only the master sends.
+    /// A frame that only the master sends.
     Own,
     /// A set-point for a drive, which only the master sends.
     SetPoint,
@@ -80,7 +80,7 @@ pub(super) enum Taken {
     Other,
 }
 
-/// What arrived that should not have, or not like this.
+/// Devices whose frames were irregular.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Irregular {
     pub(super) bad_length: DeviceSet,
@@ -102,7 +102,7 @@ struct Outgoing {
     brake: Option<(Field, BrakeWords)>,
 }
 
-/// What arrived since the last cycle.
+/// Frames that arrived since the last cycle.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Arrivals {
     pub(super) drives: [DriveWords; 2],
@@ -129,11 +129,11 @@ pub(super) struct Image {
     is_open: bool,
 }
 
-/// What is known of the sensor's frames.
+/// Frames of the sensor.
 pub(super) enum SensorFrames<'a> {
     /// TPDOs.
     Canopen(&'a SensorNode, NodeId),
-    /// Those of a sensor on plain CAN.
+    /// Frames of a sensor on plain CAN.
     PlainCan(Client),
 }
 
@@ -207,7 +207,7 @@ impl Image {
         self.plain.as_ref()
     }
 
-    /// The same, to be told something.
+    /// Returns the client of a sensor on plain CAN, to change it.
     pub(super) fn plain_mut(&mut self) -> Option<&mut Client> {
         self.plain.as_mut()
     }
@@ -245,10 +245,14 @@ impl Image {
 
     /// Takes a frame from another node, and says what it is.
     ///
-    /// A frame that comes after the computation is too late for its cycle and not used. Of two in one cycle the first
-    /// counts and the second is a duplicate, unless one is owed from the cycle before, or the sample counter says that the
-    /// second is newer: then the first was the late one, and the second counts. A late frame that comes alone in the next
-    /// cycle cannot be told from that cycle's own. A sensor on plain CAN has its own clock: its frames may come at any time.
+    /// A frame that comes after the computation is too late for its cycle and is not used.
+    ///
+    /// If two frames come in one cycle, the first counts and the second is a duplicate. There are two exceptions: a frame of the
+    /// cycle before is still missing, or the sample counter shows that the second is newer. Then the first was the late frame,
+    /// and the second counts.
+    ///
+    /// A late frame that comes alone in the next cycle looks like that cycle's own frame. A sensor on plain CAN has its own
+    /// clock: its frames may come at any time.
     ///
     /// Real-time: yes.
     pub(super) fn on_frame(&mut self, now: Time, frame: &Frame) -> Taken {
@@ -288,7 +292,7 @@ impl Image {
         Taken::Image
     }
 
-    /// What has arrived by `now` in this cycle. The force sensor's frames count only together.
+    /// Returns the data that have arrived by `now` in this cycle. The force sensor's frames count only together.
     ///
     /// Real-time: yes.
     pub(super) fn arrivals(&mut self, now: Time) -> Arrivals {

@@ -1,4 +1,4 @@
-//! What the master knows of one bus.
+//! State of one bus as the master sees it.
 
 use super::node::Node;
 use crate::setup::MasterSetup;
@@ -9,7 +9,7 @@ use yieldwall_fieldbus::canopen::{BusId, Frame, NodeSet, cob};
 /// One bus.
 #[derive(Clone)]
 pub(super) struct Line {
-    /// Which one.
+    /// Identifier of the bus.
     pub(super) bus: BusId,
     /// Whether somebody hears SYNC there.
     pub(super) has_sync: bool,

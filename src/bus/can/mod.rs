@@ -55,7 +55,7 @@ pub(super) struct CanNetwork {
     sample_wait: Duration,
     /// The buses.
     lines: Vec<Line>,
-    /// What another master is known by, until process data are exchanged.
+    /// Signs of another master, used until the exchange of process data.
     signs: Signs,
     /// Whether anything was ever sent.
     has_sent: bool,

@@ -1,4 +1,4 @@
-//! What the master knows of one node.
+//! State of one node as the master sees it.
 
 use std::time::Duration;
 
@@ -14,8 +14,8 @@ use yieldwall_motion::guard::DeviceSet;
 
 /// So many heartbeats of one node ...
 const HEARTBEATS_OF_TWO: usize = 4;
-/// ... within so many of its periods are those of two nodes. A node of its own takes at least three periods less the delay
-/// of the first; a delay of one and a quarter periods, with every later one in time, does not occur: on a bus that was
+/// ... within this many of its periods come from two nodes. A single node takes at least three periods less the delay of the
+/// first heartbeat. A delay of one and a quarter periods, with every later heartbeat in time, does not occur: on a bus that was
 /// blocked for that long the process data are missing too.
 const PERIODS_OF_TWO: f64 = 1.75;
 /// More SDO answers than requests by so many are those of two nodes. CAN itself doubles a frame whose last bit is disturbed
@@ -23,7 +23,7 @@ const PERIODS_OF_TWO: f64 = 1.75;
 const ANSWERS_OF_TWO: i32 = 3;
 /// An SDO abort, which nobody answers (CiA 301).
 const ABORT: u8 = 0x80;
-/// What begins an SDO download, in segments or at once, by its three highest bits ...
+/// Command specifier that begins an SDO download, segmented or expedited: the three highest bits ...
 const DOWNLOAD: u8 = 1;
 /// ... and by block, of which the lowest bit ends one (CiA 301).
 const BLOCK_DOWNLOAD: u8 = 6;
@@ -41,7 +41,7 @@ pub(super) struct Node {
     pub(super) transfer: Transfer,
     pub(super) boot: Boot,
     pub(super) has_booted: bool,
-    /// What it said since the boot began.
+    /// Last messages of the node since the boot began.
     pub(super) said: Said,
     /// Whether its last heartbeat said Operational and is not too old.
     pub(super) is_operational: bool,
@@ -104,8 +104,8 @@ impl Node {
         (self.bus, self.id) == (bus, id)
     }
 
-    /// What it is waited for in this phase, and how long since the phase began; nothing if it has done it. How long the answer
-    /// to a request takes is the business of its [`Boot`].
+    /// Returns the step for which the master waits in this phase, and its time limit since the phase began; nothing if the node
+    /// has done it. The node's [`Boot`] limits the time of each answer.
     pub(super) fn owes(&self, phase: &Phase) -> Option<(&'static str, Duration)> {
         match phase {
             Phase::Resetting if !self.has_booted => Some(("wait for the boot-up message", self.waits.boot_up)),

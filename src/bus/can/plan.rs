@@ -1,4 +1,4 @@
-//! What the boot sends, told before anything is sent: by the steps and the frames that the boot itself takes.
+//! Plan of the boot: the steps and frames that the boot itself will use, listed before anything is sent.
 
 use super::node::Node;
 use super::{CanNetwork, refuse};
@@ -16,15 +16,15 @@ use yieldwall_motion::guard::DeviceSet;
 pub struct BootPlan {
     /// The first heartbeat; then the reset of each node, and a heartbeat.
     pub reset: Vec<Frame>,
-    /// What each node is asked and told, at the same time as the others.
+    /// Requests and commands to each node; all nodes run at the same time.
     pub nodes: Vec<NodePlan>,
-    /// The start of each node; then what a sensor on plain CAN is told.
+    /// The start of each node, then the commands to a sensor on plain CAN.
     pub start: Vec<Frame>,
-    /// What each node is told when the network is left.
+    /// Commands to each node when the master leaves the network.
     pub leave: Vec<Frame>,
 }
 
-/// What one node is asked and told.
+/// Requests and commands to one node.
 #[derive(Clone, Debug)]
 pub struct NodePlan {
     /// Devices of the rig that it is: one, or drives that are axes of one device.
@@ -39,7 +39,7 @@ pub struct NodePlan {
 }
 
 impl CanNetwork {
-    /// What the boot will send.
+    /// Returns the plan of the boot.
     pub(super) fn boot_plan(&self) -> BootPlan {
         let mut network = self.clone();
         let now = Time::default();

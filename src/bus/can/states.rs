@@ -207,13 +207,13 @@ impl CanNetwork {
         waits.fold(Time::NEVER, Time::min)
     }
 
-    /// What a sensor on plain CAN is waited for, and how long since the phase began.
+    /// Returns the step for which a sensor on plain CAN is waited for, and its time limit since the phase began.
     pub(super) fn owes_samples(&self) -> Option<(&'static str, Duration)> {
         let has_samples = self.image.plain().is_none_or(Client::has_begun);
         (self.phase == Phase::Starting && !has_samples).then_some(("wait for samples", self.sample_wait))
     }
 
-    /// Who was heard on the bus of a node beside it.
+    /// Returns the other nodes that were heard on the bus of a silent node.
     fn others(&self, silent: &Node) -> Others {
         let here = self.nodes.iter().filter(|node| node.bus == silent.bus);
         let own: NodeSet = here.clone().map(|node| node.id).collect();

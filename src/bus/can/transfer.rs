@@ -10,7 +10,7 @@ use yieldwall_fieldbus::time::Time;
 /// cycle allocates nothing.
 const CAPACITY: usize = 1024;
 
-/// What the node was asked for last.
+/// Last request to the node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Asked {
     Nothing,

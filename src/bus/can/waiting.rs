@@ -1,4 +1,4 @@
-//! What the boot waits for, for who looks on.
+//! The step for which the boot waits, for display.
 
 use std::fmt;
 use std::time::Duration;
@@ -8,14 +8,14 @@ use crate::error::named;
 use crate::phase::Phase;
 use yieldwall_fieldbus::time::Time;
 
-/// What the boot waits for.
+/// The step for which the boot waits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Waiting<'a> {
     /// Node id; `None` for a sensor on plain CAN.
     pub node_id: Option<u8>,
     /// The node's name in the configuration.
     pub name: &'a str,
-    /// What it shall do.
+    /// Step that the device must do.
     pub step: &'static str,
     /// Since when the network is reset, configured or started.
     pub waited: Duration,
@@ -32,7 +32,8 @@ impl fmt::Display for Waiting<'_> {
 }
 
 impl CanNetwork {
-    /// What the boot waits for; of several devices the one that is given up first. Nothing when there is no boot.
+    /// Returns the step for which the boot waits; of several devices the device whose time ends first. `None` when no boot is
+    /// under way.
     pub(super) fn awaited(&self, now: Time) -> Option<Waiting<'_>> {
         let nodes = self.nodes.iter().filter_map(|node| {
             let (step, until) = match self.phase {

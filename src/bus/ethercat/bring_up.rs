@@ -44,7 +44,7 @@ const LEFT_ALONE: Duration = Duration::from_millis(200);
 /// Length of what is read of the memory chip's registers: control, address, data.
 const CHIP_LEN: usize = 14;
 
-/// What is written to all devices before they are addressed.
+/// Values written to all devices before they get addresses.
 const RESETS: [(u16, &[u8]); 9] = [
     (register::AL_CONTROL, &[AlState::Init as u8 | AlControl::ACKNOWLEDGE as u8, 0]),
     (register::DC_ACTIVATION, &[0]),
@@ -120,7 +120,7 @@ impl Task {
     }
 }
 
-/// What is known of a position, whether the rig has a device there or not.
+/// State of a position, whether the rig has a device there or not.
 #[derive(Clone, Copy, Debug, Default)]
 struct Node {
     ports: Ports,
@@ -145,7 +145,7 @@ pub(super) struct BringUp {
     nodes: Vec<Node>,
     /// The SII that is being read.
     image: Vec<u8>,
-    /// How often in a row the memory chip has told another word than the one that was asked for.
+    /// How often in a row the memory chip returned another word than the one requested.
     other_words: u8,
     writes: Vec<Write>,
     is_reading_back: bool,
@@ -275,7 +275,7 @@ impl EthercatNetwork {
         }
     }
 
-    /// What is waited for; nothing when nothing is.
+    /// Returns the step for which the master waits; `None` when it waits for nothing.
     pub(crate) fn waiting(&self, now: Time) -> Option<Waiting<'_>> {
         let waited = now.since(self.phase_since);
         if self.phase == Phase::Starting {
@@ -316,7 +316,8 @@ impl EthercatNetwork {
         self.fail(now, &name, step, failure);
     }
 
-    /// What is sent next, with its data in the scratch buffer; nothing if there is nothing to send now, or the task is over.
+    /// Returns the next request, with its data in the scratch buffer. `None` if there is nothing to send now, or if the task is
+    /// over.
     fn next_ask(&mut self, now: Time, task: Task, place: usize) -> Result<Option<Ask>, BootFailure> {
         let position = 0u16.wrapping_sub(place as u16);
         let buffer = &mut self.scratch[..];

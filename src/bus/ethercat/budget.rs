@@ -7,8 +7,8 @@
 //! behind it      service frame            -> back before the next cycle
 //! before SYNC0   the outputs once more    -> at the last device before SYNC0, of devices that act there
 //! ```
-//! A byte takes 80 ns, a device 1 us there and back. What the computer takes to wake up and to send is not in it: it has to fit into
-//! what is left.
+//! A byte takes 80 ns, a device 1 us there and back. The time in which the computer wakes up and sends is not included: it must
+//! fit into the rest of the cycle.
 
 use std::time::Duration;
 
@@ -30,7 +30,7 @@ const SYSTEM_TIME: usize = 8;
 /// One datagram that is sent in every cycle.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PlannedDatagram {
-    /// What it does.
+    /// Command of the datagram.
     pub command: Command,
     /// The device that it is for; `None` if it is for all.
     pub device: Option<String>,
@@ -41,7 +41,7 @@ pub struct PlannedDatagram {
 /// One frame of a cycle.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PlannedFrame {
-    /// What it is for.
+    /// Purpose of the datagram.
     pub purpose: Purpose,
     /// Its datagrams, in their order.
     pub datagrams: Vec<PlannedDatagram>,
@@ -195,8 +195,8 @@ impl Budget {
         Duration::from_nanos(self.repeat_delay_ns)
     }
 
-    /// Longest time from the SYNC0 at which inputs are taken to the moment at which the outputs that answer them act: a period where that is
-    /// at SYNC0, else until the last device has the output frame.
+    /// Longest time from the SYNC0 at which inputs are sampled to the moment at which the matching outputs act. If outputs act at
+    /// SYNC0, this is a period; otherwise it ends when the last device has the output frame.
     pub fn delay(&self) -> Duration {
         let [_, outputs, ..] = &self.frames;
         if self.has_sync0 { self.period } else { self.sync0_phase + Duration::from_nanos(outputs.done_ns) }

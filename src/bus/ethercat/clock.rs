@@ -45,7 +45,7 @@ impl GridServo {
         GridServo { period_ns: period.as_nanos() as f64, wanted_ns: phase.as_nanos() as f64, ..GridServo::default() }
     }
 
-    /// One that has seen nothing.
+    /// Returns a servo that has seen nothing.
     pub(super) fn anew(&self) -> Self {
         let Self { period_ns, wanted_ns, is_in_lockstep, .. } = *self;
         GridServo { period_ns, wanted_ns, is_in_lockstep, ..GridServo::default() }

@@ -29,14 +29,14 @@ use yieldwall_motion::guard::DeviceSet;
 
 /// Bytes from AL status to AL status code.
 pub(super) const STATUS_LEN: usize = 6;
-/// What is waited for on the way to OP.
+/// Step on the way to OP: clock synchronisation.
 const CLOCKS: &str = "bring the clocks together";
 const TO_OP: &str = "go to OP";
 /// How long the clocks may take to come together.
 const SETTLING: Duration = Duration::from_secs(10);
 /// Frames beside the cycle after which a clock is compared whatever else waits: at 20 ms emergencies alone are looked for in each cycle.
 const COMPARED_AFTER: u32 = 8;
-/// What drives are sent that nobody has enabled: nothing that brings them nearer to it.
+/// Orders to drives that nobody has enabled; they do not bring a drive nearer to Operation Enabled.
 const REST: DriveOrders = DriveOrders { controlword: 0, target: 0, releases: false };
 
 /// The cycles that the network runs by itself from SAFE-OP until somebody else takes them over.
@@ -75,7 +75,8 @@ impl Grid {
 }
 
 impl EthercatNetwork {
-    /// How late the next input frame is against its grid point: by so much less the reference clock tells of the grid.
+    /// Notes how late the next input frame is against its grid point. The servo subtracts this delay from the reading of the
+    /// reference clock.
     ///
     /// Real-time: yes.
     pub fn note_late(&mut self, late: Duration) {
@@ -185,7 +186,8 @@ impl EthercatNetwork {
         missing.fold(DeviceSet::NONE, |set, station| set | station.setup.devices)
     }
 
-    /// What has come in this cycle. What comes after it is late: nothing that was measured in one cycle is used in another.
+    /// Returns the data that have come in this cycle. Later data are late: a value measured in one cycle is never used in
+    /// another.
     ///
     /// Real-time: yes.
     pub(crate) fn take(&mut self, now: Time) -> Arrived {
@@ -286,8 +288,8 @@ impl EthercatNetwork {
         self.clock_lost
     }
 
-    /// Has somebody else run the cycles from now on: the grid point of the next one. `None` between the two moments of a cycle, before the
-    /// first one, and when somebody has taken them over before.
+    /// Hands the cycles over to another caller, and returns the grid point of the next cycle. `None` between the two moments of a
+    /// cycle, before the first cycle, and if another caller already has the cycles.
     pub fn take_over_cycles(&mut self) -> Option<Time> {
         let next = std::mem::replace(&mut self.grid.next_open, Time::NEVER);
         if next == Time::NEVER {
@@ -352,8 +354,9 @@ impl EthercatNetwork {
         self.compare_clock(now, out);
     }
 
-    /// Defends the devices after somebody else has written to them: writes their addresses and watchdogs back at once, and asks those that are not there yet for
-    /// SAFE-OP while the drives are being stopped. Whether anything was sent.
+    /// Defends the devices after a foreign master has written to them. It writes their addresses and watchdogs back at once.
+    /// While the drives are being stopped, it also requests SAFE-OP from devices that are not there yet. Returns whether anything
+    /// was sent.
     fn defend(&mut self, now: Time, out: &mut impl EthernetOutbox) -> bool {
         // Not in each cycle: somebody who never ends would keep the mailboxes from being asked.
         let restores = self.restores && !self.has_restored;
@@ -525,7 +528,7 @@ impl EthercatNetwork {
         }
     }
 
-    /// What the devices are waited for in SAFE-OP, and for how long at most since the phase or the request began.
+    /// Returns the step for which the master waits in SAFE-OP, and its time limit since the phase or the request began.
     pub(super) fn starting(&self) -> (&'static str, Duration) {
         if self.grid.is_asking {
             let waits = self.stations.iter().map(|station| station.setup.waits.start);

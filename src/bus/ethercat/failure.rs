@@ -6,7 +6,7 @@ use yieldwall_fieldbus::ethercat::mailbox::MailboxError;
 use yieldwall_fieldbus::ethercat::sii::SiiError;
 use yieldwall_fieldbus::ethercat::{AlState, AlStatus, AlStatusCode};
 
-/// What tells that somebody else is the master of a segment.
+/// Sign of another master on a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SegmentSign {
     /// A frame with this source address.
@@ -33,7 +33,7 @@ impl fmt::Display for SegmentSign {
     }
 }
 
-/// What went wrong in one step of the bring-up of a segment.
+/// Failure of one step of the bring-up of a segment.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum SegmentFailure {
     /// Somebody else is the master.
@@ -43,7 +43,7 @@ pub enum SegmentFailure {
         "a master is on this segment; nothing was written"
     })]
     OtherMaster {
-        /// What told so.
+        /// Sign of the other master.
         sign: SegmentSign,
         /// Whether this master had written something before.
         has_written: bool,
@@ -120,11 +120,11 @@ pub enum SegmentFailure {
         None => String::new(),
     })]
     Identity {
-        /// What of the identity.
+        /// Part of the identity.
         what: &'static str,
-        /// What the rig says.
+        /// Value in the rig.
         expected: Box<str>,
-        /// What the device says.
+        /// Value that the device reports.
         found: u32,
         /// Another position at which such a device is.
         fits_at: Option<u16>,
@@ -142,7 +142,7 @@ pub enum SegmentFailure {
     /// The controller lacks what the exchange needs.
     #[error("its controller has {has} {what}, and the exchange needs {needs}")]
     Lacks {
-        /// What it lacks.
+        /// Object or feature that it lacks.
         what: &'static str,
         /// How many it has.
         has: u8,
@@ -212,7 +212,7 @@ pub enum SegmentFailure {
     /// A frame of a cycle would be too long.
     #[error("the {what} frame of a cycle would have {len} bytes, more than the 1514 of Ethernet")]
     FrameTooLong {
-        /// Which frame.
+        /// Kind of frame.
         what: &'static str,
         /// Its bytes.
         len: usize,
@@ -245,7 +245,7 @@ pub enum SegmentFailure {
     },
 }
 
-/// What to try next when a device does not come to a state.
+/// Returns the next thing to try when a device does not reach a state.
 fn next(to: AlState, code: AlStatusCode) -> &'static str {
     match (to, code) {
         (_, AlStatusCode::INVALID_OUTPUTS | AlStatusCode::INVALID_INPUTS) => {

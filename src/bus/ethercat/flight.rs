@@ -3,7 +3,7 @@
 use std::time::Duration;
 use yieldwall_fieldbus::ethercat::frame::{self, Command, FrameWriter, answers, digest, effect};
 
-/// What a frame was sent for. One of each is on its way at most.
+/// Purpose of a frame. At most one frame of each purpose is on its way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
     /// Inputs of a cycle, with clock and states.
@@ -31,7 +31,7 @@ impl Purpose {
     }
 }
 
-/// What has become of the frames of a segment.
+/// Counts of the frames of a segment.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SegmentCounts {
     /// Frames sent.
@@ -77,7 +77,7 @@ impl<const N: usize> Remembered<N> {
     }
 }
 
-/// What a frame that has come is.
+/// Kind of a frame that has come back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Taken {
     /// The one that was sent for this.
@@ -109,7 +109,8 @@ impl Row {
     }
 }
 
-/// The table of frames in flight: what comes back is taken only if it stands here, byte for byte but for what devices may change.
+/// The table of frames in flight. A frame that comes back is accepted only if it equals its entry byte for byte, except in the
+/// bytes that devices may change.
 #[derive(Clone, Debug)]
 pub(super) struct Flight {
     source: [u8; 6],
@@ -255,7 +256,7 @@ pub(super) struct Datagramer<'a> {
 }
 
 impl Datagramer<'_> {
-    /// Adds one. What does not fit is left out: the frames of a cycle were measured beforehand.
+    /// Adds a datagram. If it does not fit, it is left out: the frames of a cycle were measured in advance.
     ///
     /// Real-time: yes.
     pub(super) fn push(&mut self, command: Command, address: u32, data: &[u8]) {

@@ -12,8 +12,8 @@ use yieldwall_fieldbus::time::Time;
 
 /// Time in which the registers of all devices are read back once.
 const ROUND: Duration = Duration::from_millis(800);
-/// Registers that are written back at once when somebody else may have set them: without its watchdog a drive goes on when this master ends,
-/// and without its address nobody hears its state.
+/// Registers that the master writes back at once when a foreign master may have set them. Without its watchdog a drive goes on
+/// when this master ends; without its address nobody hears its state.
 const RESTORED: [u16; 3] = [register::STATION_ADDRESS, register::WATCHDOG_DIVIDER, register::WATCHDOG_SYNC_MANAGER];
 
 /// The registers of one device.

@@ -25,7 +25,7 @@ fn is_limit(index: u16) -> bool {
 #[derive(Clone, Copy, Debug)]
 struct Limit {
     at: Address,
-    /// What the boot writes.
+    /// Value that the boot writes.
     value: u32,
     /// Whether it stands there: not after this master has written something else.
     is_known: bool,
@@ -42,7 +42,7 @@ pub(super) struct Limits {
 }
 
 impl Limits {
-    /// Those that the boot of a device writes and no process data carry.
+    /// Returns the limits that the boot of a device writes and that no process data carry.
     pub(super) fn of(steps: &[Step], mut is_mapped: impl FnMut(Address) -> bool) -> Self {
         let mut all: Vec<Limit> = Vec::new();
         for step in steps.iter().filter(|step| is_limit(step.index)) {
@@ -68,7 +68,7 @@ impl Limits {
         self.all.iter_mut().filter(|limit| limit.at == at).for_each(|limit| limit.is_known = false);
     }
 
-    /// What is asked now, if something is due.
+    /// Returns the request that is due now, if any.
     ///
     /// Real-time: yes.
     pub(super) fn due(&mut self, now: Time) -> Option<ObjectRequest<'static>> {

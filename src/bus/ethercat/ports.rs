@@ -15,7 +15,7 @@ const EVERY: u8 = 4;
 const COUNTERS: usize = 20;
 /// First of the lost links in them; before it two bytes a port are of receive errors, the rest is of other places.
 const LOST_LINKS: usize = (register::LOST_LINK - register::RX_ERROR) as usize;
-/// What is read of a device.
+/// Registers read from a device.
 const READS: [(u16, usize); 2] = [(register::DL_STATUS, 2), (register::RX_ERROR, COUNTERS)];
 /// Ports of a device.
 pub(super) const PORTS: usize = 4;
@@ -34,7 +34,7 @@ struct Watched {
     behind: [Behind; PORTS],
 }
 
-/// What one read of the ports has shown for the first time.
+/// News from one read of the ports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Shown {
     /// A port of the device at this position counts more damaged frames than before.

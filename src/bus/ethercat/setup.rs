@@ -1,4 +1,4 @@
-//! What the master has to know of a segment.
+//! Setup of a segment for the master.
 
 use crate::error::BootFailure;
 use crate::sample::SampleCodec;
@@ -65,7 +65,7 @@ pub struct StationSetup {
     pub alias: Option<u16>,
     /// The serial number that it has to have, if one is known.
     pub serial: Option<u32>,
-    /// What it says that it is.
+    /// Identity that the device reports.
     pub identity: Identity,
     /// How long it is waited for.
     pub waits: Waits,
@@ -105,7 +105,7 @@ pub struct ProcessData {
     pub index: u16,
     /// Whether the device lets nobody change the mapping: it is compared then.
     pub is_fixed: bool,
-    /// What it holds.
+    /// Objects in the mapping.
     pub entries: Vec<Mapped>,
 }
 
@@ -127,7 +127,7 @@ pub struct Mapped {
 pub struct SegmentDrive {
     /// Name for messages.
     pub name: String,
-    /// Which drive of the rig it is.
+    /// Device of the rig.
     pub device: Device,
     /// Position on the segment, 0 at the master.
     pub position: u16,
@@ -149,7 +149,8 @@ impl SegmentDrive {
     /// The drive as a device of a segment: identity, option codes, cycle time, mode, limits and process data are those of its profile.
     ///
     /// # Errors
-    /// If the profile is no drive's or lacks the process data of the mode, or the cycle time cannot be told.
+    /// If the profile is not a drive's profile, if it lacks the process data of the mode, or if the device cannot represent the
+    /// cycle time.
     pub fn station(&self, mode: CommandMode, period: Duration, acts: Acts) -> Result<StationSetup, BootFailure> {
         let operation = script::operation(mode, self.homing);
         let profile = &*self.profile;
@@ -285,8 +286,8 @@ impl StationSetup {
         ScriptPlan::new(&self.script(), &self.identity)
     }
 
-    /// The device with another axis, whose process data lie behind those that it has. What both axes write to objects of the device is written
-    /// once.
+    /// Adds another axis, whose process data follow the existing ones. Values that both axes write to objects of the device are
+    /// written once.
     #[must_use]
     pub fn with_axis(mut self, axis: Self) -> Self {
         self.name = format!("{} and {}", self.name, axis.name);

@@ -1,4 +1,4 @@
-//! What the master knows of one device of the rig, and where its process data lie.
+//! State of one device of the rig as the master sees it, and the place of its process data.
 
 use super::failure::SegmentFailure;
 use super::held::Held;
@@ -176,7 +176,7 @@ pub(super) struct Station {
     sampled_at: Time,
     /// How far its clock is from that of the reference, when that was read last.
     pub(super) difference_ns: Option<i64>,
-    /// What that was when its clock was lost.
+    /// That difference at the moment when its clock was lost.
     pub(super) lost_ns: Option<i64>,
     /// Cycles in which it did not take its outputs.
     pub(super) outputs_missed: u64,
@@ -283,8 +283,8 @@ impl Station {
         if self.limits.is_asked { ObjectAnswer::NotAsked } else { self.mailbox.answer() }
     }
 
-    /// Has it leave OP, so that it takes no outputs any more. A drive that stays in Operation Enabled in SAFE-OP gets Disable Voltage through
-    /// the mailbox while the drives are being stopped, and is asked for PRE-OP then.
+    /// Makes the device leave OP, so that it takes no outputs any more. If a drive stays in Operation Enabled in SAFE-OP while
+    /// the drives are being stopped, the master sends Disable Voltage through the mailbox and then requests PRE-OP.
     ///
     /// Real-time: yes.
     pub(super) fn disarm(&mut self, now: Time, leaves: bool, is_stopping: bool) {
@@ -339,7 +339,7 @@ impl Station {
         }
     }
 
-    /// What has become of one of its limits, when that has been read.
+    /// Returns the new state of one of its limits after a read.
     ///
     /// Real-time: yes.
     pub(super) fn take_limit(&mut self) -> Option<Altered> {
@@ -356,7 +356,7 @@ impl Station {
         self.setup.acts != Acts::ByItself
     }
 
-    /// What came in the cycle before is not used again.
+    /// Begins a cycle. Data of the cycle before are not used again.
     ///
     /// Real-time: yes.
     pub(super) fn begin_cycle(&mut self) {
@@ -402,7 +402,7 @@ impl Station {
         drives.filter(move |(_, (device, _))| own(device)).map(|(joint, (_, words))| (joint, words))
     }
 
-    /// What a sensor has said in this cycle.
+    /// Returns the sample of a sensor in this cycle.
     ///
     /// Real-time: yes.
     pub(super) fn sample(&self, now: Time) -> Option<RawSample> {
@@ -434,7 +434,7 @@ impl Station {
         format!("{} (position {})", self.setup.name, self.setup.position)
     }
 
-    /// What of a device's SII is not as the rig says it: what, what it should be, what it is.
+    /// Returns the first part of a device's SII that differs from the rig: its name, the expected value, the value found.
     pub(super) fn mismatch(&self, sii: &Sii) -> Option<(&'static str, String, u32)> {
         let wanted = &self.setup.identity;
         if sii.vendor_id != wanted.vendor_id {

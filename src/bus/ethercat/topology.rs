@@ -1,11 +1,12 @@
-//! Which devices are behind which port, and how long a frame takes to each, by the moments at which one passed their ports.
+//! Topology and delays of a segment: the devices behind each port, and the time that a frame takes to each device. Both follow
+//! from the moments at which one frame passed the ports.
 
 /// Ports in the order in which a frame leaves them; it comes in at the first.
 const ORDER: [usize; 4] = [0, 3, 1, 2];
 /// Longest delay that can be, in ns: more than 100 km of cable.
 const MOST_NS: u32 = 1_000_000;
 
-/// What one device shows of its ports.
+/// Ports of one device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Ports {
     /// DL status, 0110h: bits 4 to 7 say which ports have a link.
@@ -43,8 +44,9 @@ struct Attachment {
 
 /// Delay of each device from the first one that has a clock, in ns, in the order of positions; `None` without a clock.
 ///
-/// A frame goes out at each port and comes back into it before it goes out at the next. What it takes there and back, less what the device
-/// behind the port takes for what is behind itself, is twice the way to it.
+/// Returns the delay of each device. A frame goes out at each port and comes back into it before it goes out at the next. The
+/// time for this, less the time that the device behind the port needs for the devices behind itself, is twice the delay to that
+/// device.
 ///
 /// # Errors
 /// The first device whose ports do not fit those before it.

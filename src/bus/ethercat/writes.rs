@@ -1,4 +1,4 @@
-//! What is written into the registers of a controller, as values: mailboxes, process data, watchdog and SYNC0.
+//! Values written into the registers of a controller: mailboxes, process data, watchdog and SYNC0.
 
 use std::time::Duration;
 
@@ -42,9 +42,9 @@ pub(super) enum WriteTarget {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Altered {
     pub(super) place: WriteTarget,
-    /// What was written.
+    /// Value written.
     pub(super) written: u32,
-    /// What stands there.
+    /// Value in the register.
     pub(super) is: u32,
 }
 
@@ -152,8 +152,8 @@ pub(super) fn exchange(
     Ok(writes)
 }
 
-/// SYNC0, and SYNC1 so long after it where there is one, from a while after a moment of system time on, and the moment at which SYNC0 then comes
-/// first: it has to be switched on before.
+/// Returns the writes for SYNC0, and for SYNC1 at its distance if there is one, from a while after a moment of system time on.
+/// Also returns the moment of the first SYNC0: the master must switch SYNC0 on before it.
 pub(super) fn sync0(period: Duration, sync1: Option<Duration>, system_time_ns: u64) -> (Vec<Write>, u64) {
     let period_ns = period.as_nanos().clamp(1, u32::MAX.into()) as u64;
     let earliest = system_time_ns.saturating_add(SYNC0_AHEAD.as_nanos() as u64);

@@ -122,7 +122,7 @@ impl Script {
         self.steps.get(self.next).is_some_and(|step| step.action.is_late())
     }
 
-    /// Time that the device takes to copy its outputs before SYNC0; 0 for one that does not tell it.
+    /// Time that the device takes to copy its outputs before SYNC0; 0 if the device does not report it.
     ///
     /// Real-time: yes.
     pub(crate) fn copy_time(&self) -> Duration {

@@ -8,7 +8,7 @@ use yieldwall_fieldbus::objects::Address;
 /// An object that the boot writes, unless it holds the value already.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PlannedWrite {
-    /// What for.
+    /// Purpose of the request.
     pub doing: &'static str,
     /// The object.
     pub at: Address,

@@ -1,4 +1,4 @@
-//! What to change so that a bus carries a rig.
+//! Advice on the change that makes a bus carry a rig.
 
 use std::time::Duration;
 
@@ -25,8 +25,8 @@ pub struct Advice {
     pub compute_at_us: [u64; 2],
 }
 
-/// The first that fits: another moment for the control step, a higher bit rate, a longer period. The rig's other buses, under
-/// their conditions, have to keep the cycle too, but for a bit rate of theirs that has to be raised anyway.
+/// Returns the first change that is sufficient: another moment for the control step, a higher bit rate, a longer period. The
+/// rig's other buses, under their conditions, must keep the cycle too, except for a bit rate that must rise anyway.
 ///
 /// # Errors
 /// As [`Budget::new`].

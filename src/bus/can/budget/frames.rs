@@ -19,7 +19,7 @@ const EMERGENCY_PERIOD: Duration = Duration::from_millis(100);
 /// Data bytes of an SDO and of an emergency message.
 const FULL: u8 = 8;
 
-/// What a frame is for, in the order in which the master queues its own.
+/// Use of a frame, in the order in which the master queues its own frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Use {
     /// The begin of a cycle, from the master.
@@ -43,9 +43,9 @@ pub enum Use {
 /// One frame that comes again and again.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PlannedFrame {
-    /// Who sends it and what it is, such as `left TPDO1`.
+    /// Sender and kind of the frame, such as `left TPDO1`.
     pub name: String,
-    /// What it is for.
+    /// Use of the frame.
     pub usage: Use,
     /// Whether the master sends it.
     pub is_of_master: bool,

@@ -1,8 +1,8 @@
 //! Whether a bus carries a rig: the longest time of every frame, and whether it is short enough.
 //!
-//! Worst-case response times after \[DBBL07\] (see [`response_ns`]), with what is known of this master: measured values
-//! follow SYNC, set-points follow the control step, and the frames of a Linux host go out through one FIFO.
-//! `docs/bus-budget.md` has the method and its assumptions.
+//! Worst-case response times after \[DBBL07\] (see [`response_ns`]), with three facts about this master: measured values follow
+//! SYNC, set-points follow the control step, and the frames of a Linux host leave through one FIFO. `docs/bus-budget.md` has the
+//! method and its assumptions.
 
 mod advice;
 mod bits;
@@ -23,7 +23,7 @@ use crate::setup::MasterSetup;
 use phases::{Timing, responses_ns};
 use yieldwall_fieldbus::canopen::BusId;
 
-/// What the response times depend on besides the frames.
+/// Conditions of the response times, besides the frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Conditions {
     /// The bus; each is looked at by itself.
@@ -95,7 +95,7 @@ impl FrameBudget {
 /// The frames of a bus and their longest times.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Budget {
-    /// What was assumed.
+    /// Conditions assumed.
     pub conditions: Conditions,
     /// Cycle time.
     pub cycle: Duration,

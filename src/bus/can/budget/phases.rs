@@ -1,9 +1,9 @@
 //! Response times within the cycle of the rig: SYNC and measured values first, set-points from the control step on.
 //!
-//! Measured values and set-points do not compete as long as each half of the cycle is over in time, and that is what is
-//! proved: if no set-point is under way at a SYNC, the measured values are in before the control step; if no measured
-//! value is under way at the control step, the set-points are in before the next SYNC. Where one of the two fails, the
-//! figures hold for cycles that began in order.
+//! Measured values and set-points do not compete as long as each half of the cycle ends in time. This module proves it in two
+//! steps. If no set-point is under way at a SYNC, the measured values arrive before the control step. If no measured value is
+//! under way at the control step, the set-points arrive before the next SYNC. If one of the two steps fails, the figures hold for
+//! cycles that began in order.
 
 use super::frames::{PlannedFrame, Use};
 use super::response::{Stream, blocking_ns, response_among_ns, response_ns};
@@ -75,8 +75,8 @@ impl Round<'_> {
         frame.is_of_master && self.timing.has_fifo
     }
 
-    /// What can be before SYNC is the frame on the wire, what the master's FIFO still holds of the last cycle, and a sensor
-    /// on plain CAN whose identifiers go before it. The FIFO's frames follow each other without a gap.
+    /// Three things can delay SYNC: the frame on the wire, the frames of the last cycle that the master's FIFO still holds, and a
+    /// sensor on plain CAN with identifiers of higher priority. The FIFO's frames follow each other without a gap.
     fn sync_ns(&self, stream: &Stream) -> Option<u64> {
         let background = self.seen(|at| self.is_background(at));
         let mut wait = blocking_ns(&background, stream.cob_id);
@@ -107,8 +107,9 @@ impl Round<'_> {
 
     /// A measured value is released up to R(SYNC) and the device's delay late, and competes with the others of its cycle.
     ///
-    /// The answer to a request waits for that. Without delay of the device the bus has no pause from SYNC to the answer,
-    /// and the request counts as one of the frames that go before it; with one, other frames may come between once more.
+    /// The answer to a request waits for the request. If the device answers without delay, the bus has no pause from SYNC to the
+    /// answer, and the request counts as one of the frames of higher priority. If the device has a delay, other frames may come
+    /// between once more.
     fn measured_ns(&self, at: usize, stream: &Stream) -> Option<u64> {
         let request = self.frames.iter().position(|frame| frame.usage == Use::Request);
         let is_answer = self.frames.get(at).is_some_and(|frame| frame.is_answer);

@@ -55,7 +55,7 @@ pub fn blocking_ns(others: &[Stream], cob_id: u16) -> u64 {
     after.map(|other| other.transmission_ns).max().unwrap_or_default()
 }
 
-/// What the streams need in a window that is open for `window_ns` and `more_ns`.
+/// Bus time that the streams need in a window that is open for `window_ns` and `more_ns`.
 fn demand(streams: &[Stream], window_ns: u64, more_ns: u64) -> u64 {
     let each = streams.iter().map(|stream| {
         let window = window_ns.saturating_add(stream.jitter_ns).saturating_add(more_ns);
