@@ -1,4 +1,4 @@
-//! What the error codes of a vendor mean: those in 603Fh, in 1003h and in emergency messages.
+//! Meanings of a vendor's error codes: the codes in 603Fh, in 1003h and in emergency messages.
 //!
 //! A table is a file. [`SHIPPED`] holds the texts of those in `drives/codes`; a device profile names the one of its device. The main
 //! crate reads them, with the feature `config` of this one.
@@ -27,7 +27,7 @@ pub const SHIPPED: &[(&str, &str)] =
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct ErrorCodes {
-    /// What the table is called, and what it rests on.
+    /// Name of the table, and its sources.
     #[cfg_attr(feature = "config", garde(dive))]
     pub error_codes: About,
     /// The codes.
@@ -35,7 +35,7 @@ pub struct ErrorCodes {
     pub codes: Vec<ErrorCode>,
 }
 
-/// What a table of error codes is called, and what it rests on.
+/// Name of a table of error codes, and its sources.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
@@ -59,13 +59,13 @@ pub struct ErrorCode {
     /// Short name.
     #[cfg_attr(feature = "config", garde(length(min = 1, max = 64)))]
     pub name: String,
-    /// What the device says with it.
+    /// Meaning of the code.
     #[cfg_attr(feature = "config", garde(length(min = 1, max = 400)))]
     pub meaning: String,
-    /// What usually lies behind it.
+    /// Usual cause.
     #[cfg_attr(feature = "config", garde(length(min = 1, max = 400)))]
     pub cause: String,
-    /// What to do next.
+    /// Remedy.
     #[cfg_attr(feature = "config", garde(length(min = 1, max = 400)))]
     pub next: String,
     /// Where that was read: a key of `error_codes.sources`.
@@ -74,7 +74,7 @@ pub struct ErrorCode {
 }
 
 impl ErrorCodes {
-    /// What the table says of a code.
+    /// Returns the entry of a code.
     pub fn of(&self, code: u16) -> Option<&ErrorCode> {
         self.codes.iter().find(|known| known.code == code)
     }

@@ -160,13 +160,13 @@ objects! {
     PROCESS_VALUE = 0x7130:1, I16, "process value of the channel, 16 bits (CiA 404)";
 }
 
-/// What has to be written to [`AUTO_ZERO`]: the text `zero`, first letter in the lowest byte.
+/// Value to write to [`AUTO_ZERO`]: the text `zero`, first letter in the lowest byte.
 ///
 /// # Source
 /// CiA 404, object 6125h.
 pub const AUTO_ZERO_SIGNATURE: u32 = u32::from_le_bytes(*b"zero");
 
-/// What has to be written to [`STORE_PARAMETERS`]: the text `save`, first letter in the lowest byte.
+/// Value to write to [`STORE_PARAMETERS`]: the text `save`, first letter in the lowest byte.
 ///
 /// # Source
 /// CiA 301, object 1010h.
@@ -180,7 +180,8 @@ pub const fn of_first_axis(index: u16) -> u16 {
     if index >= 0x6000 && index < 0xa000 { 0x6000 | index & 0x07ff } else { index }
 }
 
-/// What [`SIMULATION_MARK`] and the three sub-indices behind it say: the text `simulated device`, first letter in the lowest byte.
+/// Content of [`SIMULATION_MARK`] and the three sub-indices after it: the text `simulated device`, first letter in the lowest
+/// byte.
 pub const SIMULATED_DEVICE: [u32; 4] = [
     u32::from_le_bytes(*b"simu"),
     u32::from_le_bytes(*b"late"),

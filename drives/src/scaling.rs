@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-/// What scaling refuses.
+/// Error of scaling.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum ScalingError {
     /// A setting that has to be positive and finite is not.
@@ -21,7 +21,7 @@ pub enum ScalingError {
         /// Its value.
         value: f64,
     },
-    /// An angle that is further away than counts can tell apart.
+    /// An angle beyond the range that counts can represent.
     #[error("{angle_rad} rad is more than {} counts away from zero", COUNTS_MAX)]
     TooFar {
         /// The angle in rad.
@@ -75,8 +75,8 @@ pub struct AxisScaling {
 }
 
 impl AxisScaling {
-    /// Scaling of an axis with `counts_per_rev` counts per revolution of the output (after the gear), the joint angle
-    /// `zero_offset_rad` at zero counts, and the rated torque in N m at the output.
+    /// Returns the scaling of an axis with `counts_per_rev` counts per revolution of the output (after the gear). The joint angle
+    /// at zero counts is `zero_offset_rad`; the rated torque in N m is that at the output.
     ///
     /// # Errors
     /// If a setting is not finite, or counts or rated torque are not positive.

@@ -1,4 +1,4 @@
-//! What a drive watches its master by, and what a simulated one says of its time.
+//! Watchdogs with which a drive monitors its master, and the time base of a simulated drive.
 
 use std::time::Duration;
 
@@ -27,7 +27,7 @@ pub enum Watchdog {
 impl Watchdog {
     /// All of them.
     pub const ALL: [Self; 5] = [Self::Sync, Self::SetPoints, Self::Heartbeat, Self::Outputs, Self::Operational];
-    /// Those of drives on CANopen.
+    /// Watchdogs of drives on CANopen.
     pub const CANOPEN: [Self; 3] = [Self::Sync, Self::SetPoints, Self::Heartbeat];
     /// Watches of drives on EtherCAT.
     pub const ETHERCAT: [Self; 2] = [Self::Outputs, Self::Operational];
@@ -37,7 +37,7 @@ impl Watchdog {
         1 << self as u8
     }
 
-    /// What it waits for.
+    /// Name of the monitored message.
     pub const fn name(self) -> &'static str {
         match self {
             Watchdog::Sync => "SYNC",
@@ -54,10 +54,10 @@ impl Watchdog {
     }
 }
 
-/// What the time of a simulated drive follows, as it says in 2011h.
+/// Time base of a simulated drive, as it reports in 2011h.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Clock {
-    /// What somebody else says: the embedded simulation, or the process with the arm.
+    /// Time from another process: the embedded simulation, or the process with the arm.
     Elsewhere,
     /// SYNC: one period for each.
     Sync,

@@ -1,4 +1,4 @@
-//! What simulated devices have in common.
+//! Common parts of simulated devices.
 
 use yieldwall_drives::objects::{self, DataType};
 use yieldwall_drives::profiles::{DeviceProfile, Entry, MappedPdo, Pdo};
@@ -8,7 +8,7 @@ use yieldwall_fieldbus::objects::{
     Access, Address, DeviceIdentity, DictionaryError, Handle, Mappable, Object, ObjectDictionary, Scalar,
 };
 
-/// What building a simulated device refuses.
+/// Error when a simulated device is built.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum DeviceError {
     /// The object dictionary cannot be built.
@@ -25,7 +25,7 @@ pub enum DeviceError {
     /// The simulated device has an object that the profile says lies elsewhere, or has another length.
     #[error("the simulated drive has its {what} at {wanted}, and its profile says {index:04X}h:{sub} with {bits} bits")]
     Elsewhere {
-        /// What the object means.
+        /// Meaning of the object.
         what: &'static str,
         /// Where the simulated device has it.
         wanted: String,
@@ -49,7 +49,7 @@ pub enum DeviceError {
         setting: &'static str,
         /// Its value.
         value: f64,
-        /// What is allowed.
+        /// Allowed range.
         range: &'static str,
     },
 }
@@ -88,7 +88,7 @@ pub(super) fn commanded(object: objects::Object, value: i64) -> Object {
 /// Device type of drives of CiA 402 that say no more (1000h).
 const DRIVES: u32 = 402;
 
-/// Who a device of a model says it is.
+/// Returns the identity of a device of a model.
 pub(super) fn identity(profile: &DeviceProfile, serial: u32) -> DeviceIdentity {
     DeviceIdentity {
         device_type: profile.identity.device_type.unwrap_or(if profile.servo().is_some() { DRIVES } else { 0 }),

@@ -6,15 +6,15 @@ use thiserror::Error;
 use super::hand::HandLoad;
 use super::substeps::equal_steps;
 
-/// What is wrong with a point mass or with its motion.
+/// Error in a point mass or in its motion.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum PointMassError {
     /// A quantity of the device is out of its range.
     #[error("the point mass has a {name} of {value}")]
     BadParameter {
-        /// Which quantity, with its unit and range.
+        /// Quantity, with its unit and range.
         name: &'static str,
-        /// What was given.
+        /// Value given.
         value: f64,
     },
     /// A step that is not above zero, or a time that is not finite or needs too many steps.

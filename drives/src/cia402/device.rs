@@ -9,8 +9,8 @@ pub struct Transition(pub u8);
 /// Option codes of a drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OptionCodes {
-    /// 605Ah: 0 torque off, 1 slow ramp, 2 quick ramp, 3 current limit, 4 voltage limit, then Switch On Disabled;
-    /// 5 to 8 the same four ramps, staying in Quick Stop Active.
+    /// Value of 605Ah. 0 to 4 end in Switch On Disabled: 0 torque off, 1 slow ramp, 2 quick ramp, 3 current limit, 4 voltage
+    /// limit. 5 to 8 are the four ramps again, and stay in Quick Stop Active.
     pub quick_stop: i16,
     /// 605Bh: 0 torque off, 1 slow ramp first (transition 8).
     pub shutdown: i16,
@@ -38,7 +38,7 @@ impl Default for OptionCodes {
     }
 }
 
-/// What the power stage has to do now.
+/// Action of the power stage at this moment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Reaction {
     /// No torque.
@@ -78,7 +78,7 @@ pub struct StateMachine {
     state: State,
     options: OptionCodes,
     controlword: u16,
-    /// What a slow-down in Operation Enabled ends with.
+    /// Transition at the end of a slow-down in Operation Enabled.
     pending: Option<Transition>,
     has_quick_stopped: bool,
 }
@@ -200,7 +200,7 @@ impl StateMachine {
         }
     }
 
-    /// What the power stage has to do now.
+    /// Returns the present action of the power stage.
     pub const fn reaction(&self) -> Reaction {
         match self.state {
             State::OperationEnabled if self.pending.is_some() => Reaction::SlowRamp,

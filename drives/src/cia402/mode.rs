@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 #[cfg(feature = "config")]
 use serde::{Deserialize, Serialize};
 
-/// What is sent to the drives in each cycle (CiA 402 mode of operation).
+/// Quantity that the drives receive in each cycle (CiA 402 mode of operation).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema), serde(rename_all = "snake_case"))]
 pub enum CommandMode {
@@ -28,7 +28,7 @@ impl CommandMode {
         }
     }
 
-    /// What the drives are sent.
+    /// Returns the quantity of the set-points.
     pub const fn set_point(self) -> Quantity {
         match self {
             CommandMode::Position => Quantity::TargetPosition,

@@ -52,7 +52,7 @@ pub const fn next_command(state: State, goal: Goal) -> Command {
     }
 }
 
-/// What one step of [`StateWalk`] answers.
+/// Result of one step of [`StateWalk`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Walk {
     /// The controlword to send in this cycle.
@@ -77,8 +77,8 @@ enum Reset {
 
 /// Walks one drive to its goal, one controlword per cycle.
 ///
-/// It never resets a fault and never enables again by itself: when a drive that was on its way up or at its goal shows
-/// a fault, or leaves the goal unasked, the goal falls back to [`Goal::SwitchOnDisabled`] until somebody sets it again.
+/// The walk never resets a fault and never enables again by itself. If a drive that was on its way up or at its goal shows a
+/// fault, or leaves the goal without a command, the goal falls back to [`Goal::SwitchOnDisabled`] until the owner sets it again.
 ///
 /// Real-time: yes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

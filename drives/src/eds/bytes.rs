@@ -5,8 +5,9 @@ use std::ops::Range;
 use super::{Value, number};
 
 impl Value {
-    /// The value that a device sends as `bytes` for an object of this type (0007h for UNSIGNED32); more bytes than a
-    /// whole number has are left away if they are zero or repeat its sign. Any other length, and what is not finite, stays bytes.
+    /// Returns the value that a device sends as `bytes` for an object of this type (0007h for UNSIGNED32). If a whole number has
+    /// too many bytes, the excess is dropped if it is zero or repeats the sign. Any other length, or a number that is not finite,
+    /// stays bytes.
     pub fn from_bytes(data_type: u16, bytes: &[u8]) -> Self {
         let word = || bytes.iter().rev().fold(0_u64, |word, byte| word << 8 | u64::from(*byte));
         if let Some((bits, is_signed)) = number::integer(data_type) {
@@ -42,7 +43,7 @@ impl Value {
         number::integer(data_type).map(|(bits, is_signed)| number::range(bits, is_signed))
     }
 
-    /// What a device with this node id takes for the value; `None` if the type has no place for it.
+    /// Returns the bytes that a device with this node id expects for the value; `None` if the type has no place for it.
     pub fn to_bytes(&self, data_type: u16, node_id: u8) -> Option<Vec<u8>> {
         let integer = |value: i128| {
             let (bits, is_signed) = number::integer(data_type)?;

@@ -64,8 +64,8 @@ pub enum ConciseError {
     },
 }
 
-/// Whether bytes are those of a concise file of less than 65536 values, and no text: the upper half of the number is two zeros, which no
-/// text in UTF-8, UTF-16 or Latin-1 has there.
+/// Whether bytes are those of a concise file with less than 65536 values, not of a text. The upper half of the number is two
+/// zeros; no text in UTF-8, UTF-16 or Latin-1 has zeros there.
 pub fn is_concise(bytes: &[u8]) -> bool {
     bytes.get(2..4) == Some(&[0, 0])
 }

@@ -69,7 +69,7 @@ pub(super) fn add(findings: &mut Vec<Finding>, finding: Finding) {
     }
 }
 
-/// Reads the lines. What is no section, key or comment is a finding and left out.
+/// Reads the lines. A line that is no section, key or comment is a finding, and is left out.
 pub(super) fn sections(text: &str, findings: &mut Vec<Finding>) -> Sections {
     let mut sections = Sections::new();
     let mut here = Here::Before;
@@ -130,7 +130,7 @@ pub(super) fn sections(text: &str, findings: &mut Vec<Finding>) -> Sections {
     sections
 }
 
-/// What stands before a comment: a `;` behind a blank, which names never have. Quotes protect it.
+/// Returns the text before a comment: a `;` after a blank, which names never contain. Quotes protect it.
 fn without_comment(value: &str) -> &str {
     let mut is_quoted = false;
     let mut before = ' ';

@@ -5,8 +5,8 @@
 //! Eds with values -> DCF (text), concise DCF (object 1F22h) -> values
 //! ```
 //!
-//! Files of vendors break the standard in many ways. What can be read is read; each oddity is a [`Finding`] with its line. What is
-//! no data sheet at all is refused.
+//! Files of vendors break the standard in many ways. The reader takes everything that it can read; each oddity is a [`Finding`]
+//! with its line. It refuses a file that is no data sheet at all.
 //!
 //! # Source
 //! CiA 306-1, *Electronic data sheet specification*, 1.3.

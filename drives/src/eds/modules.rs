@@ -128,7 +128,7 @@ impl Reader<'_> {
     }
 }
 
-/// Adds the objects of the modules that are plugged in. Those that the file has by itself stay as they are.
+/// Adds the objects of the modules that are plugged in. Objects that the file already has stay as they are.
 pub(super) fn plug(eds: &mut Eds, reader: &mut Reader<'_>) -> Result<(), EdsError> {
     let line = reader.sections.get("connectedmodules").map_or(0, |section| section.line);
     let own: BTreeSet<u16> = eds.objects.keys().copied().collect();
@@ -191,7 +191,7 @@ fn extend(objects: &mut BTreeMap<u16, Object>, extension: &Extension, new: u32) 
     true
 }
 
-/// An object without entries but for their number.
+/// An object without entries except their number.
 fn empty(of: &Entry) -> Object {
     let count = Entry {
         name: "Number of entries".to_owned(),

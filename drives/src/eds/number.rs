@@ -128,7 +128,7 @@ pub(super) fn range(bits: u32, is_signed: bool) -> Range<i128> {
     if is_signed { -(all / 2)..all / 2 } else { 0..all }
 }
 
-/// The number in this many bits. Of a type with a sign its bit pattern is taken too, as many tools write it.
+/// Returns the number in this many bits. For a signed type it also accepts the bit pattern, which many tools write.
 pub(super) fn fit(number: i128, bits: u32, is_signed: bool) -> Option<i128> {
     let all = 1_i128 << bits;
     match number {

@@ -84,7 +84,7 @@ pub(super) struct Reader<'a> {
     entries: usize,
 }
 
-/// What the name of a section stands for.
+/// Meaning of the name of a section.
 enum Name {
     Object(u16),
     Sub(u16, u8),
@@ -121,7 +121,7 @@ impl Reader<'_> {
         add(&mut self.findings, Finding { line, level, message, help });
     }
 
-    /// A number that stands at a key. What is none is a finding, and as if it were not there; so is nothing.
+    /// Returns the number at a key. A text that is no number is a finding and counts as missing; an empty text is just missing.
     pub(super) fn number(&mut self, section: &Section, key: &str) -> Option<i128> {
         let text = section.get(key).filter(|text| !text.text.is_empty())?;
         let found = number(&text.text);

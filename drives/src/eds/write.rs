@@ -7,7 +7,7 @@ use super::{Access, Eds, Entry, Kind, Node, Object, Value};
 impl Eds {
     /// A device configuration file for a node: all objects with the values that they are set to.
     ///
-    /// What it writes is read as it was: [`Eds::read`] finds the same objects and values, without a finding.
+    /// [`Eds::read`] reads the output back without a finding: it finds the same objects and values.
     pub fn to_dcf(&self, node: &Node) -> String {
         let mut text = String::new();
         self.head(&mut text, node);

@@ -1,7 +1,7 @@
 //! EtherCAT slave information (ESI): the data sheet of an EtherCAT device, an XML file of its vendor.
 //!
-//! The reader is streamed and takes hostile files: a document type and entities of its own are refused, sizes, depth and numbers of
-//! items are bounded. What it does not know is passed over. Texts are as in the file: not checked for control characters.
+//! The reader is streamed and safe against hostile files: it refuses document types and own entities, and it limits sizes, depth
+//! and numbers of items. It skips unknown elements. Texts are as in the file: not checked for control characters.
 //!
 //! # Source
 //! ETG.2000, *EtherCAT slave information specification*; names are those of the file format.

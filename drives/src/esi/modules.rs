@@ -234,8 +234,9 @@ impl Esi {
         self.modules.iter().filter(fits).filter(|module| seen.insert(module.ident)).collect()
     }
 
-    /// The modules in the places of a device: the ones that `named` names by place, from 1, and by type, name or identification, else the
-    /// default of each slot, or the only module of a slot that is never empty. `none` names an empty place.
+    /// Returns the modules in the places of a device. `named` names modules by place, from 1, and by type, name or
+    /// identification. A place that it does not name has the default of its slot, or the only module of a slot that is never
+    /// empty. `none` names an empty place.
     ///
     /// # Errors
     /// If a slot has several modules without a default, or the file does not describe a module. The message names the slot.

@@ -29,7 +29,7 @@ fn is_true(text: &str) -> bool {
     matches!(text.trim(), "1" | "true")
 }
 
-/// What is being read.
+/// Position of the reader in the file.
 struct Cursor<'a> {
     text: &'a str,
     offset: usize,

@@ -36,8 +36,8 @@ pub struct Axes {
     /// Distance of a vendor's objects (2000h to 5FFFh) from one axis to the next; 0, for objects that all axes share, if left out.
     #[cfg_attr(feature = "config", serde(default))]
     pub vendor_object_step: u16,
-    /// Distance of the indices that stand for gaps in process data from one axis to the next; that of the last axis is below 0x1000. 0, for index
-    /// 0000h at all axes, if left out.
+    /// Distance from one axis to the next of the indices that mark gaps in process data; the index of the last axis is below
+    /// 0x1000. Left out: 0, that is index 0000h at all axes.
     #[cfg_attr(feature = "config", serde(default))]
     pub gap_step: u16,
     /// The axis of a profile that was moved to it.

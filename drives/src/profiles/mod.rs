@@ -1,4 +1,4 @@
-//! What the master has to know about a device model: identity, process data per mode, limits, watchdogs, peculiarities.
+//! A device model as the master needs it: identity, process data per mode, limits, watchdogs, peculiarities.
 //!
 //! A profile is a file. [`SHIPPED`] holds the texts of those in `drives/profiles`; the main crate reads them as it reads rigs,
 //! with the feature `config` of this one.
@@ -57,21 +57,21 @@ pub const SHIPPED: &[(&str, &str)] = shipped![
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct DeviceProfile {
-    /// What the profile is called, and what it rests on.
+    /// Name of the profile, and its sources.
     #[cfg_attr(feature = "config", garde(dive))]
     pub profile: About,
-    /// What the device says that it is.
+    /// Identity that the device reports.
     #[cfg_attr(feature = "config", garde(dive))]
     pub identity: Identity,
     /// How it behaves as a node.
     #[cfg_attr(feature = "config", garde(dive))]
     pub node: NodeTraits,
-    /// What it is used as.
+    /// Role of the device.
     #[cfg_attr(feature = "config", garde(dive))]
     pub device: Role,
 }
 
-/// What a profile is called, and what it rests on.
+/// Name of a profile, and its sources.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
@@ -85,8 +85,8 @@ pub struct About {
     #[cfg_attr(feature = "config", serde(default = "Fieldbus::all", skip_serializing_if = "Fieldbus::are_all"))]
     #[cfg_attr(feature = "config", garde(length(min = 1, max = 2)))]
     pub buses: Vec<Fieldbus>,
-    /// What its error codes mean: the name of a table that comes with the program, or a table's file (`.yaml`), relative to this
-    /// file. Without it codes have the meaning that the standards give them.
+    /// Meanings of its error codes: the name of a table that comes with the program, or the file of a table (`.yaml`), relative
+    /// to this file. Left out: the meanings in the standards.
     #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Option::is_none"), garde(length(min = 1)))]
     pub error_codes: Option<String>,
     /// The documents that were read, by the short names that `source` uses.
@@ -138,7 +138,7 @@ pub enum Tried {
     Bench,
 }
 
-/// What a device says that it is: 1000h and 1018h, without the serial number.
+/// Identity that a device reports: 1000h and 1018h, without the serial number.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
@@ -172,7 +172,7 @@ pub enum Revisions {
 }
 
 impl Revisions {
-    /// One that the profile is for.
+    /// Returns an identity that the profile accepts.
     pub const fn example(self) -> u32 {
         match self {
             Revisions::Any => 0x0001_0000,
@@ -230,7 +230,7 @@ pub enum Reset {
     Communication,
 }
 
-/// What a source says, or does not say.
+/// Statement of a source, or its absence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
@@ -243,7 +243,7 @@ pub enum Known {
     Unknown,
 }
 
-/// What a device is used as.
+/// Role of a device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case"), garde(allow_unvalidated))]
@@ -278,7 +278,7 @@ impl Entry {
     }
 }
 
-/// What a mapped object means.
+/// Meaning of a mapped object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
@@ -426,8 +426,8 @@ pub struct PdoMap {
 pub struct MappedPdo {
     /// Its number, counted from 1.
     pub number: u16,
-    /// The number of the default identifier that it uses on CANopen, 1 to 4: its own, or, of a device of several axes, the next one that no axis
-    /// before it uses. Another one is no identifier.
+    /// Number of the default identifier that the PDO uses on CANopen, 1 to 4: its own number, or on a device with several axes
+    /// the next one that no axis before it uses. Another number means no identifier.
     pub identifier: u8,
     /// Transmission type on CANopen.
     pub transmission_type: u8,

@@ -1,4 +1,4 @@
-//! What a profile says of a servo drive.
+//! Part of a profile about a servo drive.
 
 #[cfg(feature = "config")]
 use garde::Validate;
@@ -31,7 +31,7 @@ pub struct Servo {
     /// States in which the mode of operation may change; the master changes it in `switch_on_disabled`.
     #[cfg_attr(feature = "config", garde(length(min = 1, max = 8)))]
     pub mode_changes_in: Vec<State>,
-    /// What it is told to do by itself.
+    /// Option codes: the drive's own reactions.
     #[cfg_attr(feature = "config", garde(dive))]
     pub option_codes: OptionCodes,
     /// Other objects that are set before it is started, in this order.
@@ -40,7 +40,7 @@ pub struct Servo {
     /// Limits that it heeds; it gets those of the rig.
     #[cfg_attr(feature = "config", garde(dive))]
     pub limits: Limits,
-    /// What it watches its master by.
+    /// Watchdogs with which the drive monitors its master.
     #[cfg_attr(feature = "config", garde(dive))]
     pub watchdogs: Watchdogs,
     /// Time from SYNC0 to SYNC1 on EtherCAT, us, of a drive that wants both (AssignActivate 0700h in its device description). Left out: SYNC0
@@ -68,7 +68,7 @@ impl Servo {
         }
     }
 
-    /// The modes that the profile knows of as 6502h tells them: those of the master, and homing.
+    /// Returns the known modes as bits of 6502h: the modes of the master, and homing.
     pub fn supported_modes(&self) -> u32 {
         let homing = if self.homing.is_some() { OperationMode::Homing.supported_bit() } else { 0 };
         self.process_data.supported_modes() | homing
@@ -86,7 +86,7 @@ impl Servo {
     }
 }
 
-/// Objects of a servo drive. One that the drive does not have is null.
+/// Objects of a servo drive. An object that the drive lacks is null.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
@@ -145,7 +145,7 @@ impl ServoObjects {
     }
 }
 
-/// Objects that a drive is told the cycle time by.
+/// Objects that hold the cycle time.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
@@ -195,13 +195,13 @@ impl ProcessData {
         self.modes().into_iter().find(|(of, ..)| *of == mode)?.3
     }
 
-    /// Its modes as 6502h tells them.
+    /// Returns its modes as bits of 6502h.
     pub fn supported_modes(&self) -> u32 {
         self.modes().into_iter().filter(|mode| mode.3.is_some()).fold(0, |bits, mode| bits | mode.0.supported_bit())
     }
 }
 
-/// What a drive is told to do by itself: an object and its value each, null if the drive has no such object.
+/// Option codes, which set the drive's own reactions: an object and its value each, null if the drive lacks the object.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
@@ -245,7 +245,7 @@ impl Setting {
     }
 }
 
-/// What a drive watches its master by. Which of them suffice is not the profile's to say.
+/// Watchdogs with which a drive monitors its master. The profile does not decide which of them are sufficient.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
@@ -299,7 +299,7 @@ pub enum SetPointWatch {
     BuiltIn(#[cfg_attr(feature = "config", garde(dive))] BuiltInWatch),
     /// By the event timer of each RPDO, 14xxh:5.
     EventTimer {
-        /// What it does then.
+        /// Reaction of the drive.
         reaction: Reaction,
         /// Where that was read: a key of `profile.sources`.
         #[cfg_attr(feature = "config", garde(length(min = 1)))]
@@ -331,7 +331,7 @@ pub struct BuiltInWatch {
     #[cfg_attr(feature = "config", garde(range(min = 1, max = 1000)))]
     #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<u32>"))]
     pub periods: Option<u32>,
-    /// What the drive does then.
+    /// Reaction of the drive.
     pub reaction: Reaction,
     /// Where that was read: a key of `profile.sources`.
     #[cfg_attr(feature = "config", garde(length(min = 1)))]
@@ -346,14 +346,14 @@ pub struct TimedObject {
     /// The object.
     #[cfg_attr(feature = "config", garde(dive))]
     pub object: Entry,
-    /// What it counts.
+    /// Unit of the time.
     #[cfg_attr(feature = "config", garde(dive))]
     pub unit: TimeUnit,
-    /// What the drive does then.
+    /// Reaction of the drive.
     pub reaction: Reaction,
 }
 
-/// What a time in an object counts.
+/// Unit of a time in an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case"), garde(allow_unvalidated))]
@@ -364,14 +364,14 @@ pub enum TimeUnit {
     Cycles,
 }
 
-/// What a drive does when what it watches stays away.
+/// Reaction of a drive when a monitored message is missing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
 pub enum Reaction {
-    /// Nothing but to tell it.
+    /// No reaction except a report.
     Nothing,
-    /// What 6007h says.
+    /// Reaction in 6007h.
     AbortConnection,
     /// Fault: what 605Eh says.
     Fault,
@@ -399,12 +399,13 @@ pub struct Homing {
     /// Home offset in counts, 32 bits: 607Ch.
     #[cfg_attr(feature = "config", garde(dive))]
     pub offset: Entry,
-    /// What the position (6064h) is at home, once homing is over.
+    /// Position (6064h) at home after homing.
     pub position_at_home: PositionAtHome,
     /// Methods that the drive has, by their numbers in 6098h.
     #[cfg_attr(feature = "config", garde(length(min = 1, max = 64)))]
     pub methods: Vec<i8>,
-    /// Bit of the statusword, 8, 14 or 15, that tells in every mode that the position refers to home; null if none does.
+    /// Bit of the statusword, 8, 14 or 15, that reports in every mode that the position refers to home; null if there is no such
+    /// bit.
     #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<u8>"))]
     pub referenced_bit: Option<u8>,
 }
@@ -418,7 +419,7 @@ impl Homing {
         }
     }
 
-    /// Whether a statusword tells that the position refers to home; not where no bit does.
+    /// Whether a statusword reports that the position refers to home; never without such a bit.
     ///
     /// Real-time: yes.
     pub fn is_referenced(&self, statusword: u16) -> bool {
@@ -426,7 +427,7 @@ impl Homing {
     }
 }
 
-/// What the position of a drive is at home.
+/// Position of a drive at home.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
@@ -442,13 +443,13 @@ pub enum PositionAtHome {
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields))]
 pub struct Encoder {
-    /// What it knows at power-on.
+    /// Kind of the encoder: how much it knows at power-on.
     pub kind: EncoderKind,
-    /// What it sits on.
+    /// Side on which it is mounted.
     pub side: EncoderSide,
 }
 
-/// What an encoder knows at power-on.
+/// Kind of an encoder: how much it knows at power-on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
@@ -463,7 +464,7 @@ pub enum EncoderKind {
     Unknown,
 }
 
-/// What an encoder sits on.
+/// Side on which an encoder is mounted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
@@ -481,7 +482,7 @@ pub enum EncoderSide {
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct Brake {
-    /// Who opens and closes it.
+    /// Owner of the brake: it opens and closes the brake.
     pub held_by: BrakeHolder,
     /// The output by which the master does; left out otherwise.
     #[cfg_attr(feature = "config", garde(dive))]
@@ -504,13 +505,13 @@ pub struct BrakeOutput {
     /// The outputs, 32 bits: 60FEh:1. Process data carry it, as `digital_outputs`.
     #[cfg_attr(feature = "config", garde(dive))]
     pub value: Entry,
-    /// Which outputs that sets, 32 bits: 60FEh:2. The boot writes it.
+    /// Outputs that the object sets, 32 bits: 60FEh:2. The boot writes it.
     #[cfg_attr(feature = "config", garde(dive))]
     pub mask: Entry,
     /// Bit of the brake, 0 to 31; by CiA 402 it is bit 0.
     #[cfg_attr(feature = "config", garde(range(max = 31)))]
     pub bit: u8,
-    /// What closes the brake: the bit set, as CiA 402 has it, or cleared.
+    /// State of the bit that closes the brake: set, as in CiA 402, or cleared.
     pub closed_if: BitState,
     /// How long it takes to close, ms: torque stays on for so long when the rig is stopped. 0 to 500.
     #[cfg_attr(feature = "config", garde(range(max = 500)))]
@@ -529,7 +530,7 @@ impl BrakeOutput {
         if is_set { self.mask_word() } else { 0 }
     }
 
-    /// Whether the brake is closed with these outputs and this mask. One that the mask leaves out is closed, as without current.
+    /// Whether the brake is closed with these outputs and this mask. If the mask leaves it out, it is closed, as without current.
     pub fn is_closed(&self, value: u32, mask: u32) -> bool {
         mask & self.mask_word() == 0 || (value & self.mask_word() != 0) == (self.closed_if == BitState::Set)
     }
@@ -546,7 +547,7 @@ pub enum BitState {
     Cleared,
 }
 
-/// Who opens and closes a brake.
+/// Owner of a brake: it opens and closes the brake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]

@@ -6,15 +6,16 @@ use yieldwall_motion::setvalued::gsat;
 
 /// The rates `v'` of two coupled joints for which `inertia v' + limit Sgn(v')` contains `impulse`.
 ///
-/// `inertia` (kg m^2) is symmetric and positive definite, `impulse` (N m s) is the momentum that the joints would have
-/// after the step without dry friction, and `limit` (N m s, each >= 0) is the greatest impulse of dry friction within
-/// the step. A joint that sticks gets exactly `0.0`. The solution exists, is unique and depends continuously on
-/// `impulse`. A NaN in `impulse` or `inertia` gives NaN in a rate; an inertia that is not positive definite gives a
-/// meaningless but bounded amount of work.
+/// Arguments: `inertia` (kg m^2) is symmetric and positive definite. `impulse` (N m s) is the momentum that the joints would have
+/// after the step without dry friction. `limit` (N m s, each >= 0) is the greatest impulse of dry friction within the step.
 ///
-/// There is no iteration. With joint 2 free to slip or stick and joint 1 held, the torque impulse left over on joint 1
-/// tells whether it breaks away and in which direction, because the sought rates minimise a strictly convex function
-/// and its minimum over `v2` alone is convex in `v1`.
+/// A joint that sticks gets exactly `0.0`. The solution exists, is unique and depends continuously on `impulse`. A NaN in
+/// `impulse` or `inertia` gives NaN in a rate; an inertia that is not positive definite gives a meaningless but bounded amount of
+/// work.
+///
+/// There is no iteration. With joint 2 free to slip or stick and joint 1 held, the torque impulse left over on joint 1 shows
+/// whether it breaks away and in which direction. The reason: the sought rates minimise a strictly convex function, and its
+/// minimum over `v2` alone is convex in `v1`.
 ///
 /// Real-time: yes.
 ///

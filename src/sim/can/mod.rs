@@ -14,7 +14,7 @@ use yieldwall_fieldbus::time::Time;
 pub const QUEUE_FRAMES: usize = 64;
 const NS_PER_S: u64 = 1_000_000_000;
 
-/// What [`VirtualBus::new`] refuses.
+/// Error of [`VirtualBus::new`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CanError {
     /// A bit rate that classic CAN does not have.
@@ -37,7 +37,7 @@ pub enum BitTiming {
     Ideal,
 }
 
-/// Which of its waiting frames a port offers for arbitration.
+/// Choice of the waiting frame that a port offers for arbitration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum QueueOrder {
     /// The oldest, like a network interface behind a FIFO queueing discipline: a frame of low priority holds up those
@@ -54,14 +54,14 @@ pub struct Delivery {
     pub time: Time,
     /// The port that sent it.
     pub from: usize,
-    /// What receivers have got.
+    /// Frame that receivers got.
     pub frame: Frame,
 }
 
 /// May change or lose frames between sender and receivers, for fault injection.
 pub trait Tamper {
-    /// What receivers get instead of `frame`, `None` for nothing (and no echo). The time on the bus stays that of the
-    /// frame that was sent.
+    /// Returns the frame that receivers get instead of `frame`, or `None` for nothing (and no echo). The time on the bus stays
+    /// that of the sent frame.
     fn pass(&mut self, time: Time, from: usize, frame: Frame) -> Option<Frame>;
 }
 
@@ -71,7 +71,7 @@ impl<F: FnMut(Time, usize, Frame) -> Option<Frame>> Tamper for F {
     }
 }
 
-/// What has happened on the bus so far.
+/// Counters of the bus since its start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BusCounters {
     /// Frames that were sent.
@@ -99,7 +99,7 @@ impl BusCounters {
 }
 
 impl<'a> std::iter::Sum<&'a BusCounters> for BusCounters {
-    /// What has happened on several buses; the longest queue is the longest of all.
+    /// Sums the counters of several buses; the longest queue is the longest of all.
     fn sum<I: Iterator<Item = &'a BusCounters>>(counters: I) -> Self {
         counters.fold(BusCounters::default(), |sum, one| BusCounters {
             frames: sum.frames + one.frames,
@@ -162,21 +162,21 @@ struct Next {
 
 /// A CAN bus in virtual time, with the timing and arbitration of classic CAN.
 ///
-/// Whenever the bus is idle, the ports' offered frames compete and the lowest identifier is sent; it occupies the bus
-/// for its exact number of bits ([`frame_bits`]) and is delivered when its last bit before the interframe space has
-/// passed. There are no error frames, no clock tolerance and no propagation delay.
+/// Whenever the bus is idle, the ports' offered frames compete, and the bus sends the lowest identifier. A frame occupies the bus
+/// for its exact number of bits ([`frame_bits`]). It is delivered when its last bit before the interframe space has passed. There
+/// are no error frames, no clock tolerance and no propagation delay.
 ///
 /// Virtual time must not run backwards: call [`VirtualBus::advance`] up to `now` until it gives nothing before
 /// submitting frames of a later moment. A frame that is submitted at a delivery takes part in the arbitration that
 /// follows it.
 pub struct VirtualBus {
     timing: BitTiming,
-    /// What a bit takes in ns, where that is a whole number; 0 where it is not.
+    /// Duration of a bit in ns if it is a whole number; otherwise 0.
     bit_ns: u64,
     ports: Vec<Port>,
     idle_from: Time,
     waiting: usize,
-    /// What arbitration gives as things stand, kept up to date because it is asked for far more often than it changes.
+    /// Present result of the arbitration, kept up to date because it is read far more often than it changes.
     next: Option<Next>,
     counters: BusCounters,
     tamper: Option<Box<dyn Tamper + Send>>,
@@ -190,9 +190,9 @@ pub struct Passage {
     pub time: Time,
     /// The port that sent it.
     pub from: usize,
-    /// What was sent.
+    /// Frame that was sent.
     pub sent: Frame,
-    /// What receivers get; `None` if it was lost on the way.
+    /// Frame that receivers get; `None` if it was lost on the way.
     pub received: Option<Frame>,
 }
 
@@ -244,12 +244,12 @@ impl VirtualBus {
         })
     }
 
-    /// Has every frame pass through `tamper`; replaces an earlier one.
+    /// Sends every frame through `tamper`; replaces an earlier one.
     pub fn set_tamper(&mut self, tamper: impl Tamper + Send + 'static) {
         self.tamper = Some(Box::new(tamper));
     }
 
-    /// Has `witness` get the passage of every frame from now on.
+    /// Reports the passage of every frame to `witness` from now on.
     pub fn set_witness(&mut self, witness: Witness) {
         self.witness = Some(witness);
     }
@@ -333,7 +333,7 @@ impl VirtualBus {
         }
     }
 
-    /// Has what is in `port` wait, as without anybody to acknowledge it, or leave from `now` on.
+    /// Holds the frames in `port`, as if nobody acknowledged them, or releases them from `now` on.
     pub fn hold(&mut self, port: usize, now: Time, is_held: bool) {
         if let Some(port) = self.ports.get_mut(port)
             && port.is_held != is_held
@@ -351,7 +351,7 @@ impl VirtualBus {
         self.ports.get(port).map_or(0, |port| port.queue.len())
     }
 
-    /// What has happened so far.
+    /// Returns the counters so far.
     pub const fn counters(&self) -> &BusCounters {
         &self.counters
     }
@@ -374,7 +374,7 @@ impl VirtualBus {
         Next { port, position, id: frame.id(), bits: *bits, start, end }
     }
 
-    /// Who sends next, and when: of the frames that are ready when the bus is next free and wanted.
+    /// Returns the next sender and its time: the winner of the frames that are ready when the bus is next free and wanted.
     fn arbitrate(&self) -> Option<Next> {
         if self.waiting == 0 {
             return None;
@@ -387,7 +387,7 @@ impl VirtualBus {
         })
     }
 
-    /// Who sends, of the frames that are ready at `start`.
+    /// Returns the sender among the frames that are ready at `start`.
     fn arbitrate_at(&self, start: Time) -> Option<Next> {
         let offers = self.ports.iter().enumerate().filter_map(|(port, queue)| Some((port, queue.offer(start)?)));
         // Of equal identifiers the first, so that the lower port number goes first.

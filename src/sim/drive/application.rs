@@ -1,4 +1,4 @@
-//! What the drive does with its objects.
+//! Behaviour of the drive's objects.
 
 use yieldwall_drives::cia402::{OperationMode, OptionCodes, StateMachine};
 use yieldwall_drives::objects::{self as cia, error_code};

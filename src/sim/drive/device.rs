@@ -39,7 +39,7 @@ pub(super) struct Parameters {
 
 #[derive(Clone, Debug)]
 pub(super) struct Device {
-    /// That of the whole device while the axis acts.
+    /// Object dictionary of the axis; that of the whole device while the axis acts.
     pub(super) od: ObjectDictionary,
     /// Where its objects are.
     pub(super) offset: AxisOffset,
@@ -71,7 +71,7 @@ pub(super) struct Device {
     counts: i64,
     motion: Motion,
     now: Time,
-    /// The target of the present straight line, to tell a new one.
+    /// Target of the present straight line, to recognise a new one.
     aimed_at: Option<i32>,
     outside_since: Option<Time>,
     pub(super) sync_deadline: Time,
@@ -192,12 +192,12 @@ impl Device {
         }
     }
 
-    /// Has an encoder that knows nothing at power-on, with its mark where the joint is at this angle.
+    /// Gives the joint an encoder that knows nothing at power-on, with its mark at this angle of the joint.
     pub(super) fn set_incremental(&mut self, mark_rad: f64) {
         self.home = self.scaling.counts(mark_rad).ok().map(Home::new);
     }
 
-    /// Has the mark be found with this standard deviation, rad, drawn for each homing.
+    /// Gives the mark a random error with this standard deviation, rad, drawn for each homing.
     pub(super) fn set_loose_mark(&mut self, deviation_rad: f64, seed: u64) {
         let counts = deviation_rad * self.scaling.counts_per_rad().abs();
         self.home.iter_mut().for_each(|home| home.loosen(counts, seed));
@@ -470,7 +470,7 @@ impl Device {
         }
     }
 
-    /// Has the joint move as homing asks for.
+    /// Moves the joint as homing requires.
     fn seek(&mut self) {
         let (counts, at_home, per_rad) = (self.counts, self.at_home(), self.scaling.counts_per_rad());
         let Some(home) = &mut self.home else { return };
@@ -555,8 +555,8 @@ impl Device {
         }
     }
 
-    /// The smallest of the torque limits 6072h, that of the current, 60E0h and 60E1h in each direction of the joint; none in the direction in which it
-    /// turns faster than 6080h allows. The motor is the joint.
+    /// Returns the smallest of the torque limits 6072h, the current limit, 60E0h and 60E1h in each direction of the joint. In a
+    /// direction in which it turns faster than 6080h allows there is no torque. The motor is the joint.
     fn torque_range(&self) -> TorqueRange {
         let most = self.torque_limit_per_mille();
         let limit = |other: u16| most.min(other).min(i16::MAX as u16) as i16;

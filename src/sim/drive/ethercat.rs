@@ -41,22 +41,23 @@ const NO_ERROR: CoeEmergency = CoeEmergency { code: 0, register: 0, vendor: [0; 
 /// A simulated servo drive on EtherCAT, to be put behind a [`Controller`](crate::ethercat::Controller).
 ///
 /// State machine, control loops, limits and monitoring are those of [`Drive`](super::Drive). The physical side is
-/// [`EthercatDrive::measure`] in and [`EthercatDrive::torque_n_m`] out. What the drive is given acts at SYNC0 where the master switched
-/// that on, otherwise when it comes. It is watched by the watchdog of its sync manager: when the device leaves OP while Operation Enabled, it
-/// does what 6007h says, and tells it by an emergency (8250h).
+/// [`EthercatDrive::measure`] in and [`EthercatDrive::torque_n_m`] out. Outputs act at SYNC0 if the master switched SYNC0 on,
+/// otherwise when they arrive. The watchdog of its sync manager monitors the master. If the device leaves OP while Operation
+/// Enabled, the drive reacts as 6007h says and sends an emergency (8250h).
 #[derive(Clone, Debug)]
 pub struct EthercatDrive {
     axes: Axes,
     /// Whether the device has left OP while Operation Enabled, and has not been there again.
     has_lost_master: bool,
-    /// What of that and of its end is not told yet.
+    /// Part of that, or of its end, that is not yet reported.
     untold: Option<CoeEmergency>,
     /// Time from SYNC0 to SYNC1, of a model that works with both alone.
     sync1_ns: Option<u32>,
 }
 
-/// Mappings of a direction at power-on: all that the profile of an axis names. Of those that it calls fixed the ones of the first mode that has any
-/// are exchanged. Those that can be changed are empty; without fixed ones the first one of the axis holds `usual` and is exchanged.
+/// Returns the mappings of a direction at power-on: all mappings in the profile of an axis. Among fixed mappings, the device
+/// exchanges those of the first mode that has any. Mappings that can change are empty. Without fixed mappings the first mapping
+/// of the axis holds `usual` and is exchanged.
 fn mappings<'a>(
     profile: &DeviceProfile,
     modes: impl Iterator<Item = &'a Vec<Pdo>>,
@@ -167,7 +168,7 @@ impl EthercatDrive {
         self.axes.front_mut().raise_fault(now, code);
     }
 
-    /// Has the drive say in 2011h what its time follows.
+    /// Sets the time base that the drive reports in 2011h.
     pub fn set_clock(&mut self, clock: Clock) {
         self.axes.each(|axis| axis.clock = clock);
     }
@@ -187,12 +188,12 @@ impl EthercatDrive {
         self.axes.front_mut().leave_operation(now);
     }
 
-    /// Has the drive keep its last target and say so (statusword bit 12), or follow again.
+    /// Makes the drive keep its last target and report so (statusword bit 12), or follow again.
     pub fn set_ignores_targets(&mut self, ignores: bool) {
         self.axes.front_mut().set_ignores_targets(ignores);
     }
 
-    /// Has the drive take a torque limit (6072h) and forget it at once, or keep it.
+    /// Makes the drive accept a torque limit (6072h) and forget it at once, or keep it.
     pub fn set_forgets_torque_limit(&mut self, forgets: bool) {
         self.axes.front_mut().forgets_torque_limit = forgets;
     }
@@ -217,7 +218,7 @@ impl EthercatDrive {
         self.axes.front_mut().refer();
     }
 
-    /// Has the state machine ignore the controlword, or follow it again.
+    /// Makes the state machine ignore the controlword, or follow it again.
     pub fn set_ignores_controlword(&mut self, ignores: bool) {
         self.axes.front_mut().set_ignores_controlword(ignores);
     }

@@ -4,7 +4,7 @@ use crate::standard_normal;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 
-/// What homing is doing.
+/// State of homing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Run {
     /// It was not started, or broken off.
@@ -18,7 +18,7 @@ enum Run {
     Failed,
 }
 
-/// What the joint moves for.
+/// Leg of the search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Leg {
     /// Until it is on the limit switch.
@@ -29,12 +29,12 @@ enum Leg {
     ToIndex,
 }
 
-/// Which speed a joint that moves has.
+/// Speed of a joint that moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Speed {
-    /// That of the search for a switch (6099h:1), this way.
+    /// Speed of the search for a switch (6099h:1), in this direction.
     Switch(i8),
-    /// That of the search for zero (6099h:2), this way.
+    /// Speed of the search for zero (6099h:2), in this direction.
     Zero(i8),
     /// None.
     None,
@@ -72,7 +72,7 @@ impl Home {
         Self { mark, loose: None, beside: 0, origin: None, is_referenced: false, run, is_asked: false }
     }
 
-    /// Has the mark be found with this standard deviation, counts, drawn for each homing.
+    /// Gives the mark a random error with this standard deviation, counts, drawn for each homing.
     pub(super) fn loosen(&mut self, deviation_counts: f64, seed: u64) {
         self.loose = Some(Loose { deviation_counts, stream: Xoshiro256PlusPlus::seed_from_u64(seed) });
     }
@@ -148,7 +148,7 @@ impl Home {
         };
     }
 
-    /// What the joint does now that it is here.
+    /// Returns the speed of the joint from its present position.
     pub(super) fn seek(&mut self, counts: i64, at_home: i64) -> Speed {
         let Run::Seeking { leg, way, last } = self.run else { return Speed::None };
         let mark = self.mark + self.beside;

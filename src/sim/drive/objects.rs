@@ -257,7 +257,7 @@ pub(super) fn needed_bits(odd: &[OddObject]) -> Vec<(Address, u32)> {
     needs.map(|odd| (Address::new(odd.index, odd.sub.unwrap_or_default()), odd.needed_bits)).collect()
 }
 
-/// What a profile says of its drive beyond the objects of CiA 402: those that are set at each start, and those of its watchdogs.
+/// Adds the objects of a profile beyond CiA 402: those that are set at each start, and those of its watchdogs.
 fn of_profile(builder: Builder, servo: &Servo) -> Builder {
     let mut own: Vec<&Entry> = settings(servo).map(|setting| &setting.object).collect();
     if let SetPointWatch::Object(timed) = &servo.watchdogs.set_points {
@@ -330,8 +330,8 @@ pub(super) fn check(servo: &Servo) -> Result<(), DeviceError> {
     Ok(())
 }
 
-/// What the drive declares for CANopen, with the default PDOs of CiA 402, event-driven: the first pair of the first axis is in use, the others
-/// wait for a master.
+/// Returns the CANopen declaration of the drive, with the default PDOs of CiA 402, event-driven. The first pair of the first axis
+/// is in use; the others wait for a master.
 pub(super) fn communication(
     settings: &DriveSettings,
     models: &[Arc<DeviceProfile>],

@@ -59,7 +59,7 @@ pub(super) struct TorqueRange {
     pub(super) highest: f64,
 }
 
-/// What the loop does.
+/// Task of the loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Plan {
     /// No torque.
@@ -70,7 +70,7 @@ pub(super) enum Plan {
     Position,
     /// The target velocity.
     Velocity,
-    /// What homing asks for: a velocity of its own, reached within its acceleration, or the position held.
+    /// Homing: the joint moves with its own velocity, reached within the homing acceleration, or holds its position.
     Homing,
     /// Down to standstill with this deceleration in rad/s^2, then held.
     Ramp(f64),
@@ -121,7 +121,7 @@ pub(super) struct Servo {
     setpoint_rate: f64,
     velocity_target: f64,
     velocity_offset: f64,
-    /// That of homing, rad/s^2.
+    /// Acceleration of homing, rad/s^2.
     acceleration: f64,
     torque_target: f64,
     torque_offset: f64,

@@ -1,4 +1,4 @@
-//! What a simulated drive watches its master by, as its profile says.
+//! Watchdogs with which a simulated drive monitors its master, as its profile describes.
 
 use std::time::Duration;
 
@@ -73,7 +73,7 @@ impl Watch {
         }
     }
 
-    /// What the drive does when it stays away for longer.
+    /// Reaction of the drive when the message stays away for longer.
     pub(super) fn reaction(self) -> Reaction {
         match self {
             Watch::None => Reaction::Nothing,

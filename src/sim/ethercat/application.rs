@@ -1,4 +1,4 @@
-//! What an EtherCAT device does beside its objects.
+//! Behaviour of an EtherCAT device besides its objects.
 
 use yieldwall_fieldbus::ethercat::coe::CoeEmergency;
 use yieldwall_fieldbus::objects::{ObjectDictionary, ServedDevice};

@@ -1,4 +1,4 @@
-//! What a device says of itself: communication objects, and the SII image and the device description that are made of them.
+//! Self-description of a device: communication objects, and the SII image and device description made from them.
 //!
 //! Both are made from the dictionary, so that the three agree by making.
 
@@ -96,7 +96,7 @@ impl Communication<'_> {
     }
 }
 
-/// The name by which an object is told: its own, or that of the record that it is in.
+/// Returns the displayed name of an object: its own, or the name of its record.
 fn name(od: &ObjectDictionary, at: Address) -> String {
     let named = |at| od.describe(at).ok().map(|object| object.name).filter(|name| !name.is_empty());
     named(at).or_else(|| named(Address::new(at.index, 0))).unwrap_or_default().to_owned()

@@ -1,4 +1,4 @@
-//! Which objects the process data carry.
+//! Objects in the process data.
 
 use yieldwall_fieldbus::ethercat::AlStatusCode;
 use yieldwall_fieldbus::objects::{AbortCode, Address, Mappable, ObjectDictionary, load_le, mask};
@@ -37,7 +37,7 @@ impl Flow {
         }
     }
 
-    /// What the device says when the mapping names what is not there.
+    /// Returns the AL status code for a mapping that names missing objects.
     pub(super) const fn invalid_mapping(self) -> AlStatusCode {
         match self {
             Flow::Outputs => AlStatusCode::INVALID_OUTPUT_MAPPING,
@@ -45,7 +45,7 @@ impl Flow {
         }
     }
 
-    /// What the device says when the sync manager does not match the mapping.
+    /// Returns the AL status code for a sync manager that does not match the mapping.
     pub(super) const fn invalid_length(self) -> AlStatusCode {
         match self {
             Flow::Outputs => AlStatusCode::INVALID_OUTPUTS,

@@ -8,8 +8,8 @@ use yieldwall_fieldbus::time::Time;
 
 /// A virtual segment: devices in a line, the first one at the master.
 ///
-/// The owner calls [`Segment::poll`] at each [`Segment::next_deadline`], so that what happens at a moment of its own (SYNC0, the control
-/// loop of a drive, a watchdog) happens then; [`Segment::process`] catches up with what is due.
+/// The owner calls [`Segment::poll`] at each [`Segment::next_deadline`]. Events with a moment of their own (SYNC0, the control
+/// loop of a drive, a watchdog) then happen in time. [`Segment::process`] catches up with events that are due.
 #[derive(Clone, Debug)]
 pub struct Segment<D> {
     controllers: Vec<Controller<D>>,
@@ -79,7 +79,7 @@ impl<D: EthercatApplication> Segment<D> {
         }
     }
 
-    /// Tells each device which of its ports have a link.
+    /// Informs each device which of its ports have a link.
     fn link(&mut self) {
         let is_linked = |place: usize| {
             let is_on = |place: usize| self.controllers.get(place).is_some_and(Controller::is_powered);
@@ -102,8 +102,9 @@ impl<D: EthercatApplication> Segment<D> {
         self.controllers.iter_mut().for_each(|controller| controller.poll(now));
     }
 
-    /// Sends a frame through the segment, whose first bit is at the first device at `now`: changes it in place, and gives the moment at
-    /// which its last bit is back at the master. `None` if nothing comes back: the first cable is pulled, or it is no EtherCAT frame.
+    /// Sends a frame through the segment; its first bit is at the first device at `now`. Changes the frame in place, and returns
+    /// the moment at which its last bit is back at the master. `None` if nothing comes back: the first cable is pulled, or the
+    /// bytes are no EtherCAT frame.
     ///
     /// A frame with a datagram that cannot be comes back with the datagrams before it processed.
     ///
@@ -137,7 +138,7 @@ impl<D: EthercatApplication> Segment<D> {
         Some(now + Duration::from_nanos(wire_bytes * BYTE_NS + DEVICE_NS * reached as u64))
     }
 
-    /// Has a device process all datagrams of a frame.
+    /// Makes a device process all datagrams of a frame.
     fn pass(controller: &mut Controller<D>, bytes: &mut [u8], end: usize) {
         let mut next = Some(frame::HEADER);
         while let Some(at) = next {

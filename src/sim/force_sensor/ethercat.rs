@@ -19,7 +19,7 @@ use yieldwall_fieldbus::time::Time;
 const WITH_CALIBRATION: u32 = 0x0000_0732;
 /// The calibration record.
 const CALIBRATION: u16 = 0x2040;
-/// The same bytes as the value of one object, for masters without complete access; no sensor of ATI has it.
+/// The calibration bytes as the value of one object, for masters without complete access; no sensor of ATI has it.
 const CALIBRATION_BYTES: u16 = 0x2041;
 /// Force in N and torque in N m, as the calibration record says it.
 const UNIT_N: u8 = 2;
@@ -125,22 +125,22 @@ impl ForceTorqueSensor {
         })
     }
 
-    /// What the channels read at this moment, in counts.
+    /// Sets the present readings of the channels, in counts.
     pub fn measure(&mut self, counts: [i32; CHANNELS]) {
         self.sampler.measure(counts);
     }
 
-    /// Has the clock take its next sample at this moment, and the others so long after one another.
+    /// Sets the moment of the clock's next sample, and the period after it.
     pub fn set_clock(&mut self, next: Time, period: Duration) {
         self.sampler.set_clock(next, period);
     }
 
-    /// Has the clock run at a share of its rate, 0 (no samples any more) to 1.
+    /// Makes the clock run at a share of its rate, 0 (no samples any more) to 1.
     pub fn set_clock_rate(&mut self, share: f64) {
         self.sampler.set_clock_rate(share);
     }
 
-    /// Has the status say that the hardware has an error, or no longer.
+    /// Makes the status report a hardware error, or no error.
     pub fn set_invalid(&mut self, is_invalid: bool) {
         self.sampler.set_invalid(is_invalid);
     }

@@ -84,8 +84,8 @@ fn build(
     Ok(shown::declare(builder, model, counts_per_unit)?.build()?)
 }
 
-/// What the sensor declares for CANopen. As delivered, its TPDOs are mapped but switched off: the master decides who talks on its
-/// bus.
+/// Returns the CANopen declaration of the sensor. As delivered, its TPDOs are mapped but switched off: the master decides which
+/// nodes send on its bus.
 fn communication(
     node: NodeId,
     profile: &DeviceProfile,

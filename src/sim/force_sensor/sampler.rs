@@ -1,4 +1,4 @@
-//! What every simulated force sensor has, whatever it speaks: channels, range, zero, and a clock.
+//! Common parts of all simulated force sensors, for any protocol: channels, range, zero, and a clock.
 
 use std::time::Duration;
 
@@ -61,15 +61,15 @@ impl Sampler {
         self.next_tick = if self.period.is_some() { now + self.phase } else { Time::NEVER };
     }
 
-    /// Has its own clock begin at `now`: with a sample at once, and the next one as long after `now` as the first one after
-    /// power-on, right behind it without a phase.
+    /// Starts its own clock at `now`, with a sample at once. The next sample comes after the time that passed from power-on to
+    /// the first sample; without a phase it follows directly.
     pub(super) fn begin_clock(&mut self, now: Time) {
         if let Some(period) = self.period {
             self.next_tick = Time(now.0.saturating_sub(period.saturating_sub(self.phase).as_nanos() as u64));
         }
     }
 
-    /// Has its own clock, if there is one, take its next sample at `next` and go by `period`.
+    /// If the sensor has its own clock, sets the next sample to `next` and the period to `period`.
     pub(super) fn set_clock(&mut self, next: Time, period: Duration) {
         if self.period.is_some() {
             (self.period, self.next_tick) = (Some(period), next);

@@ -61,7 +61,7 @@ impl Shown {
         self.count = 0;
     }
 
-    /// Shows a sample. One that is not valid is shown by the first of the bits for it, or by numbers that are none where there is no such bit.
+    /// Shows a sample. An invalid sample sets the first of the bits for it; if there is no such bit, the values are not numbers.
     pub(super) fn show(&mut self, od: &mut ObjectDictionary, conversion: &Conversion) {
         self.count = self.count.wrapping_add(1);
         let bits = self.status_bits;
@@ -100,7 +100,8 @@ impl Shown {
     }
 }
 
-/// The objects of a profile that were not declared before, each record with its sub-index 0. Those of `scaling` hold `counts_per_unit`.
+/// Declares the objects of a profile that were not declared before, each record with its sub-index 0. Objects of `scaling` hold
+/// `counts_per_unit`.
 ///
 /// # Errors
 /// If no type has the length of an object.
@@ -213,7 +214,7 @@ struct Zero {
 }
 
 impl Zeroing {
-    /// Those of a profile, without objects of the index `except`.
+    /// Returns the shown objects of a profile, without objects of the index `except`.
     pub(super) fn new(model: &ForceSensor, except: u16) -> Self {
         let is_single = model.zero.len() == CHANNELS;
         let zero = |(channel, setting): (usize, &yieldwall_drives::profiles::Setting)| Zero {

@@ -20,15 +20,15 @@ const AIM_ERROR_RISE_S: f64 = 0.5;
 /// Added to the seed, so that the error of the aim knows nothing of the tremor.
 const AIM_STREAM: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// What is wrong with a hand, its tremor or its path.
+/// Error in a hand, its tremor or its path.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum HandError {
     /// A quantity of the hand is not finite or below zero.
     #[error("the hand's {name} is {value}; it must be finite and not negative")]
     BadParameter {
-        /// Which quantity, with its unit.
+        /// Quantity, with its unit.
         name: &'static str,
-        /// What was given.
+        /// Value given.
         value: f64,
     },
     /// A band is empty, below zero or beyond what its time grid carries.
@@ -52,7 +52,7 @@ pub enum HandError {
     BadDuration {
         /// Number of the leg, from 1.
         leg: usize,
-        /// What was given, in s.
+        /// Value given, in s.
         in_s: f64,
     },
     /// An arc starts at its own centre.
@@ -101,7 +101,7 @@ pub struct AimError {
     pub corner_hz: f64,
 }
 
-/// What a hand does to the handle near one moment: `force - damping * velocity - stiffness * (position - here)`.
+/// Load of a hand on the handle near one moment: `force - damping * velocity - stiffness * (position - here)`.
 ///
 /// The hand's mass is not in it: it belongs to the mass that the plant moves. The default is no hand at all.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -168,7 +168,7 @@ impl<const N: usize> Hand<N> {
         self.parameters.mass_kg
     }
 
-    /// Has the hand hold the tool by another spring, N/m: finite and not negative. How hard it pulls at most stays.
+    /// Gives the hand another grip stiffness, N/m: finite and not negative. Its largest force stays.
     ///
     /// # Errors
     /// For another number.
@@ -205,7 +205,7 @@ impl<const N: usize> Hand<N> {
         target
     }
 
-    /// What the hand does to a handle at `handle_m` at `time_s`.
+    /// Returns the load of the hand on a handle at `handle_m` at `time_s`.
     ///
     /// Times should not decrease by more than [`GRID_PERIOD_S`] from call to call: noise has no longer memory.
     #[inline]

@@ -26,7 +26,7 @@ pub struct NoiseBand {
     pub high_hz: f64,
 }
 
-/// Which output of the filter is taken.
+/// Output of the filter that is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Output {
     /// `p'`: a band-pass. Its course has no slope.
@@ -37,8 +37,8 @@ enum Output {
 
 /// White noise through a second-order filter, independent along each axis and stationary from time zero.
 ///
-/// The filter `p'' + 2 z w p' + w^2 p = noise` is advanced on a fixed grid of [`GRID_PERIOD_S`] by its
-/// exact transition, so neither the step of the plant nor the moments of the calls change its course.
+/// The filter `p'' + 2 z w p' + w^2 p = noise` advances on a fixed grid of [`GRID_PERIOD_S`] by its exact transition. Therefore
+/// neither the step of the plant nor the moments of the calls change its course.
 ///
 /// # Source
 /// Discretisation: the stationary covariance of `(w p, p')` is `rms^2 I`; derived here.

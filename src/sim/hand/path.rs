@@ -223,7 +223,7 @@ fn minimum_jerk(share: f64) -> (f64, f64) {
     (share * share * share * (10.0 - share * (15.0 - 6.0 * share)), 30.0 * rest * rest)
 }
 
-/// The same for a trapezoid of speed with ramps of [`RAMP_SHARE`].
+/// Share of the path and its derivative at a share of the time, for a trapezoid of speed with ramps of [`RAMP_SHARE`].
 fn trapezoid(share: f64) -> (f64, f64) {
     const TOP: f64 = 1.0 / (1.0 - RAMP_SHARE);
     if share < RAMP_SHARE {

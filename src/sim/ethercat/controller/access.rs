@@ -1,4 +1,4 @@
-//! What the bus reads and writes: registers, memory, and logical addresses.
+//! Bus access to registers, memory, and logical addresses.
 
 use super::super::application::EthercatApplication;
 use super::{Clock, Controller, Ended, FMMUS, INPUTS, MAILBOX_IN, MAILBOX_OUT, MANAGERS, OUTPUTS, RAM_END};
@@ -150,7 +150,7 @@ impl<D: EthercatApplication> Controller<D> {
         }
     }
 
-    /// What lies in memory, whoever may read it.
+    /// Copies the content of memory, whoever may read it.
     fn peek(&self, start: usize, data: &mut [u8]) {
         let from = self.memory.get(start..).unwrap_or_default();
         data.iter_mut().zip(from).for_each(|(to, from)| *to = *from);
@@ -227,7 +227,7 @@ impl<D: EthercatApplication> Controller<D> {
         true
     }
 
-    /// Has the registers of an access show the present moment.
+    /// Updates the registers of an access to the present moment.
     fn bring_up_to_date(&mut self, access: &Range<usize>) {
         if touches(access, register::SII_CONTROL, 14) {
             let (status, data) = (self.chip.status(self.frame_at), self.chip.data);

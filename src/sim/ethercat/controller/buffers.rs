@@ -24,7 +24,7 @@ pub(super) struct Manager {
     is_written: bool,
 }
 
-/// What an access of the bus has ended.
+/// Event that an access of the bus has completed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Ended {
     /// Nothing: the last byte was not touched.

@@ -24,7 +24,7 @@ pub(super) struct Clock {
     since: Time,
     shown: i64,
     drift_ppb: i64,
-    /// What comparisons have added to the rate for good, and until the next one.
+    /// Rate corrections from comparisons: permanent, and until the next comparison.
     trim_ppb: i64,
     push_ppb: i64,
     /// Mean difference in 1/256 ns.
@@ -50,7 +50,7 @@ impl Clock {
         self.drift_ppb + self.trim_ppb + self.push_ppb
     }
 
-    /// What the clock shows, in ns.
+    /// Returns the time of the clock, in ns.
     pub(super) fn at(&self, now: Time) -> i64 {
         let rate = self.rate();
         let short = now.0.wrapping_sub(self.since.0) as i64;

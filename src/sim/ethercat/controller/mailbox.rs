@@ -28,7 +28,7 @@ impl Given {
     }
 }
 
-/// What the device keeps of its mailbox.
+/// State of the device's mailbox.
 #[derive(Clone, Debug)]
 pub(super) struct Mailbox {
     server: CoeServer,

@@ -44,7 +44,7 @@ pub struct ControllerSettings {
     pub sii: Vec<u8>,
     /// By how much its clock is too fast, in parts per billion, -1 000 000 to 1 000 000.
     pub drift_ppb: i32,
-    /// What its clock shows when it is switched on, in ns.
+    /// Time of its clock at power-on, in ns.
     pub clock_start_ns: i64,
     /// How long it takes to answer a mailbox.
     pub mailbox_time: Duration,
@@ -95,14 +95,14 @@ impl ControllerSettings {
     }
 }
 
-/// Which ports have a link.
+/// Links of the ports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Links {
     pub(super) towards_master: bool,
     pub(super) away: bool,
 }
 
-/// What a frame has done to registers that the device looks at when it has passed.
+/// Registers that a frame changed and that the device examines after the frame has passed.
 #[derive(Clone, Copy, Debug, Default)]
 struct Touched {
     al_control: bool,
@@ -194,44 +194,44 @@ impl<D: EthercatApplication> Controller<D> {
         self.is_powered
     }
 
-    /// Has it pass frames on without processing them, as a controller with a fault does; the working counter is then short.
+    /// Makes it pass frames on without processing them, as a controller with a fault does. The working counter is then short.
     pub fn set_silent(&mut self, is_silent: bool) {
         self.is_silent = is_silent;
     }
 
-    /// Has it stay in SAFE-OP when it is asked for OP, without an error, or go on again.
+    /// Makes it stay in SAFE-OP without an error when OP is requested, or go on again.
     pub fn set_stays_in_safe_op(&mut self, stays: bool) {
         self.stays_in_safe_op = stays;
     }
 
-    /// Has it take no more mailboxes, or take them again.
+    /// Makes it refuse mailboxes, or accept them again.
     pub fn set_mailbox_stuck(&mut self, is_stuck: bool) {
         self.mailbox.set_stuck(is_stuck);
     }
 
-    /// Has it take so long to answer a mailbox.
+    /// Sets the time that it takes to answer a mailbox.
     pub fn set_mailbox_time(&mut self, time: Duration) {
         self.mailbox.set_time(time);
     }
 
-    /// Has the device send an emergency as soon as its mailbox has room.
+    /// Makes the device send an emergency as soon as its mailbox has room.
     pub fn send_emergency(&mut self, emergency: CoeEmergency) {
         self.mailbox.queue(emergency);
     }
 
-    /// Has the device send an emergency between the next request that comes and its answer, or none.
+    /// Makes the device send an emergency between the next request and its answer, or none.
     pub fn interrupt_request(&mut self, emergency: Option<CoeEmergency>) {
         self.mailbox.interruption = emergency;
     }
 
-    /// Has its clock be fast by so many parts per billion from now on.
+    /// Makes its clock fast by this many parts per billion from now on.
     pub fn set_drift(&mut self, now: Time, drift_ppb: i32) {
         self.settings.drift_ppb = drift_ppb.clamp(-1_000_000, 1_000_000);
         self.clock.set_drift(now, self.settings.drift_ppb);
         self.renew_sync0();
     }
 
-    /// Has its clock jump by so many ns.
+    /// Makes its clock jump by this many ns.
     pub fn jump_clock(&mut self, now: Time, by_ns: i64) {
         self.clock.jump(now, by_ns);
         self.renew_sync0();
@@ -407,7 +407,7 @@ impl<D: EthercatApplication> Controller<D> {
         }
     }
 
-    /// What the frame has changed is looked at when it has passed.
+    /// Examines the changes of a frame after it has passed.
     pub(super) fn end_frame(&mut self, at: Time) {
         self.renew_sync0();
         let touched = std::mem::take(&mut self.touched);
@@ -515,7 +515,7 @@ impl<D: EthercatApplication> Controller<D> {
         self.set_bytes(at, &value.to_le_bytes());
     }
 
-    /// Has the registers show the state of a sync manager.
+    /// Updates the registers to the state of a sync manager.
     fn show_manager(&mut self, place: usize) {
         let Some(manager) = self.managers.get(place) else { return };
         let (status, held) = (manager.status(), u8::from(manager.is_held) | u8::from(manager.repeat_answered) << 1);

@@ -18,7 +18,7 @@ pub(super) struct Chip {
     image: Vec<u8>,
     busy_until: Time,
     errors: u16,
-    /// What a read gives.
+    /// Result of a read.
     pub(super) data: [u8; 8],
 }
 

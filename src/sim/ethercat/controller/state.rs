@@ -254,7 +254,7 @@ impl<D: EthercatApplication> Controller<D> {
         }
     }
 
-    /// What is due: OP that waits, the watchdog.
+    /// Does what is due: a waiting OP request, the watchdog.
     pub(super) fn poll_state(&mut self, now: Time) {
         if let Some(by) = self.state.op_by {
             let has_outputs = self.state.has_outputs || self.outputs.len() == 0;
