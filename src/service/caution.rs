@@ -40,7 +40,7 @@ impl fmt::Display for Caution {
 const SET_POINTS: [u16; 9] = [0x6042, 0x6071, 0x607a, 0x60b0, 0x60b1, 0x60b2, 0x60c1, 0x60fe, 0x60ff];
 /// Home offset, position range, resolutions of the encoder, gear, feed, polarity and motor data of CiA 402.
 const MEASURED: [u16; 11] = [0x607c, 0x607e, 0x608f, 0x6090, 0x6091, 0x6092, 0x60e6, 0x60eb, 0x6402, 0x6404, 0x6410];
-/// What the names of other such objects have in them.
+/// Words in the names of other such objects.
 const MEASURED_WORDS: [&str; 10] = [
     "commut",
     "encoder",
@@ -55,7 +55,7 @@ const MEASURED_WORDS: [&str; 10] = [
 ];
 
 impl Caution {
-    /// What speaks against writing this value.
+    /// Returns the reason not to write this value.
     pub fn of_write(at: Address, value: &[u8]) -> Option<Self> {
         if objects::of_first_axis(at.index) == objects::CONTROLWORD.index {
             let word = number(value) as u16;
@@ -66,7 +66,7 @@ impl Caution {
         Self::of_object(at).filter(|caution| *caution != Self::Measured)
     }
 
-    /// What speaks against putting an object back to what a file says, by its address and its name.
+    /// Returns the reason not to restore an object to the value of a file, by its address and its name.
     pub fn of_restore(at: Address, name: &str) -> Option<Self> {
         let lower = name.to_lowercase().replace(['_', '-'], " ");
         let is_measured = || MEASURED_WORDS.iter().any(|word| lower.contains(word));

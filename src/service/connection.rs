@@ -38,7 +38,7 @@ pub enum Error {
     /// It refuses.
     #[error("{0}")]
     Refused(AbortCode),
-    /// What it sends is no answer to what was asked; the transfer was broken off here.
+    /// The message of the node is no answer to the request; the transfer was aborted here.
     #[error("what it sends makes no sense ({0}); the transfer was broken off")]
     Senseless(AbortCode),
     /// A frame could not be sent.
@@ -55,7 +55,7 @@ pub enum Error {
     Interrupted,
 }
 
-/// What was heard of a node.
+/// Traffic heard from a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct NodeTraffic {
     /// Frames with one of the identifiers that a device of this node id sends by default.
@@ -87,7 +87,7 @@ pub struct Service<L> {
 pub type Bytes = Vec<u8>;
 
 impl<L: CanLink> Service<L> {
-    /// How long a node may take to answer a request unless told otherwise.
+    /// Longest time that a node may take to answer a request, unless the caller sets another.
     pub const PATIENCE: Duration = Duration::from_secs(1);
 
     /// A connection over a link to one of its buses. Waiting ends when `is_over` is set.
@@ -143,7 +143,7 @@ impl<L: CanLink> Service<L> {
         &self.link
     }
 
-    /// The same connection over what becomes of its link.
+    /// Returns the same connection with its link changed by `change`.
     #[must_use]
     pub fn map_link(self, change: impl FnOnce(L) -> L) -> Self {
         Self { link: change(self.link), ..self }
@@ -154,7 +154,7 @@ impl<L: CanLink> Service<L> {
         self.link.now()
     }
 
-    /// What was heard of a node.
+    /// Returns the traffic heard from a node.
     pub fn heard(&self, node: NodeId) -> NodeTraffic {
         self.heard.get(usize::from(node.raw())).copied().unwrap_or_default()
     }
@@ -205,7 +205,8 @@ impl<L: CanLink> Service<L> {
         Ok(self.link.send(&frame.on_bus(self.bus))?)
     }
 
-    /// The NMT state of a node: by node guarding, or by its heartbeats where it does not answer; `None` if it tells neither.
+    /// Returns the NMT state of a node: by node guarding, or by its heartbeats if it does not answer; `None` if it reports
+    /// neither.
     ///
     /// # Errors
     /// [`Error::Link`], [`Error::Interrupted`].

@@ -10,7 +10,7 @@ use yieldwall_fieldbus::ethercat::sii::{
     coe_details, protocols, seal,
 };
 
-/// Bytes that `ConfigData` may say: words 0 to 7. Those of words 4 and 7, alias and checksum, are not taken from it.
+/// Bytes that `ConfigData` may hold: words 0 to 7. The bytes of words 4 and 7, alias and checksum, are not taken from it.
 const MOST_CONFIG: usize = 16;
 /// Bytes of `BootStrap`: two mailboxes.
 const BOOTSTRAP: usize = 8;
@@ -104,10 +104,12 @@ impl std::fmt::Display for LeftOutOfImage {
     }
 }
 
-/// The image of a device of a description, with this alias and serial number: the head, names, general part, FMMUs, sync managers and process
-/// data objects, then the further categories of the description. The modes of its clock are left out: masters take them from the
-/// description. The process data of modules are left out because they change with the modules. In a small chip, further categories have
-/// precedence over names of entries and over process data objects that CoE reports.
+/// Returns the image of a device of a description, with this alias and serial number. It has the head, names, general part,
+/// FMMUs, sync managers and process data objects, then the further categories of the description.
+///
+/// The image leaves out the modes of the device's clock: masters take them from the description. It also leaves out the process
+/// data of modules, because they change with the modules. In a small chip, further categories have precedence over names of
+/// entries and over process data objects that CoE reports.
 ///
 /// # Errors
 /// If the description does not say how the controller is configured or has impossible ports, or the chip has no room for the image.

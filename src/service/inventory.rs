@@ -15,7 +15,7 @@ use yieldwall_fieldbus::canopen::lss::{LssAddress, LssOutcome, LssRequest};
 use yieldwall_fieldbus::objects::{AbortCode, Address};
 use yieldwall_link::CanLink;
 
-/// Where objects may lie: communication, vendor, profiles. What is above belongs to network variables and bridges.
+/// Ranges of the indices of objects: communication, vendor, profiles. Indices above belong to network variables and bridges.
 const RANGES: [std::ops::Range<u16>; 3] = [0x1000..0x2000, 0x2000..0x6000, 0x6000..0xa000];
 /// Data types of values by their length, where nothing says which: UNSIGNED8, 16, 32, 64; else OCTET_STRING.
 const BY_LENGTH: [(usize, u16); 4] = [(1, 0x05), (2, 0x06), (4, 0x07), (8, 0x1b)];
@@ -86,8 +86,8 @@ struct Doubts {
 
 /// All objects of a device with their values as they are now, found by asking for every index there may be. Nothing is written.
 ///
-/// A data type that neither the standards nor the length tell is OCTET_STRING; whether an object may be written, only a data sheet
-/// tells, so that all are taken to be. `progress` is told the share that is done, 0 to 1.
+/// If neither the standards nor the length determine the data type, it is OCTET_STRING. Only a data sheet says whether an object
+/// may be written; the inventory therefore marks every object as writable. `progress` gets the share that is done, 0 to 1.
 ///
 /// # Errors
 /// [`Error::Link`], [`Error::Interrupted`], [`Error::NoAnswer`] if the device falls silent, and [`Error::Boundless`] if it answers for more
@@ -101,8 +101,8 @@ pub fn inventory<L: CanLink>(
     inventory_of(&mut service.objects(node), node.raw(), eds, progress)
 }
 
-/// The same of a device on any bus, into a sheet that says who it is; `node_id` is 0 where there is none. Where the device lists its objects,
-/// those are read.
+/// Reads the inventory of a device on any bus, into a sheet with its identity; `node_id` is 0 where there is none. If the device
+/// lists its objects, only those are read.
 ///
 /// # Errors
 /// As [`inventory`].
@@ -208,8 +208,8 @@ fn is_list(index: u16) -> bool {
     has_count && known(Address::new(index, 1), None).is_some()
 }
 
-/// Entries behind sub-index 0 that are worth asking for, 0 to 254, by what it answers: for a list by its first byte, and for an object that
-/// nobody knows if it is a small number in as many bytes as the device likes.
+/// Returns how many entries after sub-index 0 are worth a request, 0 to 254, from its answer. A list has the number in its first
+/// byte. For an unknown object, a small number of any length counts.
 fn count(index: u16, is_list: bool, first: &Result<Vec<u8>, Error>) -> u8 {
     let count = match first {
         Ok(bytes) if is_list => bytes.first().copied().unwrap_or_default(),
@@ -279,7 +279,7 @@ fn entry(at: Address, bytes: &[u8], node_id: u8) -> Entry {
     }
 }
 
-/// A data sheet with the values that the device has now. What may not be read has none.
+/// Returns a data sheet with the present values of the device. An object that may not be read has none.
 ///
 /// # Errors
 /// [`Error::Link`], [`Error::Interrupted`], and [`Error::NoAnswer`] if the device falls silent.
@@ -353,7 +353,8 @@ pub fn sheet_of(node_id: u8, values: &[(Address, Vec<u8>)], explained: Option<&E
     sheet
 }
 
-/// The data type of a value of this length, where nothing else tells it: an unsigned number of one, two, four or eight bytes.
+/// Returns the data type of a value of this length, if nothing else determines it: an unsigned number of one, two, four or eight
+/// bytes.
 pub fn type_by_length(len: usize) -> Option<u16> {
     BY_LENGTH.iter().find(|(known, _)| *known == len).map(|(_, data_type)| *data_type)
 }

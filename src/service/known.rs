@@ -14,7 +14,7 @@ const U8: u16 = 0x05;
 const U16: u16 = 0x06;
 const U32: u16 = 0x07;
 
-/// What is known of an object.
+/// Known facts about an object.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Known {
     /// Its name.
@@ -25,7 +25,7 @@ pub struct Known {
     pub is_writable: Option<bool>,
 }
 
-/// What a data sheet says of an object, or else the standards.
+/// Returns the facts about an object in a data sheet, or else in the standards.
 pub fn known(at: Address, eds: Option<&Eds>) -> Option<Known> {
     eds.and_then(|eds| of_sheet(at, eds)).or_else(|| of_standard(at))
 }

@@ -1,4 +1,4 @@
-//! Devices on a bus asked one by one, when no rig runs: who is there, what their objects hold, and what they are told.
+//! Requests to single devices on a bus while no rig runs: which devices are there, and how to read and write their objects.
 //!
 //! ```text
 //! CanLink <-> Service: one SDO channel for each node, what was heard of each

@@ -24,9 +24,9 @@ pub struct Step {
     pub name: String,
     /// Data type by its number.
     pub data_type: u16,
-    /// What it holds; `None` where that could not be read.
+    /// Present value; `None` if it could not be read.
     pub old: Option<Vec<u8>>,
-    /// What it gets.
+    /// New value.
     pub new: Vec<u8>,
     /// Whether it has to hold that afterwards: not while a PDO is taken out of use for the time being.
     pub is_final: bool,
@@ -72,7 +72,7 @@ pub struct LeftOut {
     pub why: Why,
 }
 
-/// What a device made of a write.
+/// Reaction of a device to a write.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum WriteOutcome {
     /// It holds the value.
@@ -83,18 +83,18 @@ pub enum WriteOutcome {
     Holds(Vec<u8>),
 }
 
-/// What has to be written, in this order, and what stays out although it differs.
+/// Objects to write, in this order, and objects that are left out although they differ.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Plan {
     /// The writes.
     pub steps: Vec<Step>,
-    /// What stays out.
+    /// Objects that are left out.
     pub left_out: Vec<LeftOut>,
 }
 
-/// What to write so that a device has the values of a file; `node_id` is 0 on EtherCAT. An object is written if `explained` (a data sheet)
-/// or the standards know it. PDOs are taken out of use while their parameters change: on CAN by their identifier, on EtherCAT out of the
-/// assignment of their sync manager.
+/// Plans the writes that give a device the values of a file; `node_id` is 0 on EtherCAT. An object is written if `explained` (a
+/// data sheet) or the standards know it. PDOs are taken out of use while their parameters change: on CAN by their identifier, on
+/// EtherCAT by the assignment of their sync manager.
 ///
 /// # Errors
 /// [`Error::Link`], [`Error::Interrupted`], and [`Error::NoAnswer`] if the device falls silent.
@@ -144,15 +144,15 @@ pub fn plan(
     Ok(plan)
 }
 
-/// What a file wants of an entry.
+/// Value that a file requests for an entry.
 struct Asked {
-    /// What is known of it.
+    /// Known facts about the object.
     known: Option<Known>,
     /// Data types that have a place for the value, with its bytes, the likeliest first; or why it is not written.
     wanted: Result<Vec<(u16, Vec<u8>)>, Why>,
 }
 
-/// What a file wants of an entry; `None` if the file has no value of it, or it only shows something.
+/// Returns the value that a file requests for an entry; `None` if the file has no value, or if the object only shows something.
 fn asked(at: Address, entry: &Entry, explained: Option<&Eds>, node_id: u8) -> Option<Asked> {
     let value = entry.value.as_ref().filter(|_| entry.access.is_writable() && at.index >= 0x1000)?;
     let known = known(at, explained);
@@ -176,9 +176,9 @@ fn asked(at: Address, entry: &Entry, explained: Option<&Eds>, node_id: u8) -> Op
     Some(Asked { known, wanted })
 }
 
-/// The writes that bring a device from its values after a reset to those of a file, as a CANopen manager makes them at boot (1F22h),
-/// and what stays out, as of [`plan`]. Of a PDO: out of use, no objects mapped, the mapped ones, their number, its parameters, and
-/// its identifier at last.
+/// Returns the writes that bring a device from its values after a reset to the values of a file, as a CANopen manager makes them
+/// at boot (1F22h). Also returns the objects left out, as [`plan`] does. The order for a PDO: out of use, no objects mapped, the
+/// mapped objects, their number, its parameters, and at last its identifier.
 pub fn downloads(values: &Eds, explained: Option<&Eds>, node_id: u8) -> (Vec<(Address, Vec<u8>)>, Vec<LeftOut>) {
     let (mut all, mut left_out) = (BTreeMap::new(), Vec::new());
     for (index, sub, entry) in values.entries() {
@@ -240,7 +240,8 @@ pub fn carry_out(objects: &mut (impl ObjectAccess + ?Sized), step: &Step) -> Res
     Ok(if value(&holds) == value(&step.new) { WriteOutcome::Written } else { WriteOutcome::Holds(holds) })
 }
 
-/// Whether an object shows something, or is told all the time, and keeps nothing: process data, errors, the identity, the mode.
+/// Whether an object only shows something, or is written all the time, and keeps nothing: process data, errors, the identity, the
+/// mode.
 pub fn is_shown(at: Address) -> bool {
     matches!(
         of_first_axis(at.index),

@@ -1,4 +1,4 @@
-//! Who is on a bus.
+//! Scan of the devices on a bus.
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use yieldwall_fieldbus::canopen::{NodeId, node_id};
 use yieldwall_fieldbus::objects::Address;
 use yieldwall_link::CanLink;
 
-/// What every device has: its type.
+/// Object that every device has: its type.
 const DEVICE_TYPE: Address = Address::new(0x1000, 0);
 /// How long a node may take to answer while all of them are asked, and how often it is asked again.
 const PATIENCE: (Duration, u8) = (Duration::from_millis(400), 1);
@@ -21,7 +21,7 @@ const PATIENCE: (Duration, u8) = (Duration::from_millis(400), 1);
 pub struct FoundDevice {
     /// Its node id.
     pub node: NodeId,
-    /// What was heard of it.
+    /// Traffic heard from it.
     pub heard: NodeTraffic,
     /// 1000h, if it answers: without an answer it was heard alone, as in Stopped.
     pub device_type: Option<u32>,

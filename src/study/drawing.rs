@@ -1,4 +1,4 @@
-//! Which drawing shows which run, as in the paper.
+//! Drawing for each run, as in the paper.
 
 use super::reproduce::{FIG13, FigureRun, Mode};
 use yieldwall_figures::{Drawing, Error, Options, TimeSpan, View, Window, hold_comparison, magnified, run};

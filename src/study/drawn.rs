@@ -1,4 +1,4 @@
-//! What studies make and draw rigs and hands with.
+//! Common helpers of studies that make and draw rigs and hands.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};

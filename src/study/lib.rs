@@ -30,7 +30,7 @@ use std::sync::Arc;
 
 use thiserror::Error;
 
-/// What a user may choose of a study.
+/// Options of a study that a user may choose.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
     /// Program that runs the scene of `plant` in MuJoCo.
@@ -51,7 +51,7 @@ pub enum OptionsError {
     /// The program does not run MuJoCo.
     #[error("MuJoCo does not run: {why}")]
     Mujoco {
-        /// What the program said, or that it cannot be started or understood.
+        /// Message of the program, or the reason why it cannot be started or understood.
         why: String,
     },
 }

@@ -48,7 +48,7 @@ impl fmt::Display for Mode {
 pub struct FigureRun {
     /// Name of the figure, such as `fig11`.
     pub figure: String,
-    /// What it shows.
+    /// Title of the figure.
     pub title: String,
     /// How the machine was driven.
     pub mode: Mode,
@@ -56,7 +56,7 @@ pub struct FigureRun {
     pub hold_steps: u32,
     /// The finished run.
     pub report: RunReport,
-    /// What the same run measures without feed-forward; `None` where the drives close the loop.
+    /// Measures of the same run without feed-forward; `None` where the drives close the loop.
     pub without_feed_forward: Option<Measures>,
     /// Parts of the plane that the figure shows enlarged.
     pub magnified: Vec<config::MagnifiedWindow>,
@@ -68,7 +68,7 @@ impl FigureRun {
         &self.report.trace
     }
 
-    /// What was measured on them.
+    /// Returns the measures of the runs.
     pub fn measures(&self) -> &Measures {
         &self.report.measures
     }
@@ -85,7 +85,7 @@ pub enum ReproduceError {
         figure: String,
         /// How the machine was driven.
         mode: Mode,
-        /// What went wrong.
+        /// The error.
         source: RigError,
     },
 }

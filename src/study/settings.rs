@@ -120,9 +120,9 @@ fn load(source: Source) -> Result<Option<(Machine, config::Scene)>, config::Repo
 }
 
 impl Settings {
-    /// Returns the study of `source` in all combinations of the values of `axes`, each a key with its values, with as many `seeds` as
-    /// are asked for, from that of the scene on. `outputs` are drawn; without any, four of [`OUTPUTS`] are. Each value is checked, the other keys
-    /// at their first; a combination that is refused all the same is a row that says so.
+    /// Returns the study of `source` in all combinations of the values of `axes`, each a key with its values. It uses `seeds`
+    /// seeds, from the seed of the scene on. It draws `outputs`; without any, it draws four of [`OUTPUTS`]. Each value is
+    /// checked, with the other keys at their first value. If a combination is still refused, its row says so.
     ///
     /// # Errors
     /// As [`SettingsError`] has them.

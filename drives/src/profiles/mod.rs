@@ -426,8 +426,8 @@ pub struct PdoMap {
 pub struct MappedPdo {
     /// Its number, counted from 1.
     pub number: u16,
-    /// Number of the default identifier that the PDO uses on CANopen, 1 to 4: its own number, or on a device with several axes
-    /// the next one that no axis before it uses. Another number means no identifier.
+    /// Number of the default identifier that the PDO uses on CANopen, 1 to 4: its own number. On a device with several axes it is
+    /// the next number that no axis before it uses. Another number means no identifier.
     pub identifier: u8,
     /// Transmission type on CANopen.
     pub transmission_type: u8,

@@ -27,7 +27,7 @@ pub trait TrialAccess: ObjectAccess {
     /// If they do, or the device does not say so.
     fn check_rest(&mut self) -> Result<(), Refusal>;
 
-    /// Brings a device that tells no state to where process data rest.
+    /// Brings a device that reports no state to a state in which process data rest.
     ///
     /// # Errors
     /// As the bus has them.

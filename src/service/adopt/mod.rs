@@ -1,7 +1,8 @@
-//! What a drive can do, found by asking and trying, and the device profile that says it.
+//! Survey of a drive: requests and trials that find its features, and the device profile that describes them.
 //!
-//! Objects are tried out in Pre-operational and in Switch On Disabled, with the PDOs out of use; afterwards each has its value again. What
-//! shows in Operation Enabled alone stays unknown. The device is on CAN or on EtherCAT; the two differ in how a PDO is taken out of use.
+//! The survey tries objects in Pre-operational and in Switch On Disabled, with the PDOs out of use; afterwards each object has
+//! its value again. Features that show only in Operation Enabled stay unknown. The device is on CAN or on EtherCAT; the two
+//! differ in how a PDO is taken out of use.
 
 mod access;
 mod process_data;

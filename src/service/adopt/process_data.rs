@@ -81,7 +81,7 @@ impl StandingPdo {
 pub enum Carrier {
     /// The first one, whose mapping takes it.
     Writable,
-    /// One that carries it and takes no other mapping.
+    /// A PDO that carries the object and takes no other mapping.
     Fixed(StandingPdo),
 }
 
@@ -187,8 +187,8 @@ impl Probe<'_> {
         }
     }
 
-    /// The PDOs that carry two objects, out of use then: the first one where its mapping takes them, otherwise one that carries them already, or,
-    /// on EtherCAT, all that are exchanged.
+    /// Returns the PDOs that carry two objects, and takes them out of use. It takes the first PDO if its mapping accepts the
+    /// objects, otherwise a PDO that already carries them. On EtherCAT the last choice is all PDOs that are exchanged.
     pub(super) fn carriers(
         &mut self,
         direction: Direction,

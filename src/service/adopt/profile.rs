@@ -18,7 +18,7 @@ const RESERVE: u128 = 10;
 
 /// The profile of a drive as a file, and what it lacks or did not show, a line each.
 ///
-/// Its name is `name`: small letters, digits and dashes. Of a data sheet its file is told.
+/// The profile gets the name `name`: small letters, digits and dashes. It names the file of a data sheet that was used.
 pub fn profile(survey: &Survey, sheet: Option<(&Eds, &str)>, name: &str, version: &str) -> (String, Vec<String>) {
     let missing = missing(survey, sheet.map(|(eds, _)| eds));
     let contradictions = contradictions(sheet.map(|(eds, _)| eds), survey);
@@ -246,7 +246,7 @@ fn zeros(survey: &Survey) -> BTreeSet<(u32, u32)> {
     entries.filter(|entry| entry.0 != 0 && !known.contains(entry)).collect()
 }
 
-/// What the drive lacks, or does not show, and what follows.
+/// Lists the features that the drive lacks or does not show, and the consequences.
 fn missing(survey: &Survey, sheet: Option<&Eds>) -> Vec<String> {
     let mut missing = Vec::new();
     let mut put = |is_missing: bool, text: &str| {

@@ -1,4 +1,4 @@
-//! What a data sheet and a drive say of the same objects.
+//! Comparison of a data sheet with the objects of a drive.
 
 use yieldwall_drives::eds::{Access, Eds, Entry, Value};
 use yieldwall_drives::objects as cia;
@@ -14,7 +14,7 @@ const DUMMY_TYPE: u16 = 0x05;
 /// Parameters of PDOs: what their values may be depends on one another, which no limit says.
 const PDO_PARAMETERS: std::ops::Range<u16> = 0x1400..0x1c00;
 
-/// What a drive showed of one of its objects.
+/// Result of reading one object of a drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ObjectReading {
     /// It has none.

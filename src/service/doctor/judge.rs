@@ -1,4 +1,4 @@
-//! What follows from the facts of one node, as a chain of questions that ends at the first trouble.
+//! Diagnosis from the facts of one node: a chain of questions that ends at the first trouble.
 
 use super::{NodeFacts, Probe};
 use yieldwall_fieldbus::canopen::{NmtState, NodeSet, cob};
@@ -15,12 +15,12 @@ const MANY_BOOT_UPS: u32 = 2;
 /// An interface in the commands for a simulation, which has none.
 const EXAMPLE: &str = "can0";
 
-/// What is known beside the node itself.
+/// Facts besides the node itself.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Around {
     /// The node as a person calls it, such as `node 1 (left)`.
     pub name: String,
-    /// What commands need to come to the same bus, with a space before: ` --bus can0`; empty for a simulation.
+    /// Arguments that bring commands to the same bus, with a space before: ` --bus can0`; empty for a simulation.
     pub arguments: String,
     /// Name of the interface; `None` for a simulation.
     pub interface: Option<String>,
@@ -300,8 +300,9 @@ fn with_bit_rates(check: Check, around: &Around, follows: &str) -> Check {
     with_command(check, around, &follows, |interface| listen_at_bit_rates(interface, bit_rate))
 }
 
-/// Listens for 3 s at each of the bit rates of CiA 301 without sending anything, not even an acknowledgement, and puts the present one
-/// back, by a trap of the shell in which it runs. A rate that the controller does not have is told by `ip`, and passed over.
+/// Returns a command that listens for 3 s at each of the bit rates of CiA 301. It sends nothing, not even an acknowledgement. A
+/// trap of its shell restores the present rate at the end. If the controller lacks a rate, `ip` reports it, and the command goes
+/// on.
 fn listen_at_bit_rates(interface: &str, present: u32) -> String {
     let down = format!("sudo ip link set {interface} down");
     let up = format!("sudo ip link set {interface} up type can bitrate");

@@ -14,7 +14,7 @@ const CLOCK_LEN: usize = (register::DC_DIFFERENCE - register::DC_SYSTEM_TIME) as
 /// Bytes from who controls SYNC0 to its cycle.
 const SYNC_LEN: usize = (register::DC_SYNC0_CYCLE - register::DC_CYCLIC_CONTROL) as usize + 4;
 
-/// What one port of a device has counted, each up to 255.
+/// Counters of one port of a device, each up to 255.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PortCounters {
     /// Whether it has a link now.
@@ -29,7 +29,7 @@ pub struct PortCounters {
     pub lost_links: u8,
 }
 
-/// What a device has counted since it was switched on, or since the counters were cleared; each up to 255.
+/// Counters of a device since power-on, or since they were cleared; each up to 255.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Its ports.
@@ -49,7 +49,7 @@ pub struct ClockFacts {
     pub is_64: bool,
     /// System time, ns.
     pub time_ns: u64,
-    /// What is added to its own time, ns.
+    /// Offset added to its own time, ns.
     pub offset_ns: i64,
     /// Delay from the reference clock, ns.
     pub delay_ns: u32,
@@ -60,7 +60,7 @@ pub struct ClockFacts {
 }
 
 impl<L: EthernetLink> SegmentService<L> {
-    /// What a device has counted.
+    /// Reads the counters of a device.
     ///
     /// # Errors
     /// As [`SegmentService::read`].
@@ -84,7 +84,7 @@ impl<L: EthernetLink> SegmentService<L> {
         })
     }
 
-    /// Has a device count from 0 again.
+    /// Clears the counters of a device.
     ///
     /// # Errors
     /// As [`SegmentService::read`].

@@ -79,7 +79,7 @@ pub struct SegmentService<L> {
     buffer: Box<[u8; frame::LONGEST]>,
     /// Whether a frame came back that no device had marked.
     has_come_back: bool,
-    /// Of the devices whose objects were asked, by their positions.
+    /// Mailbox clients of the devices whose objects were requested, by their positions.
     mailboxes: BTreeMap<u16, MailboxClient>,
     emergencies: Vec<(u16, CoeEmergency)>,
 }
@@ -213,7 +213,7 @@ impl<L: EthernetLink> SegmentService<L> {
             .into())
     }
 
-    /// The same, sent once; `None` if it does not come back.
+    /// Sends a datagram once, without a repeat; `None` if it does not come back.
     fn once(&mut self, command: Command, address: u32, data: &[u8]) -> Result<Option<(Bytes, u16)>, SegmentError> {
         self.end_if_wished()?;
         self.index = self.index.wrapping_add(1);

@@ -14,7 +14,7 @@ use yieldwall_link::EthernetLink;
 
 /// How long a device may take to answer.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// What every device has.
+/// Object that every device has: its type.
 const DEVICE_TYPE: Address = Address::new(0x1000, 0);
 
 /// The objects of a device on a segment.

@@ -1,4 +1,4 @@
-//! Who is on a segment.
+//! The devices on a segment.
 
 use super::{SegmentError, SegmentService};
 use yieldwall_bus::ethercat::SegmentFailure;
@@ -20,7 +20,7 @@ pub struct Present {
     pub status: AlStatus,
     /// Why it has an error, if it has one.
     pub code: AlStatusCode,
-    /// What its SII says, or why it says nothing.
+    /// Content of its SII, or the reason why it could not be read.
     pub sii: Result<Sii, SegmentFailure>,
     /// Vendor, product code, revision and serial number, of a damaged SII too as far as it has them.
     pub identity: [Option<u32>; 4],

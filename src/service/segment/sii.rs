@@ -27,7 +27,7 @@ impl<L: EthernetLink> SegmentService<L> {
         self.sii_up_to(position, 0)
     }
 
-    /// The same, and of what lies behind as much as an image of so many words has.
+    /// Reads the SII image of a device, and the data behind it up to an image of this many words.
     ///
     /// # Errors
     /// As [`SegmentService::sii_image`].
@@ -99,7 +99,8 @@ impl<L: EthernetLink> SegmentService<L> {
         }
     }
 
-    /// Writes words of the SII of a device and reads each back. Those of the head (0 to 7), which have a checksum, are written last.
+    /// Writes words of the SII of a device and reads each back. It writes the words of the head (0 to 7), which have a checksum,
+    /// last.
     ///
     /// # Errors
     /// If the chip does not take a word, and as [`SegmentService::read`].

@@ -1,4 +1,4 @@
-//! What the computer of a bench does: from a force and a measured posture to torques.
+//! The computer of a bench: it turns a force and a measured posture into torques.
 
 use nalgebra::Vector2;
 
@@ -20,10 +20,10 @@ pub struct Computer {
     period_s: f64,
 }
 
-/// What a cycle commands.
+/// Command of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Command {
-    /// What the fixture did.
+    /// Step of the fixture.
     pub step: Step<2>,
     /// The torques within their limit.
     pub torques: JointTorques,

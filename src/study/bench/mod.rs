@@ -59,7 +59,7 @@ pub enum BenchError {
     NotFinite,
 }
 
-/// What a bench is made of, besides the fixture.
+/// Parameters of a bench, besides the fixture.
 #[derive(Clone, Copy, Debug)]
 pub struct BenchParameters {
     /// The arm, with the hand's mass as its `handle_kg`.
@@ -78,7 +78,7 @@ pub struct BenchParameters {
     pub low_pass: Option<(f64, f64)>,
 }
 
-/// What a cycle saw at its begin, and what came of it.
+/// State at the begin of a cycle, and its result.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CycleView {
     /// Time in s.
@@ -89,7 +89,7 @@ pub struct CycleView {
     pub tool_velocity_m_per_s: Vector2<f64>,
     /// Force of the hand on the tool at this moment in N.
     pub force_n: Vector2<f64>,
-    /// What the fixture made of the force that it was given.
+    /// Step of the fixture under the given force.
     pub step: Step<2>,
     /// Torques computed in this cycle in N m; they act after the delay.
     pub torques: JointTorques,
@@ -111,7 +111,7 @@ pub struct Bench {
     forces: [Vector2<f64>; RING],
     /// Torques computed in the last cycles, likewise.
     torques: [JointTorques; RING],
-    /// Of which cycle the force is that the fixture has; `None` before the first.
+    /// Cycle whose force the fixture has; `None` before the first.
     sample: Option<u64>,
     given_n: Vector2<f64>,
 }
@@ -155,9 +155,9 @@ impl Bench {
         self.computer.start_moving(posture.tip.0, velocity_m_per_s)
     }
 
-    /// One cycle under `hand`, which is asked for its load at a time in s and a tool point. The fixture is given the
-    /// force that was measured in cycle `sample`, at most [`LONGEST_DELAY_CYCLES`] ago; while the number stays the same
-    /// the last force is held, as with a slow sensor.
+    /// Runs one cycle under `hand`, which returns its load at a time in s and a tool point. The fixture gets the force that was
+    /// measured in cycle `sample`, at most [`LONGEST_DELAY_CYCLES`] ago. While the number stays the same, the fixture keeps the
+    /// last force, as with a slow sensor.
     ///
     /// # Errors
     /// Where the linkage cannot be, or if no finite motion results.

@@ -8,7 +8,7 @@ use yieldwall_rig::simulated_arm;
 use yieldwall_run::assembly::torque_servo;
 use yieldwall_sim::arm::{ArmParameters, JointElasticity};
 
-/// What a trial needs of the rig and scene of the paper.
+/// Parts of the paper's rig and scene that a trial needs.
 #[derive(Clone, Debug)]
 pub(super) struct Machine {
     /// Without gears; its masses are also those of the feed-forward.

@@ -1,8 +1,8 @@
-//! What period, delay, law, space, feed-forward and gears do to a rig that traces a circle.
+//! Influence of period, delay, law, space, feed-forward and gears on a rig that traces a circle.
 //!
-//! Every setting has the stiffest gains that keep 6 dB and 30 degrees at every pose of the circle, so that settings are
-//! compared at the same distance from instability: see [`servo`]. The gears are not in that model, as in `config check`.
-//! The loop is the [bench](super::bench) of all studies: exact angles and forces, no bus, no counts, no guard.
+//! Every setting has the stiffest gains that keep 6 dB and 30 degrees at every pose of the circle. All settings are therefore
+//! compared at the same distance from instability: see [`servo`]. The gears are not in that model, as in `config check`. The loop
+//! is the [bench](super::bench) of all studies: exact angles and forces, no bus, no counts, no guard.
 
 mod machine;
 pub(super) mod page;
@@ -131,7 +131,7 @@ impl Sweep for Settings {
     }
 }
 
-/// What the bus of the shipped rig has to carry at each rate.
+/// Bus load of the shipped rig at each rate.
 struct BusLoad;
 
 impl Sweep for BusLoad {
@@ -214,7 +214,7 @@ fn space(is_cartesian: bool) -> &'static str {
     if is_cartesian { "cartesian" } else { "joint" }
 }
 
-/// What one line of a chart holds fast.
+/// Fixed parameters of one line of a chart.
 #[derive(Clone, Copy)]
 struct Line {
     delay_cycles: usize,

@@ -39,7 +39,7 @@ const SETTLING_S: f64 = 0.2;
 const ROUNDS: usize = 9;
 const ROUND_CYCLES: u32 = 4000;
 
-/// What is varied.
+/// Parameters that vary.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Setting {
     pub period_s: f64,
@@ -70,7 +70,7 @@ impl Setting {
     }
 }
 
-/// What came out. Lengths in m.
+/// Results of a trial. Lengths in m.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct CircleTrial {
     /// How far proxy and tool get beyond the circle at the impact, without a hold.
@@ -87,8 +87,8 @@ pub(super) struct CircleTrial {
     pub peak_torque_n_m: f64,
 }
 
-/// Two runs: one without a hold for the impact, and one with the automatic hold that traces, since a proxy that has
-/// broken through at the impact would trace off the circle.
+/// Makes two runs: one without a hold for the impact, and one with the automatic hold for the trace. Without the hold, a proxy
+/// that has broken through at the impact would trace off the circle.
 pub(super) fn run(machine: &Machine, setting: Setting, gains: Gains) -> Result<CircleTrial, BenchError> {
     let mut outcome = CircleTrial::default();
     let impact = fixture(setting.period_s)?;

@@ -19,7 +19,7 @@ const SHORTEST_US: u32 = 50;
 const SLOW_US: u32 = 2000;
 const SLOW_HEARTBEAT_MS: u16 = 100;
 
-/// What carries the process data.
+/// Medium of the process data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Wire {
     /// CAN at 1 Mbit/s.
@@ -38,7 +38,7 @@ impl Wire {
 }
 
 pub(super) const WIRES: [Wire; 2] = [Wire::Can, Wire::Ethercat];
-/// What the drives are commanded, and who closes the loop of the joints.
+/// Command mode of the drives, which also determines whether the drive or the program closes the joint loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Mode {
     /// Torques: this program closes it.
@@ -83,7 +83,7 @@ pub(super) struct Setting {
     pub(super) period_us: u32,
 }
 
-/// What a bus carries.
+/// Load of a bus.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Carried {
     /// Share of the time that it is busy at most, above 1 for more than it carries.
@@ -91,7 +91,7 @@ pub(super) struct Carried {
     pub(super) is_in_time: bool,
 }
 
-/// What closes the loop of the joints, and how far it is from instability.
+/// Joint loop: where it is closed, and how far it is from instability.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Loop {
     /// N m/rad in torque and position mode, 1/s in velocity mode.
@@ -116,8 +116,8 @@ impl Setting {
         Self { wire: WIRES[rest % WIRES.len()], mode: MODES[rest / WIRES.len()], period_us: PERIODS_US[period] }
     }
 
-    /// The shortest cycle in us, in steps of 10, in which all frames are in time, and what the bus carries then; `None` if there is none up
-    /// to 2 ms.
+    /// Returns the shortest cycle in us, in steps of 10, in which all frames are in time, and the load of the bus then; `None` if
+    /// there is none up to 2 ms.
     ///
     /// # Errors
     /// As [`Setting::machine`].
@@ -175,7 +175,7 @@ fn slow_heartbeats(rig: &mut config::Rig) {
     }
 }
 
-/// What the rig's bus carries as it is.
+/// Returns the load of the rig's bus as it is.
 fn carried(rig: &config::Rig) -> Result<Carried, String> {
     if rig.segment_of_drives().is_some() {
         let budget = ethercat::Budget::new(&segment(rig).map_err(|error| error.to_string())?);

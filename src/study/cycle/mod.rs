@@ -1,7 +1,7 @@
 //! Cycle time against accuracy and stability of the whole rig: CAN and EtherCAT, drives in torque, velocity and position mode.
 //!
-//! Every rig has the gains that `tune gains` proposes, so that loops which are closed by this program are compared at the same distance from
-//! instability, and computes as early as its bus allows. A rig whose bus cannot keep the cycle is refused and not run.
+//! Every rig has the gains that `tune gains` proposes. Loops that this program closes are therefore compared at the same distance
+//! from instability. Every rig computes as early as its bus allows. A rig whose bus cannot keep the cycle is refused and not run.
 
 mod draw;
 mod machine;
@@ -36,7 +36,7 @@ fn with_interval(found: &[Found], of: fn(&Found) -> f64) -> [Value; 3] {
     [median(found.iter().map(of)).into(), interval.map(|it| it[0]).into(), interval.map(|it| it[1]).into()]
 }
 
-/// What the columns [`MOTION`] hold: a trace, and impacts in all phases of the cycle.
+/// Returns the values of the columns [`MOTION`]: a trace, and impacts in all phases of the cycle.
 fn motion(machine: &Machine) -> Vec<Value> {
     let strikes = |has_hold: bool| -> (Vec<Found>, Option<String>) {
         let (mut found, mut why) = (Vec::new(), None);
@@ -71,7 +71,7 @@ fn motion(machine: &Machine) -> Vec<Value> {
     cells
 }
 
-/// What [`motion`] gives.
+/// Columns of [`motion`].
 macro_rules! with_motion {
     ([$($before:literal),*], [$($behind:literal),*]) => {
         vec![

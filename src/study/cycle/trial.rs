@@ -1,5 +1,5 @@
-//! What a rig of the chart does: impacts in many phases of its cycle, a trace along the circle, the least virtual mass, and the time in
-//! which its cycle is computed.
+//! Trials of a rig of the chart: impacts in many phases of its cycle, a trace along the circle, the least virtual mass, and the
+//! computing time of its cycle.
 
 use std::hint::black_box;
 use std::ops::ControlFlow;

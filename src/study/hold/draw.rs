@@ -82,7 +82,7 @@ fn window(impacts: &Table, pushes: &Table) -> Chart {
     }
 }
 
-/// What a rig has that says nothing of it.
+/// Rule of a rig whose file names none.
 pub(super) const DEFAULT: Rule = Rule::Automatic(150);
 
 /// Lower edge of the axis of shares, in percent.

@@ -1,9 +1,9 @@
 //! The automatic hold against fixed ones: hands with mass that strike a surface, and pushes that are meant.
 //!
-//! The plant is plane: the tool of an arm, 4 kg, under a position servo with the stiffness and damping of the rig of the
-//! paper as they are at the tool, a force limit of 200 N and a delay of one cycle. The hand has mass and holds the tool by a grip with
-//! stiffness and damping; what the sensor reads is the force of the grip. Its voluntary force aims at a velocity and never
-//! exceeds its own limit, which is below `R`. The linkage of [`bench`](super::bench) is left out.
+//! The plant is plane: the tool of an arm, 4 kg, under a position servo. Its stiffness and damping are those of the paper's rig
+//! at the tool; its force limit is 200 N, its delay one cycle. The hand has mass and holds the tool by a grip with stiffness and
+//! damping; the sensor reads the force of the grip. Its voluntary force aims at a velocity and never exceeds its own limit, which
+//! is below `R`. The linkage of [`bench`](super::bench) is left out.
 //!
 //! A row is 3000 hands under one rule. How many break through has Wilson's interval of 95 % beside it.
 
@@ -25,7 +25,7 @@ const SEED: u64 = 2026;
 const OTHER_SEED: u64 = 2027;
 /// From the impact to the push, in ms.
 const ONSETS_MS: [u32; 5] = [20, 50, 100, 200, 400];
-/// Share of delays below the one that is told beside the median and the longest.
+/// Quantile of the delays that the study reports besides the median and the longest delay.
 const MOST: f64 = 0.95;
 
 /// The study `hold`.
@@ -66,7 +66,7 @@ impl Setting {
     }
 }
 
-/// Who breaks through at an impact.
+/// Table of the hands that break through at an impact.
 struct Impacts {
     name: &'static str,
     settings: Vec<Setting>,
@@ -174,7 +174,7 @@ impl Sweep for Impacts {
     }
 }
 
-/// The same impacts on the plane wall with a push of 1.5 R some time after.
+/// Table of the same impacts on the plane wall, with a push of 1.5 R some time after.
 struct Pushes;
 
 impl Pushes {

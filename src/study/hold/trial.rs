@@ -105,7 +105,7 @@ impl Rule {
     }
 }
 
-/// What the hand strikes. It comes along the negative x axis, and the surface is met at the origin.
+/// Surface that the hand strikes. The hand comes along the negative x axis, and meets the surface at the origin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum StruckSurface {
     /// A plane wall, head-on.
@@ -205,8 +205,8 @@ impl Hand {
     }
 }
 
-/// The speed of the wall of a case where it is greatest, towards the hand, in m/s: 0.05 to 0.25, receding in every other
-/// case, and no faster than the hand follows; and the hand of that case.
+/// Returns the speed of the wall of a case where it is greatest, towards the hand, in m/s, and the hand of that case. The speed
+/// is 0.05 to 0.25, receding in every other case, and no faster than the hand follows.
 pub(super) fn wall_of_case(grips: &Grips, seed: u64, case: u64) -> (f64, Hand) {
     let mut stream = SplitMix64::seed_from_u64(seed ^ 0x57a1);
     (0..2 * case).for_each(|_| _ = stream.next_u64());
@@ -220,14 +220,14 @@ pub(super) fn wall_of_case(grips: &Grips, seed: u64, case: u64) -> (f64, Hand) {
     }
 }
 
-/// What came of one hand.
+/// Result of one hand.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct StrikeResult {
     /// Whether the surface was met at all.
     pub(super) is_met: bool,
     /// Greatest depth of the proxy beyond the surface before a push, in m.
     pub(super) depth_m: f64,
-    /// The same of the tool.
+    /// Greatest depth of the tool beyond the surface before a push, in m.
     pub(super) tool_depth_m: f64,
     /// From the onset of a push to the first motion of the proxy beyond the surface, in s.
     pub(super) delay_s: Option<f64>,

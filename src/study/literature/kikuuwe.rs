@@ -115,7 +115,7 @@ fn bits(difference: f64, most: f64) -> f64 {
     elementary::ln(1.0 + difference / (f64::EPSILON * most)) / std::f64::consts::LN_2
 }
 
-/// Motion of a joint that was blocked and is let go.
+/// Motion of a joint that was blocked and is released.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct LetGo {
     /// Reference ahead of the joint at the end of the block, rad.

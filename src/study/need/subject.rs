@@ -41,8 +41,8 @@ impl Subject {
     /// A rig with the scene of its simulation, or an impedance device with its scene.
     ///
     /// # Errors
-    /// A file that is refused; a file that is neither; a rig without a simulation; a scene without `tolerance`; or a rig whose
-    /// dearest model cannot be run, with the reason.
+    /// A file that is refused; a file of neither kind; a rig without a simulation; a scene without `tolerance`. Also a rig whose
+    /// most expensive model cannot be run, with the reason.
     pub fn load(source: Source) -> Result<Self, Report> {
         let document = config::load(source.clone())?;
         let (machine, scene, warnings, timing_at) = match document {

@@ -1,7 +1,7 @@
 //! The table of terms: what each modelled term changes in each shipped scene.
 //!
-//! A term whose absence changes no output of a scene by more than the scene's own tolerance is one that the scene need not
-//! model: a figure that hung on it would hang on nothing.
+//! A scene need not model a term whose absence changes no output by more than the scene's own tolerance. A figure that depended
+//! on such a term would depend on nothing.
 
 use serde_json::Value;
 use yieldwall_motion::elementary;

@@ -16,7 +16,7 @@ const SEED: u64 = 2027;
 /// Periods that are drawn, us, and with them where a drawn torque servo is as stiff as at 1 ms in cycles of its own.
 const PERIODS_US: [u32; 8] = [500, 1000, 1000, 1200, 2000, 4000, 5000, 10_000];
 
-/// A stream of random numbers. The same seed: the same numbers.
+/// A stream of random numbers. Equal seeds give equal numbers.
 struct Dice(SplitMix64);
 
 impl Dice {
@@ -52,7 +52,7 @@ pub(super) struct Drawn {
 }
 
 impl Drawn {
-    /// The rig of a number: the modes by turns, everything else by chance.
+    /// Returns the rig of a number: the modes alternate, everything else is random.
     ///
     /// # Errors
     /// If the file from which it is made is refused.

@@ -5,9 +5,9 @@
 //!                  fixture here or there: h + e -> proxy q
 //!                  servo -> master         <-- delay -- q or e         servo -> slave -> surroundings -> force e
 //! ```
-//! Both tools track the proxy of the fixture, which the forces of the hand and of the surroundings move together. Where the
-//! fixture stands decides which of the two forces is late: at the master the hand's loop is closed at once and that of
-//! the surroundings has the delay to and fro; at the slave it is the other way about.
+//! Both tools track the proxy of the fixture. The forces of the hand and of the surroundings move the proxy together. The place
+//! of the fixture decides which of the two forces is late. At the master, the hand's loop is closed at once, and the loop of the
+//! surroundings has the delay to and fro. At the slave it is the other way about.
 
 use std::collections::VecDeque;
 
@@ -39,7 +39,7 @@ pub struct PairServo {
     pub limit_n: f64,
 }
 
-/// What a pair is made of, besides fixture, hand and surroundings.
+/// Parameters of a pair, besides fixture, hand and surroundings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PairParameters {
     /// Where the fixture stands.
@@ -50,13 +50,13 @@ pub struct PairParameters {
     pub master: PointMassParameters,
     /// The device at the work.
     pub slave: PointMassParameters,
-    /// Of both devices.
+    /// Servo of both devices.
     pub servo: PairServo,
     /// Longest step of the simulation in s.
     pub plant_step_s: f64,
 }
 
-/// What one period showed, sampled at its beginning.
+/// State of one period, sampled at its beginning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PairRow<const N: usize> {
     /// Time in s.
@@ -69,7 +69,7 @@ pub struct PairRow<const N: usize> {
     pub hand_n: SVector<f64, N>,
     /// Force of the surroundings on the slave in N.
     pub surroundings_n: SVector<f64, N>,
-    /// What the fixture decided.
+    /// Step of the fixture.
     pub step: Step<N>,
 }
 
@@ -89,7 +89,7 @@ impl<T: Copy> Line<T> {
     }
 }
 
-/// Of the surroundings: what they do to a slave at a position, at a time.
+/// Load of the surroundings on a slave at a position, at a time.
 pub type Surroundings<const N: usize> = Box<dyn FnMut(f64, SVector<f64, N>) -> HandLoad<N> + Send>;
 
 /// A telemanipulation pair in virtual time.

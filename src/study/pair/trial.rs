@@ -16,7 +16,7 @@ const PLANT_STEP_S: f64 = 1e-4;
 const MASS_KG: f64 = 2.0;
 const LIMITS: Limits = Limits { friction_n: 3.0, yield_n: 20.0 };
 const HOLD_STEPS: u32 = 50;
-/// Of the passivity controller.
+/// Energy bound of the passivity controller.
 const BOUND_J: f64 = 0.02;
 /// Both devices: the tool of an arm, with the stiffness and damping of the rig of the paper as they are at the tool.
 const DEVICE: PointMassParameters =
@@ -25,7 +25,7 @@ const SERVO: PairServo = PairServo { stiffness_n_per_m: 111e3, damping_n_s_per_m
 /// Where the hand starts and where the tissue begins; the wall is at 0.
 const START_M: f64 = 0.04;
 const TISSUE_M: f64 = 0.01;
-/// What the hand presses with in the end, below R.
+/// Final force of the hand, below R.
 const PRESS_N: f64 = 12.0;
 const APPROACH_S: f64 = 0.8;
 const END_S: f64 = 4.0;
@@ -57,18 +57,18 @@ impl Rule {
     }
 }
 
-/// What is asked.
+/// Parameters of a case.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Case {
     pub(super) rule: Rule,
     /// One way.
     pub(super) delay_ms: u32,
     pub(super) hand_n_per_m: f64,
-    /// Of what lies 10 mm before the wall; zero for nothing.
+    /// Stiffness of the tissue 10 mm before the wall; zero for none.
     pub(super) tissue_n_per_m: f64,
 }
 
-/// What is found.
+/// Results of a case.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct PairTrial {
     /// Greatest force that the hand felt.
@@ -83,7 +83,7 @@ pub(super) struct PairTrial {
     pub(super) unrest_m_per_s: f64,
     /// The most work on the hand, net, between any two moments.
     pub(super) given_j: f64,
-    /// What the passivity controller took.
+    /// Energy that the passivity controller dissipated.
     pub(super) dissipated_j: f64,
 }
 

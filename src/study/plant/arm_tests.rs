@@ -33,8 +33,8 @@ fn greatest_distance(one: &[Vector2<f64>], other: &[Vector2<f64>]) -> f64 {
     one.iter().zip(other).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
 }
 
-/// A push that exceeds what the joints hold for less than a step of the ground truth: that one stays at rest, so where
-/// the two disagree the ground truth has to be refined before the arm is blamed.
+/// A push exceeds the holding torque of the joints for less than a step of the ground truth, which then stays at rest. If the two
+/// disagree, refine the ground truth before you blame the arm.
 #[test]
 fn a_grazing_break_away_is_seen_where_a_coarse_ground_truth_misses_it() {
     let force = |time_s: f64| Vector2::new((63.5 - 20.0 * elementary::powi((time_s - 3.5e-3) / 1e-3, 2)).max(0.0), 0.0);

@@ -63,7 +63,7 @@ pub(super) struct Stiff {
     references: [OnceLock<Reference>; HANDS.len()],
 }
 
-/// What is taken for the truth with one hand.
+/// Reference solution with one hand.
 #[derive(Debug)]
 struct Reference {
     tips: Vec<Vector2<f64>>,
@@ -84,7 +84,7 @@ const HANDS: [Spring; 4] = [
     Spring { n_per_m: 1e6, n_s_per_m: 300.0 },
 ];
 const STIFF_STEPS_S: [f64; 3] = [1e-3, 2.5e-4, 5e-5];
-/// Steps of the reference, and of the one that tells how good it is, in s.
+/// Steps of the reference, and of the solution that shows its accuracy, in s.
 const STIFF_REFERENCE_S: [f64; 2] = [2e-6, 5e-6];
 
 impl Sweep for Stiff {

@@ -1,4 +1,4 @@
-//! Who takes part: methods of our own and settings of MuJoCo, run on the same scenes and timed alike.
+//! Contestants: methods of our own and settings of MuJoCo, run on the same scenes and timed alike.
 
 use nalgebra::Vector2;
 use std::path::Path;
@@ -44,7 +44,7 @@ const fn mujoco(integrator: &'static str, softness: Softness) -> Contestant {
     Contestant::Mujoco(Settings { integrator, softness })
 }
 
-/// What came of a scene.
+/// Result of a scene.
 #[derive(Clone, Debug)]
 pub(super) struct SceneRun {
     /// Tool point at the end of each cycle, as far as it went, in m.

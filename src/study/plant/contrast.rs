@@ -10,7 +10,7 @@ use yieldwall_motion::quantity::{JointAngles, JointRates};
 use yieldwall_sim::arm::{ArmError, ArmParameters, slip_rates};
 use yieldwall_sim::hand::HandLoad;
 
-/// What both contrasts have: an arm, what pulls at its tool, and the state.
+/// Common part of both contrasts: an arm, the load at its tool, and the state.
 #[derive(Clone, Debug)]
 struct Body<F> {
     linkage: FiveBar,
@@ -66,7 +66,7 @@ impl<F: Fn(f64, Vector2<f64>) -> HandLoad<2>> Body<F> {
     }
 }
 
-/// Euler's semi-implicit step: forces at its beginning, `q' = q + h v'`, damping and dry friction implicit and exact. Of
+/// Euler's semi-implicit step: forces at its beginning, `q' = q + h v'`, damping and dry friction implicit and exact. It is of
 /// first order.
 #[derive(Clone, Debug)]
 pub(super) struct SemiImplicit<F>(Body<F>);

@@ -1,9 +1,9 @@
 //! The reference: the arm of the study, integrated by a fourth-order Runge-Kutta method from event to event, with the
 //! joints that stick held explicitly.
 //!
-//! It shares no code with the simulation: the equations of motion are those of [`super::machine`], and what sticks is told
-//! from the torque that holding takes. It looks for events at the end of each trial step only, so it misses a joint that
-//! stops and turns back, or almost breaks away, within one.
+//! It shares no code with the simulation. The equations of motion are those of [`super::machine`], and the holding torque decides
+//! which joints stick. It looks for events at the end of each trial step only, so it misses a joint that stops and turns back, or
+//! almost breaks away, within one.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -12,7 +12,7 @@ use super::scene::Plant;
 use yieldwall_sim::arm::ArmError;
 use yieldwall_sim::hand::HandLoad;
 
-/// What a joint does.
+/// Motion of a joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Mode {
     Stick,

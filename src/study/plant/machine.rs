@@ -31,8 +31,8 @@ pub struct StudyArm {
     pub viscous_n_m_s_per_rad: f64,
 }
 
-/// Friction, order of inertia and parallel links of an arm with harmonic drives as in \[KTF08\]; lengths and masses are
-/// chosen: a desk-top arm of aluminium whose distal links never come in line within its reach.
+/// Friction, order of inertia and parallel links of an arm with harmonic drives as in \[KTF08\]. Lengths and masses are chosen: a
+/// desk-top arm of aluminium whose distal links never come in line within its reach.
 pub const STUDY_ARM: StudyArm = StudyArm {
     half_base_m: 0.05,
     proximal_m: 0.25,
@@ -108,7 +108,7 @@ impl StudyArm {
         Vector2::new(angle(-self.half_base_m, 1.0), angle(self.half_base_m, -1.0))
     }
 
-    /// The same arm as the simulation has it.
+    /// Returns the arm with the parameters of the simulation.
     ///
     /// # Errors
     /// For lengths that are no linkage.

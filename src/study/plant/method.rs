@@ -72,7 +72,7 @@ pub struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    /// Of this scene.
+    /// Returns the method for this scene.
     pub fn new(scene: &'a Scene) -> Self {
         Self { scene, plan: scene.plan(), angles: Vec::with_capacity(scene.cycles) }
     }

@@ -1,7 +1,7 @@
 //! How fast and how exactly the simulated arm is integrated, beside other methods and beside MuJoCo.
 //!
-//! One scene, one controller, one hand for all; the controller, the steps and the copying of joint angles are timed, on one
-//! thread by the time it had a core, all contestants in turn.
+//! All contestants have the same scene, controller and hand. The study times the controller, the steps and the copying of joint
+//! angles on one thread, in CPU time, for all contestants in turn.
 
 mod beside;
 mod contestant;

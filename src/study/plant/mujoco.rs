@@ -1,4 +1,4 @@
-//! The same scene in MuJoCo: its model as MJCF, and a program beside this one that runs it.
+//! MuJoCo model of the scene as MJCF, and an external program that runs it.
 
 use nalgebra::Vector2;
 use std::fmt::Write as _;
@@ -44,7 +44,7 @@ impl Settings {
     }
 }
 
-/// What MuJoCo made of a scene.
+/// Result of a scene in MuJoCo.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MujocoRun {
     /// Version of the library.
@@ -165,7 +165,7 @@ fn body(kg: f64, center_m: f64, about_z_kg_m2: f64) -> String {
     )
 }
 
-/// What the program reads, in the words of its head.
+/// Returns the input of the program, in the words of its head.
 fn request(settings: Settings, scene: &Scene, step_s: f64, effort: Effort) -> String {
     let Scene { gains, torque_n_m: [left, right], hand, push_n: [x, y], way, cycles, .. } = scene;
     let [center_x, center_y] = way.center_m;

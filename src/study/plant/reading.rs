@@ -1,4 +1,4 @@
-//! What is read from the tables.
+//! Results read from the tables.
 
 use super::contestant::{Contestant, MUJOCO, OURS};
 use super::speed::REFERENCE_STEP_S;

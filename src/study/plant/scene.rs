@@ -1,4 +1,4 @@
-//! What the arm of the study does: motors, hand and pushes, and the motion that they make.
+//! Scene of the study's arm: motors, hand and pushes, and the resulting motion.
 
 use nalgebra::Vector2;
 use std::f64::consts::TAU;
@@ -29,9 +29,9 @@ pub trait Plant {
 /// A controller of each joint towards the planned angle and rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gains {
-    /// Of the angle, in N m/rad.
+    /// Gain of the angle, in N m/rad.
     pub n_m_per_rad: f64,
-    /// Of the rate, in N m s/rad.
+    /// Gain of the rate, in N m s/rad.
     pub n_m_s_per_rad: f64,
 }
 
@@ -80,7 +80,7 @@ pub struct Scene {
     pub hand: Spring,
     /// Force on the tool beside the hand's, in N.
     pub push_n: [f64; 2],
-    /// What controller and hand follow.
+    /// Path that controller and hand follow.
     pub way: Way,
     /// Number of cycles.
     pub cycles: usize,
@@ -91,8 +91,8 @@ const NO_HAND: Spring = Spring { n_per_m: 0.0, n_s_per_m: 0.0 };
 
 /// The scene of the study: 2 s in which each joint turns round several times and sticks now and then.
 ///
-/// The controller is that of a stiff drive; the hand's spring is that of a firm grip; its target lies 8 mm off the arc, so
-/// that hand and motors pull against each other; its tremor is in the band of human hands.
+/// The controller is that of a stiff drive; the hand's spring is that of a firm grip. The hand's target lies 8 mm off the arc, so
+/// that hand and motors pull against each other. Its tremor is in the band of human hands.
 pub const STUDY: Scene = Scene {
     arm: STUDY_ARM,
     start_m: None,
@@ -156,7 +156,7 @@ impl Way {
     }
 }
 
-/// What the controller of both joints aims at in one cycle.
+/// Target of the controller of both joints in one cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Aim {
     /// Angles in rad.
@@ -171,7 +171,7 @@ impl Scene {
         self.arm.inverse(self.start_m.map_or_else(|| self.way.of_tool(0.0).0, Vector2::from))
     }
 
-    /// What the controller aims at, cycle by cycle.
+    /// Returns the targets of the controller, cycle by cycle.
     pub fn plan(&self) -> Vec<Aim> {
         let aim = |cycle: usize| {
             let (point, velocity) = self.way.of_tool(cycle as f64 * CYCLE_S);
@@ -189,7 +189,7 @@ impl Scene {
         Vector2::from(self.torque_n_m) + (aim.angles - angles) * n_m_per_rad + (aim.rates - rates) * n_m_s_per_rad
     }
 
-    /// What pulls at the tool.
+    /// Returns the load at the tool.
     #[inline]
     pub fn load(&self, time_s: f64, tip: Vector2<f64>) -> HandLoad<2> {
         let Spring { n_per_m, n_s_per_m } = self.hand;

@@ -26,7 +26,7 @@ pub(super) struct Speed {
     measured: OnceLock<Vec<Measured>>,
 }
 
-/// What was found for one entry.
+/// Measurements of one entry.
 #[derive(Debug)]
 struct Measured {
     seconds: Vec<f64>,

@@ -48,7 +48,7 @@ fn look(aid: &Aid) -> Color {
     }
 }
 
-/// Those that are drawn at an R.
+/// Returns the aids that are drawn at an R.
 fn drawn_at(yield_n: f64) -> impl Iterator<Item = Aid> {
     // Plastic on top of a stiff spring, which often lies in the same place.
     let mut all: Vec<Aid> = aids().into_iter().filter(|aid| aid.yield_n.is_none_or(|of| of == yield_n)).collect();

@@ -1,5 +1,5 @@
-//! A simulated user who chooses speed by the error seen follows a way within a band: how long that takes under each kind of fixture, and
-//! how far off it is.
+//! Study of a simulated user who chooses the speed by the visible error and follows a path within a band: the time and the
+//! deviation under each kind of fixture.
 //!
 //! ```text
 //! error seen, late -> speed and correction of the aim -> hand -> fixture and arm -> tool -> error

@@ -77,7 +77,7 @@ pub(super) fn aids() -> Vec<Aid> {
 struct Group {
     trial: Trial,
     users: Range<u64>,
-    /// What is other than in the table `widths`.
+    /// Difference from the table `widths`.
     variant: &'static str,
 }
 
@@ -156,7 +156,7 @@ impl Runs {
 }
 
 impl Group {
-    /// What a row asks.
+    /// Returns the parameters of a row.
     fn asked(&self) -> Vec<Value> {
         let Trial { policy, track, width_m, aid, beside_m, .. } = self.trial;
         vec![
@@ -181,7 +181,7 @@ impl Group {
         ]
     }
 
-    /// What is found of its users.
+    /// Returns the results of its users.
     fn found(&self, users: Range<u64>) -> Vec<Value> {
         let run = |ready: &Result<super::trial::Ready, String>, user| match ready {
             Ok(ready) => ready.run(user),

@@ -82,7 +82,7 @@ impl Track {
         }
     }
 
-    /// What a fixture has for a reference that lies `beside_m` off the way.
+    /// Returns the surface of a fixture whose reference lies `beside_m` off the path.
     pub(super) fn surface(self, beside_m: f64) -> Surface {
         let origin = [0.0, 0.0].map(finite);
         match self {

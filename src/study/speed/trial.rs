@@ -35,7 +35,7 @@ pub(super) struct Trial {
     pub(super) step_share: f64,
 }
 
-/// What came of one user.
+/// Result of one user.
 #[derive(Clone, Debug, Default)]
 pub(super) struct UserRun {
     /// Why the end was not reached; `None` if it was.

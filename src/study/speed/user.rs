@@ -38,13 +38,13 @@ pub(super) struct Policy {
 pub(super) struct User {
     policy: Policy,
     errand: Errand,
-    /// Of one unit, on both axes.
+    /// Error of one unit, on both axes.
     error: Hand<2>,
     tremor: Hand<2>,
     /// How far off the way the tool was in the last cycles of the delay: the oldest is seen.
     heights_m: Vec<f64>,
     place: usize,
-    /// Of the aim without its error: length along the way, speed, and distance off the way.
+    /// Aim without its error: length along the path, speed, and distance off the path.
     progress_m: f64,
     speed_m_per_s: f64,
     correction_m: f64,
@@ -63,7 +63,7 @@ struct Aim {
     paid_n: Vector2<f64>,
 }
 
-/// What a user is put to.
+/// Task of a user.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Errand {
     pub(super) track: Track,
@@ -77,7 +77,7 @@ pub(super) struct Errand {
 }
 
 impl User {
-    /// At rest at the start of the way. The same number: the same error of the aim and the same tremor.
+    /// Returns a user at rest at the start of the path. Equal numbers give the same error of the aim and the same tremor.
     ///
     /// # Errors
     /// A quantity out of its range.
@@ -157,7 +157,8 @@ impl User {
         }
     }
 
-    /// What the hand does to a tool at a point: a spring and a damper towards the aim, what it pays for friction, and the tremor.
+    /// Returns the load of the hand on a tool at a point: a spring and a damper towards the aim, a force against friction, and
+    /// the tremor.
     pub(super) fn load(&mut self, time_s: f64, tool_m: Vector2<f64>) -> HandLoad<2> {
         let Aim { time_s: since_s, point_m, velocity_m_per_s, paid_n } = self.aim;
         let Grip { stiffness_n_per_m, damping_n_s_per_m, .. } = self.policy.grip;

@@ -28,7 +28,7 @@ const STEPS: u32 = 4000;
 const TONES: usize = 4;
 /// The tool roams so far about the place.
 const ROAM_M: f64 = 2.5 * REACH_M;
-/// What the step may be longer than that of the input position, by the rule of the fixture.
+/// Length by which the step may exceed the step of the input position, by the rule of the fixture.
 const RULE: f64 = 0.1;
 
 #[derive(Clone, Copy)]

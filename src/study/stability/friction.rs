@@ -12,7 +12,7 @@ use crate::sweep::{Clock, Report, Sweep, Table};
 const FRICTION_N: f64 = 3.0;
 const MASSES_KG: [f64; 3] = [0.1, 0.5, 2.0];
 const PUSHES: u64 = 30;
-/// Of `F`.
+/// Pushes as shares of `F`.
 const PUSH_SHARES: [f64; 2] = [0.1, 3.0];
 const DURATION_S: f64 = 2.0;
 
@@ -73,7 +73,7 @@ struct Found {
     moved_m: f64,
     /// Root mean square of the change of velocity from step to step, less that of the push, in the second half.
     chatter_m_per_s: f64,
-    /// What friction gave to the mass in the steps in which it pushed.
+    /// Energy that friction gave to the mass in the steps in which it pushed.
     gained_j: f64,
 }
 

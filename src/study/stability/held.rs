@@ -32,8 +32,8 @@ const NUDGE_S: f64 = 0.02;
 const LOST_M: f64 = 0.15;
 /// Below this speed of proxy and tool all through a window the loop is at rest.
 const REST_M_PER_S: f64 = 1e-6;
-/// With dry joints the tool is at rest if it swings by less than this in the last quarter of a run: a proxy then creeps within
-/// the band in which the joints stick. A hand that holds still trembles by as much, 49 um RMS (Riviere, Rader, Khosla,
+/// With dry joints the tool counts as at rest if it swings by less than this in the last quarter of a run. A proxy then creeps
+/// within the band in which the joints stick. The tremor of a still hand is as large: 49 um RMS (Riviere, Rader, Khosla,
 /// *Characteristics of hand motion of eye surgeons*, 1997).
 const STILL_M: f64 = 50e-6;
 /// Windows of a run.
@@ -119,7 +119,7 @@ pub(super) const PLAIN: Setting = Setting {
     nudge_n: 5.0,
 };
 
-/// What became of the nudge.
+/// Effect of the nudge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum NudgeEffect {
     /// The loop came to rest, or was on the way.
@@ -174,15 +174,15 @@ impl Setting {
         found.map_or(f64::INFINITY, |found| found.least_kg)
     }
 
-    /// Whether the formula for a continuous servo is for this loop: it knows of no dry joints, low pass, slow sensor, hand with
-    /// mass, servo that is late or damping of the proxy.
+    /// Whether the formula for a continuous servo applies to this loop. It does not cover dry joints, a low pass, a slow sensor,
+    /// a hand with mass, a late servo, or damping of the proxy.
     pub(super) fn has_crossover(&self) -> bool {
         let Self { name, delay, bandwidth, hand_n_s_per_m, start_m, links, nudge_n, .. } = *self;
         *self == Self { name, delay, bandwidth, hand_n_s_per_m, start_m, links, nudge_n, ..PLAIN }
     }
 
-    /// The least stable virtual mass in kg by the formula for a continuous servo that the hand does not load, the greater of
-    /// the two directions; `None` where that is for another loop.
+    /// Returns the least stable virtual mass in kg by the formula for a continuous servo without the load of the hand, the
+    /// greater of the two directions. `None` if the formula does not apply.
     pub(super) fn least_mass_by_crossover_kg(&self, hand_n_per_m: f64) -> Option<f64> {
         if !self.has_crossover() {
             return None;

@@ -103,8 +103,8 @@ const ANY: f64 = 0.0;
 /// None was.
 const NONE: f64 = f64::INFINITY;
 
-/// A setting and what an independent implementation of the same arm, hand and servo found, with the same grid of masses
-/// and a criterion of its own for motion that dies away.
+/// A setting, and the results of an independent implementation of the same arm, hand and servo. That implementation has the same
+/// grid of masses, and its own criterion for motion that dies away.
 type Reference = (Setting, [f64; 5]);
 
 const DRY: Setting = Setting { coulomb_n_m: 10.0, nudge_n: 30.0, ..LATE };
@@ -177,7 +177,7 @@ impl Sweep for Rows {
     }
 }
 
-/// What a place on the grid of rows stands for.
+/// Returns the mass at a place on the grid of rows.
 fn least_of(place: u64) -> f64 {
     match place {
         0 => ANY,

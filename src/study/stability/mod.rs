@@ -1,6 +1,5 @@
-//! Where the loop is stable, and where theory says it is: maps of the least virtual mass, of the virtual coupling, of
-//! impacts, of the sliding mode after saturation, of singular poses, of corners, of lost samples, and of friction that is
-//! computed from the last velocity.
+//! Stability of the loop, in simulation and in theory. The maps show the least virtual mass, the virtual coupling, impacts, the
+//! sliding mode after saturation, singular poses, corners, lost samples, and friction computed from the last velocity.
 //!
 //! Everything runs on [`bench`](super::bench) or on less: exact plant, no bus, no counts, no guard.
 

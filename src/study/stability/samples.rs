@@ -16,7 +16,7 @@ use yieldwall_motion::fixture::{
 use yieldwall_sim::hand::HandLoad;
 use yieldwall_sim::share_of_one;
 
-/// What happens to a share of the samples.
+/// Disturbance of a share of the samples.
 #[derive(Clone, Copy)]
 struct Trouble {
     name: &'static str,

@@ -1,4 +1,4 @@
-//! What studies have in common: tables of points, each computed from its number alone, and what is read from them.
+//! Common parts of studies: tables of points, each computed from its number alone, and the results read from them.
 //!
 //! ```text
 //! Study -- sweeps --> Sweep::point(index) --> cells --> store (JSON lines, by shard) --> Table --> Study::report --> notes, charts
@@ -38,8 +38,8 @@ pub trait Sweep: Sync {
     /// Name, as in `--point NAME:INDEX` and in file names; small letters and hyphens.
     fn name(&self) -> &str;
 
-    /// Names of the columns, in order: small letters, underscores, the unit last. What the point asks comes before what is
-    /// found there.
+    /// Names of the columns, in order: small letters, underscores, the unit last. Parameters of the point come before its
+    /// results.
     fn columns(&self) -> Vec<&str>;
 
     /// Number of points.
@@ -50,8 +50,8 @@ pub trait Sweep: Sync {
         false
     }
 
-    /// Computes one point, `index` below [`Sweep::points`]: a cell for each column. What cannot be computed is a cell that
-    /// says so (`null`, or a word in a column for outcomes), not an error. A number that is not finite becomes `null`.
+    /// Computes one point, `index` below [`Sweep::points`]: a cell for each column. A value that cannot be computed is a cell
+    /// that says so (`null`, or a word in a column for outcomes), not an error. A number that is not finite becomes `null`.
     fn point(&self, index: u64, clock: Clock<'_>) -> Vec<Value>;
 }
 
@@ -60,7 +60,7 @@ pub trait Study {
     /// Name, as on the command line.
     fn name(&self) -> &str;
 
-    /// What it asks, in one line.
+    /// Question of the study, in one line.
     fn about(&self) -> &'static str;
 
     /// Its tables; the first is the one that answers.
@@ -70,7 +70,7 @@ pub trait Study {
     fn report(&self, tables: &[Table]) -> Report;
 }
 
-/// What is read from the tables of a study.
+/// Results read from the tables of a study.
 #[derive(Debug, Default)]
 pub struct Report {
     /// Lines of text: what came out, what disagrees with theory and how to see a point again.

@@ -1,4 +1,4 @@
-//! What a count and a median are known to.
+//! Confidence intervals of a count and of a median.
 
 /// Normal quantile of a two-sided interval of 95 %.
 const Z: f64 = 1.959_963_984_540_054;

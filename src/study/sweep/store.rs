@@ -20,9 +20,9 @@ pub enum StoreError {
     Other {
         /// The file.
         path: PathBuf,
-        /// What it holds.
+        /// Heading of the file.
         found: String,
-        /// What was asked for.
+        /// Heading wanted.
         wanted: String,
     },
 }
@@ -35,7 +35,7 @@ enum Line {
     Point { index: u64, cells: Vec<Value> },
 }
 
-/// What a file has to be of.
+/// Heading that a file must have.
 struct Heading<'a> {
     name: &'a str,
     points: u64,
@@ -66,10 +66,10 @@ impl Heading<'_> {
 pub struct Store(Lines);
 
 impl Store {
-    /// Reads the points of a sweep from all its files in `folder`, whichever shard left them, and opens the file of `shard`
-    /// (a name that goes into the file's) for more. `edition` says what the points hang on beside the table itself: the word `build`, a
-    /// name of the build of the program, and then anything else. Of a table that measures time, points that are not all there are
-    /// thrown away: times of two runs are not to be compared.
+    /// Reads the points of a sweep from all its files in `folder`, whichever shard left them, and opens the file of `shard` (a
+    /// name in the file's name) for more. `edition` names everything on which the points depend besides the table itself: the
+    /// word `build`, a name of the build of the program, and then anything else. If a table measures time and is not complete,
+    /// its points are discarded: times of two runs must not be compared.
     ///
     /// # Errors
     /// If a file cannot be read, written or understood, or is of another table or another edition; `takes_any` is for

@@ -79,7 +79,7 @@ impl Table {
         (0..self.points).filter(|index| !self.cells.contains_key(index)).collect()
     }
 
-    /// The rows as CSV with a line of names: the number of the point, then its columns. What is not there is empty.
+    /// Returns the rows as CSV with a line of names: the number of the point, then its columns. Missing cells are empty.
     pub fn csv(&self) -> String {
         let mut text = format!("index,{}\n", self.columns.join(","));
         for row in self.rows() {
@@ -150,7 +150,7 @@ impl<'a> Row<'a> {
         self.table
     }
 
-    /// What stands in a column; `null` if the study has no such column.
+    /// Returns the cell of a column; `null` if the study has no such column.
     pub fn cell(&self, column: &str) -> &'a Value {
         let place = self.columns.iter().position(|name| *name == column);
         assert!(cfg!(not(test)) || place.is_some(), "no column {column}");

@@ -1,4 +1,4 @@
-//! What the fixture may be: the plastic law, springs with and without a limit, viscous fields, none.
+//! Kinds of fixture: the plastic law, springs with and without a limit, viscous fields, none.
 
 use super::super::drawn::{not_negative, positive};
 use yieldwall_config::FixtureLaw;
@@ -64,7 +64,7 @@ impl Aid {
         Self { law: Law::Viscous, hardness: Some(yield_n / drift_m_per_s), yield_n: Some(yield_n) }
     }
 
-    /// Those that stand beside each other at one R.
+    /// Returns the aids that are compared at one R.
     pub(super) fn at(yield_n: f64) -> Vec<Self> {
         let springs = SPRINGS_N_PER_M.map(|stiffness| Self::saturated(stiffness, yield_n));
         let fields = DRIFTS_M_PER_S.map(|drift| Self::viscous(drift, yield_n));

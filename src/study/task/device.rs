@@ -1,5 +1,5 @@
-//! The same user on an impedance device: a light point mass that renders a force from its position, whose springs a
-//! sampled loop limits.
+//! A simulated user on an impedance device: a light point mass that renders a force from its position. The sampled loop limits
+//! the stiffness of its springs.
 //!
 //! A spring to the way is rendered as `-K d - B d'` from the reported position, without friction. A plastic fixture has the same `K` and `B`
 //! in its coupling. So both have one stiffness at the tool, and one limit on it.
@@ -37,7 +37,7 @@ const THROWN_M: f64 = 0.5;
 /// J. E. Colgate, G. G. Schenkel, *Passivity of a class of sampled-data systems: application to haptic interfaces* (1997).
 pub(super) const STIFFEST_N_PER_M: f64 = 2.0 * (DEVICE.damping_n_s_per_m + DAMPING_N_S_PER_M) / PERIOD_S;
 
-/// What renders the force.
+/// Renderer of the force.
 enum Renderer {
     Nothing,
     Spring { stiffness_n_per_m: f64, most_n: f64, height_m: Option<f64> },
@@ -136,14 +136,14 @@ pub(super) fn run(trial: &Trial) -> Result<(String, Vec<Moment>), String> {
     Ok(("ran".to_owned(), moments))
 }
 
-/// The device without a hand, from the moment at which it was let go.
+/// The device without a hand, from the moment of release.
 struct Released {
     device: PointMass<2>,
     at_s: f64,
 }
 
 impl Released {
-    /// At rest where it was: a hand that lets go after a press does so at rest, but for its tremor.
+    /// Returns the device at rest where it was: a hand that lets go after a press does so at rest, except for its tremor.
     fn new(held: &PointMass<2>) -> Result<Self, String> {
         let device = PointMass::new(DEVICE, 0.0, held.position_m()).map_err(|error| error.to_string())?;
         Ok(Self { device, at_s: held.time_s() })

@@ -49,7 +49,7 @@ fn look(aid: &Aid) -> (Color, Mark) {
     }
 }
 
-/// Those that are drawn at an R.
+/// Returns the aids that are drawn at an R.
 fn drawn_at(yield_n: f64) -> Vec<Aid> {
     [Aid::NONE].into_iter().chain(Aid::at(yield_n)).collect()
 }
@@ -126,7 +126,7 @@ fn price(errors: &Table) -> Chart {
     }
 }
 
-/// Of how many users `row` errs less than `other` by more than [`ALIKE`], and of how many users there are.
+/// Returns the number of users for whom `row` errs less than `other` by more than [`ALIKE`], and the number of all users.
 fn wins(row: &Row<'_>, other: &Row<'_>) -> (u64, u64) {
     let each = |row: &Row<'_>| -> Vec<Option<f64>> {
         row.word("each_error_um").split(' ').map(|word| word.parse().ok()).collect()
@@ -136,8 +136,8 @@ fn wins(row: &Row<'_>, other: &Row<'_>) -> (u64, u64) {
     (pairs.iter().filter(|(one, other)| *one < ALIKE * other).count() as u64, pairs.len() as u64)
 }
 
-/// Which law has the least error at one R and one error of the aim, user by user: the one that errs less than each other law by a tenth
-/// and more in most users, by the interval of 95 %. `None` where there is no such law.
+/// Returns the law with the least error at one R and one error of the aim, user by user. In most users, by the interval of 95 %,
+/// it errs less than each other law by at least a tenth. `None` if there is no such law.
 fn best<'a>(rows: &[Row<'a>], yield_n: f64, may: impl Fn(&Row<'_>) -> bool) -> Option<Law> {
     let of_law = |law: Law| {
         let aids = Aid::at(yield_n).into_iter().filter(move |aid| aid.law == law);
@@ -157,7 +157,7 @@ fn best<'a>(rows: &[Row<'a>], yield_n: f64, may: impl Fn(&Row<'_>) -> bool) -> O
     laws.iter().find(is_best).map(|(law, _)| *law)
 }
 
-/// Who may win a cell of the map.
+/// Laws that may win a cell of the map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Field {
     All,

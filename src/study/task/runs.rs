@@ -33,12 +33,12 @@ pub(super) const FEW: &str = "few users";
 pub(super) const FINE: &str = "few users, half the step";
 pub(super) const RIG: &str = "few users, whole rig";
 
-/// Which machine runs.
+/// Machine that runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Machine {
     /// The arm of the rig with fixture and servo.
     Bench,
-    /// The same with bus, counts, noise and guard.
+    /// The arm with bus, counts, noise and guard.
     Rig,
     Device,
 }
@@ -49,7 +49,7 @@ struct Group {
     trial: Trial,
     users: Range<u64>,
     machine: Machine,
-    /// What is other than in the table `errors`.
+    /// Difference from the table `errors`.
     variant: &'static str,
 }
 
@@ -75,7 +75,7 @@ fn soft(aim_m: f64, aid: Aid, speed_m_per_s: f64) -> Trial {
 }
 
 impl Runs {
-    /// Imposed speeds. That of `errors` is there.
+    /// Imposed speeds, without the speed of `errors`, which is there.
     pub(super) fn speeds() -> Self {
         let mut groups = Vec::new();
         for aid in Aid::all() {
@@ -252,7 +252,7 @@ impl Runs {
         cells
     }
 
-    /// What a row asks, the rest empty.
+    /// Returns the parameters of a row; the rest is empty.
     #[cfg(test)]
     pub(super) fn asked(&self, index: u64) -> Vec<Value> {
         let group = &self.groups[index as usize];

@@ -81,7 +81,7 @@ pub(super) struct Moment {
     pub(super) force_n: [f64; 2],
 }
 
-/// What [`Trial::measured`] gives.
+/// Columns of [`Trial::measured`].
 pub(super) const FOUND: [&str; 8] = [
     "outcome",
     "error_rms_m",
@@ -152,7 +152,7 @@ impl Trial {
         1 + self.user
     }
 
-    /// What is asked, but for the user.
+    /// Returns the parameters of the trial, except the user.
     pub(super) fn asked(&self) -> Vec<Value> {
         vec![
             self.way.name().into(),
@@ -200,7 +200,7 @@ impl Trial {
         Ok(("ran".to_owned(), moments))
     }
 
-    /// The same user on the whole rig, with a scene that has this hand in place of its own.
+    /// Runs the same user on the whole rig, with a scene that has this hand in place of its own.
     pub(super) fn on_rig(&self) -> Result<(String, Vec<Moment>), String> {
         let (rig, mut scene) = self.machine()?;
         let (rms_m, corner_hz) = self.aim_error();

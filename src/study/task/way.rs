@@ -1,4 +1,5 @@
-//! What the simulated user traces: part of a circle about the origin, on the rig and, a smaller one, on the impedance device.
+//! Path that the simulated user traces: part of a circle about the origin on the rig, and part of a smaller circle on the
+//! impedance device.
 
 use yieldwall_motion::elementary;
 
@@ -11,7 +12,7 @@ use yieldwall_sim::hand::{Leg, Speed};
 /// A way along which the user traces, from the same angle on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Way {
-    /// That of the paper.
+    /// The circle of the paper.
     Circle,
     /// The circle of the impedance device.
     Ring,
@@ -57,7 +58,7 @@ impl Way {
         [radius_m * elementary::cos(end), radius_m * elementary::sin(end)]
     }
 
-    /// The aim along the way in `in_s`, at a steady speed but for its ends.
+    /// Returns the segment of the aim along the path in `in_s`, at a steady speed except at its ends.
     pub(super) fn segment(self, in_s: f64) -> PathSegment {
         PathSegment::Arc {
             center_m: [0.0, 0.0].map(finite).to_vec(),
@@ -67,7 +68,7 @@ impl Way {
         }
     }
 
-    /// The same for a hand of its own.
+    /// Returns the leg for a hand of its own.
     pub(super) fn leg(self, in_s: f64) -> Leg<2> {
         Leg::Arc { center_m: [0.0, 0.0], by_rad: self.by_rad(), in_s, speed: Speed::Constant }
     }
@@ -92,7 +93,7 @@ impl Way {
         elementary::hypot(x, y) - self.radius_m()
     }
 
-    /// The same without its sign.
+    /// Distance from the path, without its sign.
     pub(super) fn distance_m(self, point: [f64; 2]) -> f64 {
         self.height_m(point).abs()
     }
