@@ -1,7 +1,7 @@
 //! Meanings of a vendor's error codes: the codes in 603Fh, in 1003h and in emergency messages.
 //!
-//! A table is a file. [`SHIPPED`] holds the texts of those in `drives/codes`; a device profile names the one of its device. The main
-//! crate reads them, with the feature `config` of this one.
+//! A table is a file. [`SHIPPED`] holds the texts of the files in `drives/codes`; a device profile names the table of its device.
+//! The main crate reads them, with the feature `config` of this crate.
 
 use std::collections::BTreeMap;
 
@@ -44,7 +44,7 @@ pub struct About {
     /// Name for messages.
     #[cfg_attr(feature = "config", garde(length(min = 1)))]
     pub name: String,
-    /// The documents that were read, by the short names that `source` uses.
+    /// Documents behind the table, by the short names that `source` uses.
     #[cfg_attr(feature = "config", garde(length(min = 1)))]
     pub sources: BTreeMap<String, String>,
 }
@@ -54,7 +54,7 @@ pub struct About {
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct ErrorCode {
-    /// The code, as 603Fh and emergency messages have it.
+    /// The code, as in 603Fh and in emergency messages.
     pub code: u16,
     /// Short name.
     #[cfg_attr(feature = "config", garde(length(min = 1, max = 64)))]
@@ -68,7 +68,7 @@ pub struct ErrorCode {
     /// Remedy.
     #[cfg_attr(feature = "config", garde(length(min = 1, max = 400)))]
     pub next: String,
-    /// Where that was read: a key of `error_codes.sources`.
+    /// Source: a key of `error_codes.sources`.
     #[cfg_attr(feature = "config", garde(length(min = 1)))]
     pub source: String,
 }

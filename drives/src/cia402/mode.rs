@@ -10,11 +10,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema), serde(rename_all = "snake_case"))]
 pub enum CommandMode {
-    /// Cyclic synchronous torque (CST): the position loop closes in this program.
+    /// Cyclic synchronous torque (CST): this program closes the position loop.
     Torque,
     /// Cyclic synchronous velocity (CSV).
     Velocity,
-    /// Cyclic synchronous position (CSP): the position loop closes in the drives.
+    /// Cyclic synchronous position (CSP): the drives close the position loop.
     Position,
 }
 

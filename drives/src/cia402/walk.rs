@@ -77,8 +77,8 @@ enum Reset {
 
 /// Walks one drive to its goal, one controlword per cycle.
 ///
-/// The walk never resets a fault and never enables again by itself. If a drive that was on its way up or at its goal shows a
-/// fault, or leaves the goal without a command, the goal falls back to [`Goal::SwitchOnDisabled`] until the owner sets it again.
+/// The walk never resets a fault and never enables again by itself. A drive on its way up or at its goal may show a fault, or
+/// leave the goal without a command. The goal then falls back to [`Goal::SwitchOnDisabled`] until the owner sets it again.
 ///
 /// Real-time: yes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

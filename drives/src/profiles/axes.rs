@@ -1,4 +1,4 @@
-//! Devices of several axes: drives that share one address, one dictionary and one state of the network.
+//! Devices with several axes: drives that share one address, one dictionary and one network state.
 
 use std::sync::Arc;
 
@@ -13,12 +13,12 @@ use super::{
     DeviceProfile, Entry, Fieldbus, HeartbeatWatch, Pdo, Quantity, Role, Servo, SetPointWatch, SyncWatch, Unused,
 };
 
-/// First objects of the first axis, and of a vendor, and the first one behind all axes.
+/// First objects of the first axis and of a vendor, and the first object after all axes.
 const FIRST_OF_AXIS: u16 = 0x6000;
 const FIRST_OF_VENDOR: u16 = 0x2000;
 const BEHIND_AXES: u16 = 0xa000;
 
-/// Axes of a device that has several: all that `device.servo` says is for the first one, and the others lie beside it.
+/// Axes of a device with several axes: `device.servo` describes the first axis, and the others lie at fixed distances from it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
@@ -26,14 +26,14 @@ pub struct Axes {
     /// Number of axes. 2 to 8.
     #[cfg_attr(feature = "config", garde(range(min = 2, max = 8)))]
     pub count: u8,
-    /// Distance of objects from 6000h on from one axis to the next. 1 to 0x2000; 0x800 if left out.
+    /// Distance of objects from 6000h upward from one axis to the next. 1 to 0x2000; 0x800 if left out.
     #[cfg_attr(feature = "config", garde(range(min = 1, max = 0x2000)), serde(default = "object_step"))]
     pub object_step: u16,
     /// Distance of PDO numbers from one axis to the next. 1 to 255; 64 on CANopen and 16 on EtherCAT if left out.
     #[cfg_attr(feature = "config", garde(range(min = 1, max = 255)))]
     #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Option::is_none"))]
     pub pdo_step: Option<u16>,
-    /// Distance of a vendor's objects (2000h to 5FFFh) from one axis to the next; 0, for objects that all axes share, if left out.
+    /// Distance of a vendor's objects (2000h to 5FFFh) from one axis to the next. Left out: 0, for objects that all axes share.
     #[cfg_attr(feature = "config", serde(default))]
     pub vendor_object_step: u16,
     /// Distance from one axis to the next of the indices that mark gaps in process data; the index of the last axis is below
@@ -45,7 +45,7 @@ pub struct Axes {
     pub(super) moved: Option<Moved>,
 }
 
-/// The axis that a profile is of.
+/// The axis of a profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Moved {
     axis: u8,
@@ -53,10 +53,10 @@ pub(super) struct Moved {
     pub(super) rank: u8,
 }
 
-/// Distance of objects where a profile names none.
+/// Returns the distance of objects if a profile names none.
 ///
 /// # Source
-/// CiA 402-2: eight axes at most, of which the objects lie 800h apart.
+/// CiA 402-2: at most eight axes, with their objects 800h apart.
 #[cfg(feature = "config")]
 fn object_step() -> u16 {
     0x800
@@ -86,7 +86,8 @@ impl Axes {
         AxisOffset { objects, vendor }
     }
 
-    /// An object of the first axis that has no place at the last one, or that would be shared though each axis needs its own.
+    /// Returns an object of the first axis that has no place at the last axis, or that axes would share though each axis needs
+    /// its own.
     pub fn misplaced<'a>(&self, servo: &'a Servo) -> Option<&'a Entry> {
         let last = self.count.saturating_sub(1);
         servo.of_each_axis().into_iter().find(|entry| {
@@ -109,17 +110,17 @@ pub struct AxisOffset {
 }
 
 impl AxisOffset {
-    /// Distances of an axis by CiA 402, where no profile names others: 800h from one axis to the next.
+    /// Returns the distances of an axis in CiA 402, if no profile names others: 800h from one axis to the next.
     pub const fn standard(axis: u8) -> Self {
         Self::apart(0x800, axis)
     }
 
-    /// Distances of an axis where objects lie so far apart from one axis to the next.
+    /// Returns the distances of an axis whose objects lie `step` apart from one axis to the next.
     pub const fn apart(step: u16, axis: u8) -> Self {
         Self { objects: (axis as u16).saturating_mul(step), vendor: 0 }
     }
 
-    /// The index at this axis of an object of the first one; objects of the device stay.
+    /// Returns the index at this axis for an object of the first axis; objects of the device keep theirs.
     ///
     /// Real-time: yes.
     pub const fn index(self, index: u16) -> u16 {
@@ -137,7 +138,7 @@ impl DeviceProfile {
         self.servo().and_then(|servo| servo.axes.as_ref()).map_or(1, |axes| axes.count.max(1))
     }
 
-    /// The axis that the profile is of; `None` where it was not moved to one.
+    /// The axis of the profile; `None` if it was not moved to an axis.
     pub fn axis(&self) -> Option<u8> {
         self.servo()?.axes.as_ref()?.moved.map(|moved| moved.axis)
     }
@@ -147,8 +148,8 @@ impl DeviceProfile {
         self.servo().map(Servo::offset).unwrap_or_default()
     }
 
-    /// The profile with the objects and PDOs of an axis; `rank` is the number of used axes of the device before it. The profile itself if the
-    /// device has one axis.
+    /// Returns the profile with the objects and PDOs of an axis; `rank` is the number of used axes of the device before it.
+    /// Returns the profile itself if the device has one axis.
     pub fn of_axis(self: &Arc<Self>, axis: u8, rank: u8, bus: Fieldbus) -> Arc<Self> {
         let Some(axes) = self.servo().and_then(|servo| servo.axes.clone()) else { return self.clone() };
         let mut moved = (**self).clone();
@@ -159,8 +160,8 @@ impl DeviceProfile {
         Arc::new(moved)
     }
 
-    /// By how much the default identifiers of PDOs are behind their numbers, of a direction with so many PDOs: axes take identifiers in their
-    /// order. `None` if the identifiers go by the numbers.
+    /// Returns the difference between the numbers of PDOs and their default identifiers, for a direction with `pdos` PDOs: axes
+    /// take identifiers in their order. `None` if the identifiers follow the numbers.
     pub(super) fn identifiers_before(&self, pdos: usize) -> Option<usize> {
         Some(usize::from(self.servo()?.axes.as_ref()?.moved?.rank) * pdos)
     }

@@ -1,4 +1,4 @@
-//! Limits that a drive heeds.
+//! Limits that a drive observes.
 
 #[cfg(feature = "config")]
 use garde::Validate;
@@ -11,7 +11,7 @@ use super::Entry;
 #[cfg(feature = "config")]
 use super::{nullable, present};
 
-/// Limits that a drive heeds. A limit that it does not have is null.
+/// Limits that a drive observes. A limit that the drive lacks is null.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
@@ -39,19 +39,19 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// The limit of the torque; none of a drive that has none.
+    /// Returns the torque limit, if the drive has one.
     pub fn of_torque(&self) -> Option<TorqueLimit<'_>> {
         let current = || self.current.as_ref().map(TorqueLimit::Current);
         self.torque.as_ref().map(TorqueLimit::PerMille).or_else(current)
     }
 }
 
-/// The object by which a drive limits its torque.
+/// Object that limits the torque of a drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TorqueLimit<'a> {
-    /// By this object in per mille of the rated torque: 6072h.
+    /// This object, in per mille of the rated torque: 6072h.
     PerMille(&'a Entry),
-    /// By an object in another unit.
+    /// An object in another unit.
     Current(&'a CurrentLimit),
 }
 
@@ -73,7 +73,7 @@ impl<'a> TorqueLimit<'a> {
     }
 }
 
-/// A limit of the torque in another unit: the current in mA, or per mille of another rating.
+/// A torque limit in another unit: the current in mA, or per mille of another rating.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
@@ -81,7 +81,7 @@ pub struct CurrentLimit {
     /// The limit, 16 or 32 bits.
     #[cfg_attr(feature = "config", garde(dive))]
     pub limit: Entry,
-    /// The value at which the motor makes its rated torque, in the unit of the limit: its rated current. 16 or 32 bits.
+    /// Value at which the motor makes its rated torque, in the unit of the limit: its rated current. 16 or 32 bits.
     #[cfg_attr(feature = "config", garde(dive))]
     pub rated: Entry,
     /// The setter of the limit.
@@ -89,12 +89,12 @@ pub struct CurrentLimit {
 }
 
 impl CurrentLimit {
-    /// The limit in its unit for a torque in per mille of rated, rounded down; `rated` is what the device holds as that.
+    /// Returns the limit in its unit for a torque in per mille of rated, rounded down; `rated` is the device's rated value.
     pub fn value(per_mille: u16, rated: u32) -> u32 {
         u32::try_from(u64::from(per_mille) * u64::from(rated) / 1000).unwrap_or(u32::MAX)
     }
 
-    /// The torque in per mille of rated that a limit allows, rounded up; `u32::MAX` where `rated` is 0.
+    /// Returns the torque in per mille of rated that a limit allows, rounded up; `u32::MAX` where `rated` is 0.
     pub fn per_mille(value: u32, rated: u32) -> u32 {
         let per_mille = (1000 * u64::from(value)).checked_add(u64::from(rated).saturating_sub(1));
         let per_mille = per_mille.and_then(|sum| sum.checked_div(rated.into()));
@@ -109,11 +109,11 @@ impl CurrentLimit {
 pub enum LimitSetter {
     /// The master writes it.
     Master,
-    /// The drive keeps its own, which its maker's tool sets. The master compares it.
+    /// The drive has its own limit, which its maker's tool sets. The master compares it.
     Drive,
 }
 
-/// A limit of the motor's speed in r/min, and the resolution that it is computed by.
+/// A limit of the motor's speed in r/min, and the encoder resolution for its computation.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
@@ -124,7 +124,7 @@ pub struct MotorSpeed {
     /// Increments of the encoder: 608Fh:1.
     #[cfg_attr(feature = "config", garde(dive))]
     pub increments: Entry,
-    /// In so many revolutions: 608Fh:2.
+    /// Revolutions for these increments: 608Fh:2.
     #[cfg_attr(feature = "config", garde(dive))]
     pub revolutions: Entry,
 }

@@ -1,7 +1,7 @@
 //! A device model as the master needs it: identity, process data per mode, limits, watchdogs, peculiarities.
 //!
-//! A profile is a file. [`SHIPPED`] holds the texts of those in `drives/profiles`; the main crate reads them as it reads rigs,
-//! with the feature `config` of this one.
+//! A profile is a file. [`SHIPPED`] holds the texts of the files in `drives/profiles`; the main crate reads them as it reads
+//! rigs, with the feature `config` of this crate.
 
 mod axes;
 mod limits;
@@ -63,7 +63,7 @@ pub struct DeviceProfile {
     /// Identity that the device reports.
     #[cfg_attr(feature = "config", garde(dive))]
     pub identity: Identity,
-    /// How it behaves as a node.
+    /// Behaviour as a node.
     #[cfg_attr(feature = "config", garde(dive))]
     pub node: NodeTraits,
     /// Role of the device.
@@ -79,9 +79,9 @@ pub struct About {
     /// Name for messages.
     #[cfg_attr(feature = "config", garde(length(min = 1)))]
     pub name: String,
-    /// On what it was tried.
+    /// Device on which the profile was tried.
     pub tried: Tried,
-    /// The buses that its process data are written for. Left out: both.
+    /// Buses for which its process data are written. Left out: both.
     #[cfg_attr(feature = "config", serde(default = "Fieldbus::all", skip_serializing_if = "Fieldbus::are_all"))]
     #[cfg_attr(feature = "config", garde(length(min = 1, max = 2)))]
     pub buses: Vec<Fieldbus>,
@@ -89,7 +89,7 @@ pub struct About {
     /// to this file. Left out: the meanings in the standards.
     #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Option::is_none"), garde(length(min = 1)))]
     pub error_codes: Option<String>,
-    /// The documents that were read, by the short names that `source` uses.
+    /// Documents behind the profile, by the short names that `source` uses.
     #[cfg_attr(feature = "config", garde(length(min = 1)))]
     pub sources: BTreeMap<String, String>,
 }
@@ -125,16 +125,16 @@ impl Fieldbus {
     }
 }
 
-/// On what a profile was tried.
+/// Device on which a profile was tried.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
 pub enum Tried {
-    /// On no device: it is written from documents.
+    /// No device: the profile is written from documents.
     Never,
-    /// On the simulated device alone.
+    /// Only the simulated device.
     Simulation,
-    /// On the real device.
+    /// The real device.
     Bench,
 }
 
@@ -143,7 +143,7 @@ pub enum Tried {
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct Identity {
-    /// Device type, 1000h; `null` where no source gives it, and any is taken.
+    /// Device type, 1000h; `null` if no source gives it: the program then accepts any.
     #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<u32>"))]
     pub device_type: Option<u32>,
     /// Vendor, 1018h:1.
@@ -160,13 +160,13 @@ pub struct Identity {
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case", deny_unknown_fields))]
 pub enum Revisions {
-    /// All: 1018h:3 is not read.
+    /// All revisions: the program does not read 1018h:3.
     Any,
-    /// A range, both ends in it.
+    /// A range, including both ends.
     Range {
-        /// The first.
+        /// First revision.
         from: u32,
-        /// The last.
+        /// Last revision.
         to: u32,
     },
 }
@@ -199,14 +199,14 @@ impl std::fmt::Display for Revisions {
     }
 }
 
-/// How a device behaves as a node.
+/// Behaviour of a device as a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct NodeTraits {
-    /// The command that brings it to its power-on values before it is configured.
+    /// Command that resets the device to its power-on values before the configuration.
     pub reset: Reset,
-    /// Whether that reset makes a drive forget where its zero is.
+    /// Whether that reset makes a drive lose its zero.
     pub reset_loses_reference: Known,
     /// Longest time from the reset to the boot-up message, ms. 1 to 60 000.
     #[cfg_attr(feature = "config", garde(range(min = 1, max = 60_000)))]
@@ -224,9 +224,9 @@ pub struct NodeTraits {
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
 pub enum Reset {
-    /// Reset node: the whole device starts anew.
+    /// Reset node: the whole device restarts.
     Node,
-    /// Reset communication: the communication objects start anew, the drive's own stay.
+    /// Reset communication: the communication objects restart; the drive's own objects stay.
     Communication,
 }
 
@@ -235,11 +235,11 @@ pub enum Reset {
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
 pub enum Known {
-    /// It is so.
+    /// Yes.
     Yes,
-    /// It is not so.
+    /// No.
     No,
-    /// No source that was read says so; the answer that is safe counts.
+    /// No source says so; the program assumes the safe answer.
     Unknown,
 }
 
@@ -254,7 +254,7 @@ pub enum Role {
     ForceSensor(#[cfg_attr(feature = "config", garde(dive))] Box<ForceSensor>),
 }
 
-/// An object of the device and where that was read.
+/// An object of the device, and the source for it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
@@ -264,9 +264,9 @@ pub struct Entry {
     pub index: u16,
     /// Sub-index.
     pub sub: u8,
-    /// Length in bits: 8, 16 or 32; 24 too for a force sensor.
+    /// Length in bits: 8, 16 or 32; for a force sensor also 24.
     pub bits: u8,
-    /// Where that was read: a key of `profile.sources`.
+    /// Source: a key of `profile.sources`.
     #[cfg_attr(feature = "config", garde(length(min = 1)))]
     pub source: String,
 }
@@ -291,7 +291,7 @@ pub enum Quantity {
     TargetVelocity,
     /// Target torque, per mille of the rated torque.
     TargetTorque,
-    /// Digital outputs of a drive, by one of which the master holds its brake.
+    /// Digital outputs of a drive; with one of them the master holds its brake.
     DigitalOutputs,
     /// Statusword of a drive.
     Statusword,
@@ -311,17 +311,18 @@ pub enum Quantity {
     Tz,
     /// Status of a sensor's sample.
     Status,
-    /// Second status of a sensor's sample, of an overload.
+    /// Second status of a sensor's sample, for an overload.
     Overload,
     /// Counter of a sensor's samples.
     SampleCounter,
     /// Bits without an object: index 0 in the mapping. 1 to 255.
     Gap(u8),
-    /// An object that is nothing to the rig.
+    /// An object without meaning to the rig.
     Unused(Unused),
 }
 
-/// A mapped object that is nothing to the rig. As an output it is sent `value`, or what the boot writes to it.
+/// A mapped object without meaning to the rig. The master sends `value` in an output, or the value that the boot writes to the
+/// object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields))]
@@ -332,7 +333,8 @@ pub struct Unused {
     pub sub: u8,
     /// Length in bits. 1 to 64.
     pub bits: u8,
-    /// Value of an output, negative ones in two's complement. Left out: what the boot writes to the object, otherwise 0.
+    /// Value of an output; negative values in two's complement. Left out: the value that the boot writes to the object, otherwise
+    /// 0.
     #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Option::is_none"))]
     pub value: Option<i32>,
 }
@@ -342,7 +344,7 @@ impl Quantity {
     pub const CHANNELS: [Quantity; 6] =
         [Quantity::Fx, Quantity::Fy, Quantity::Fz, Quantity::Tx, Quantity::Ty, Quantity::Tz];
 
-    /// Its word in a profile.
+    /// Returns its word in a profile.
     pub const fn word(self) -> &'static str {
         match self {
             Quantity::Controlword => "controlword",
@@ -367,22 +369,23 @@ impl Quantity {
     }
 }
 
-/// The wanted configuration of one PDO.
+/// Configuration of one PDO.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct Pdo {
-    /// Number of the PDO, 1 to 512 (on CANopen 1 to 4), or the object of its mapping: 0x1600 to 0x17ff of an RPDO, 0x1a00 to 0x1bff of a
-    /// TPDO.
+    /// Number of the PDO, 1 to 512 (on CANopen 1 to 4), or the object of its mapping: 0x1600 to 0x17ff for an RPDO, 0x1a00 to
+    /// 0x1bff for a TPDO.
     #[cfg_attr(feature = "config", garde(range(min = 1, max = 0x1bff)))]
     pub number: u16,
-    /// Whether the device lets nobody change the mapping: it is compared then, and never written.
+    /// Whether the mapping is fixed in the device. The master then compares it, and never writes it.
     #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "std::ops::Not::not"))]
     pub fixed: bool,
-    /// Transmission type on CANopen: 1 to 240 every n-th SYNC, 254 and 255 event-driven; 1 if left out. EtherCAT has none.
+    /// Transmission type on CANopen: 1 to 240 every n-th SYNC, 254 and 255 event-driven; 1 if left out. EtherCAT has no
+    /// transmission type.
     #[cfg_attr(feature = "config", garde(range(min = 1)), serde(default = "every_sync"))]
     pub transmission_type: u8,
-    /// Mapped objects in the order of the payload; on CANopen 8 bytes at most.
+    /// Mapped objects in the order of the payload; on CANopen at most 8 bytes.
     #[cfg_attr(feature = "config", garde(length(min = 1, max = 254)))]
     pub maps: Vec<Quantity>,
 }
@@ -393,7 +396,7 @@ fn every_sync() -> u8 {
 }
 
 impl Pdo {
-    /// Its number on CANopen; 0, which no PDO has, if it is none of CANopen.
+    /// Returns its number on CANopen; 0, which no PDO has, if the PDO cannot be one of CANopen.
     pub fn canopen_number(&self) -> u8 {
         u8::try_from(self.number()).unwrap_or(0)
     }
@@ -408,15 +411,15 @@ impl Pdo {
     }
 }
 
-/// PDOs of a device, as the device sees them: it receives RPDOs and transmits TPDOs.
+/// PDOs of a device. The directions are those of the device: it receives RPDOs and transmits TPDOs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct PdoMap {
-    /// Received by the device, sent by the master. On CANopen one, which carries controlword and set-point.
+    /// PDOs that the master sends and the device receives. On CANopen one PDO, which carries controlword and set-point.
     #[cfg_attr(feature = "config", garde(length(max = 16), dive))]
     pub rpdo: Vec<Pdo>,
-    /// Sent by the device; on CANopen 4 at most.
+    /// PDOs that the device sends; on CANopen at most 4.
     #[cfg_attr(feature = "config", garde(length(min = 1, max = 16), dive))]
     pub tpdo: Vec<Pdo>,
 }
@@ -431,7 +434,7 @@ pub struct MappedPdo {
     pub identifier: u8,
     /// Transmission type on CANopen.
     pub transmission_type: u8,
-    /// Whether the device lets nobody change the mapping.
+    /// Whether the mapping is fixed in the device.
     pub is_fixed: bool,
     /// The objects in the order of the payload.
     pub objects: Vec<MappedObject>,
@@ -448,7 +451,7 @@ pub struct MappedObject {
     pub bits: u8,
     /// Its meaning to the rig, if any.
     pub quantity: Option<Quantity>,
-    /// The value of an output without a meaning, where the profile says it.
+    /// Value of an output without a meaning, if the profile gives it.
     pub value: Option<i32>,
 }
 
@@ -468,7 +471,7 @@ impl MappedObject {
 }
 
 impl MappedPdo {
-    /// Its number on CANopen; 0, which no PDO has, if it is none of CANopen.
+    /// Returns its number on CANopen; 0, which no PDO has, if the PDO cannot be one of CANopen.
     pub fn canopen_number(&self) -> u8 {
         u8::try_from(self.number).unwrap_or(0)
     }
@@ -503,7 +506,7 @@ impl DeviceProfile {
         self.profile.buses.contains(&bus)
     }
 
-    /// The drive; `None` of a sensor.
+    /// The drive; `None` for a sensor.
     pub fn servo(&self) -> Option<&Servo> {
         match &self.device {
             Role::Servo(servo) => Some(servo),
@@ -511,7 +514,7 @@ impl DeviceProfile {
         }
     }
 
-    /// The force sensor; `None` of a drive.
+    /// The force sensor; `None` for a drive.
     pub fn force_sensor(&self) -> Option<&ForceSensor> {
         match &self.device {
             Role::ForceSensor(sensor) => Some(sensor),
@@ -519,7 +522,7 @@ impl DeviceProfile {
         }
     }
 
-    /// PDOs of a drive in `mode`, of a sensor in any mode (`None`); nothing if the model does not have the mode.
+    /// Returns the PDOs of a drive in `mode`, or of a sensor (`None`); nothing if the model lacks the mode.
     pub fn pdos(&self, mode: Option<OperationMode>) -> Option<&PdoMap> {
         match (&self.device, mode) {
             (Role::Servo(servo), Some(mode)) => servo.process_data.of(mode),
@@ -528,7 +531,7 @@ impl DeviceProfile {
         }
     }
 
-    /// [`DeviceProfile::pdos`] that the device receives and sends, with the objects that they map.
+    /// Returns the PDOs of [`DeviceProfile::pdos`] that the device receives and sends, with the objects that they map.
     pub fn mapped(&self, mode: Option<OperationMode>) -> Option<[Vec<MappedPdo>; 2]> {
         let map = self.pdos(mode)?;
         Some([&map.rpdo, &map.tpdo].map(|pdos| {
@@ -542,7 +545,7 @@ impl DeviceProfile {
         }))
     }
 
-    /// A PDO with the objects that it maps. Objects that the device does not have are left out.
+    /// Returns a PDO with the objects that it maps. Objects that the device lacks are left out.
     pub fn mapped_pdo(&self, pdo: &Pdo) -> MappedPdo {
         MappedPdo {
             number: pdo.number(),
@@ -568,7 +571,7 @@ impl DeviceProfile {
         }
     }
 
-    /// Objects that one PDO can carry at most.
+    /// Returns the largest number of objects in one PDO.
     pub fn mapping_entries(&self) -> u8 {
         match &self.device {
             Role::Servo(servo) => servo.process_data.mapping_entries,
@@ -576,7 +579,7 @@ impl DeviceProfile {
         }
     }
 
-    /// The object that is meant; `None` if the device has none.
+    /// Returns the object of a quantity; `None` if the device has none.
     pub fn object(&self, quantity: Quantity) -> Option<&Entry> {
         match &self.device {
             Role::Servo(servo) => servo.object(quantity),

@@ -18,7 +18,7 @@ use crate::watchdog::Watchdog;
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct Servo {
-    /// Axes of a device that has several of them; left out if it has one.
+    /// Axes of a device with several axes; left out if it has one.
     #[cfg_attr(feature = "config", garde(dive))]
     #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Option::is_none"))]
     pub axes: Option<Axes>,
@@ -28,7 +28,7 @@ pub struct Servo {
     /// Its PDOs in each mode that the master may use.
     #[cfg_attr(feature = "config", garde(dive))]
     pub process_data: ProcessData,
-    /// States in which the mode of operation may change; the master changes it in `switch_on_disabled`.
+    /// States in which the mode of operation may change. The master changes it in `switch_on_disabled`.
     #[cfg_attr(feature = "config", garde(length(min = 1, max = 8)))]
     pub mode_changes_in: Vec<State>,
     /// Option codes: the drive's own reactions.
@@ -37,18 +37,18 @@ pub struct Servo {
     /// Other objects that are set before it is started, in this order.
     #[cfg_attr(feature = "config", garde(length(max = 64), dive))]
     pub settings: Vec<Setting>,
-    /// Limits that it heeds; it gets those of the rig.
+    /// Limits that the drive observes. The master sets them to the limits of the rig.
     #[cfg_attr(feature = "config", garde(dive))]
     pub limits: Limits,
     /// Watchdogs with which the drive monitors its master.
     #[cfg_attr(feature = "config", garde(dive))]
     pub watchdogs: Watchdogs,
-    /// Time from SYNC0 to SYNC1 on EtherCAT, us, of a drive that wants both (AssignActivate 0700h in its device description). Left out: SYNC0
-    /// alone (0300h). 0 to 1 000 000.
+    /// Time from SYNC0 to SYNC1 on EtherCAT, us, for a drive that needs both (AssignActivate 0700h in its device description). 0
+    /// to 1 000 000. Left out: only SYNC0 (0300h).
     #[cfg_attr(feature = "config", garde(range(max = 1_000_000)))]
     #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Option::is_none"))]
     pub sync1_us: Option<u32>,
-    /// How it finds its reference by itself; left out if it does not, or no source that was read says how.
+    /// Homing by the drive itself. Left out if the drive has none, or if no source describes it.
     #[cfg_attr(feature = "config", garde(dive))]
     #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Option::is_none"))]
     pub homing: Option<Homing>,
@@ -60,7 +60,7 @@ pub struct Servo {
 }
 
 impl Servo {
-    /// The object of a mapped quantity.
+    /// Returns the object of a mapped quantity.
     pub(super) fn object(&self, quantity: Quantity) -> Option<&Entry> {
         match quantity {
             Quantity::DigitalOutputs => self.brake.of_master().map(|output| &output.value),
@@ -74,7 +74,7 @@ impl Servo {
         self.process_data.supported_modes() | homing
     }
 
-    /// Whether the drive does not keep a watch, as far as the profile says.
+    /// Whether the drive lacks a watchdog, as far as the profile says.
     pub fn lacks(&self, watchdog: Watchdog) -> bool {
         match watchdog {
             Watchdog::Sync => self.watchdogs.sync == SyncWatch::None,
@@ -97,10 +97,10 @@ pub struct ServoObjects {
     /// Statusword, 16 bits: 6041h.
     #[cfg_attr(feature = "config", garde(dive))]
     pub statusword: Entry,
-    /// Wanted mode of operation, 8 bits: 6060h.
+    /// Requested mode of operation, 8 bits: 6060h.
     #[cfg_attr(feature = "config", garde(dive))]
     pub mode_of_operation: Entry,
-    /// Mode of operation in force, 8 bits: 6061h.
+    /// Present mode of operation, 8 bits: 6061h.
     #[cfg_attr(feature = "config", garde(dive))]
     pub mode_display: Entry,
     /// Supported modes, 32 bits: 6502h.
@@ -121,7 +121,7 @@ pub struct ServoObjects {
     #[cfg_attr(feature = "config", garde(dive))]
     #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<Entry>"))]
     pub target_torque: Option<Entry>,
-    /// Cycle time (60C2h); null if the drive does not ask for it.
+    /// Cycle time (60C2h); null if the drive does not need it.
     #[cfg_attr(feature = "config", garde(dive))]
     #[cfg_attr(
         feature = "config",
@@ -153,17 +153,17 @@ pub struct CycleTime {
     /// The number, 8 bits: 60C2h:1.
     #[cfg_attr(feature = "config", garde(dive))]
     pub value: Entry,
-    /// Its power of ten of a second, 8 bits: 60C2h:2.
+    /// Power of ten of a second, 8 bits: 60C2h:2.
     #[cfg_attr(feature = "config", garde(dive))]
     pub exponent: Entry,
 }
 
-/// PDOs of a drive in each mode that the master may use. A mode that it does not have is null.
+/// PDOs of a drive in each mode that the master may use. A mode that the drive lacks is null.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct ProcessData {
-    /// Objects that one PDO can carry at most. 1 to 64.
+    /// Largest number of objects in one PDO. 1 to 64.
     #[cfg_attr(feature = "config", garde(range(min = 1, max = 64)))]
     pub mapping_entries: u8,
     /// Cyclic synchronous torque (CST).
@@ -206,15 +206,15 @@ impl ProcessData {
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct OptionCodes {
-    /// When the master is lost: 6007h, a stop.
+    /// Reaction to the loss of the master: 6007h, a stop.
     #[cfg_attr(feature = "config", garde(dive))]
     #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<Setting>"))]
     pub lost_master: Option<Setting>,
-    /// When communication fails: 1029h:1.
+    /// Reaction to a communication error: 1029h:1.
     #[cfg_attr(feature = "config", garde(dive))]
     #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<Setting>"))]
     pub communication_error: Option<Setting>,
-    /// At quick stop: 605Ah, a ramp that ends in Switch On Disabled.
+    /// Reaction to a quick stop: 605Ah, a ramp that ends in Switch On Disabled.
     #[cfg_attr(feature = "config", garde(dive))]
     #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<Setting>"))]
     pub quick_stop: Option<Setting>,
@@ -228,17 +228,17 @@ pub struct Setting {
     /// The object.
     #[cfg_attr(feature = "config", garde(dive))]
     pub object: Entry,
-    /// Its value; a negative one is written in two's complement.
+    /// Value; a negative value is written in two's complement.
     pub value: i64,
 }
 
 impl Setting {
-    /// The value as the bits of the object, in the low part.
+    /// Returns the value as the bits of the object, in the low part.
     pub fn raw(&self) -> u32 {
         (self.value as u32) & (u32::MAX >> (32 - u32::from(self.object.bits).clamp(1, 32)))
     }
 
-    /// Whether the object holds the value.
+    /// Whether the object can hold the value.
     pub fn fits(&self) -> bool {
         let bits = u32::from(self.object.bits).clamp(1, 32);
         (-(1i64 << (bits - 1))..1i64 << bits).contains(&self.value)
@@ -250,16 +250,16 @@ impl Setting {
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct Watchdogs {
-    /// The master's heartbeat.
+    /// Watchdog for the master's heartbeat.
     #[cfg_attr(feature = "config", garde(dive))]
     pub heartbeat: HeartbeatWatch,
-    /// Set-points.
+    /// Watchdog for set-points.
     #[cfg_attr(feature = "config", garde(dive))]
     pub set_points: SetPointWatch,
-    /// SYNC.
+    /// Watchdog for SYNC.
     #[cfg_attr(feature = "config", garde(dive))]
     pub sync: SyncWatch,
-    /// Reaction on EtherCAT if its device leaves OP while it makes torque; left out if no source that was read says it.
+    /// Reaction on EtherCAT if the device leaves OP while it makes torque. Left out if no source gives it.
     #[cfg_attr(feature = "config", garde(dive))]
     #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Option::is_none"))]
     pub leaving_op: Option<LeavingOp>,
@@ -277,68 +277,68 @@ pub struct LeavingOp {
     pub source: String,
 }
 
-/// How a drive watches the master's heartbeat.
+/// Watchdog of a drive for the master's heartbeat.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case"), garde(allow_unvalidated))]
 pub enum HeartbeatWatch {
-    /// It does not.
+    /// No watchdog.
     None,
-    /// By an entry of 1016h, 32 bits: node id in bits 16 to 22, time in ms in the low word.
+    /// Entry of 1016h, 32 bits: node id in bits 16 to 22, time in ms in the low word.
     Consumer(#[cfg_attr(feature = "config", garde(dive))] Entry),
 }
 
-/// How a drive watches for set-points.
+/// Watchdog of a drive for set-points.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case", deny_unknown_fields), garde(allow_unvalidated))]
 pub enum SetPointWatch {
-    /// It does not.
+    /// No watchdog.
     None,
-    /// By itself, for so many interpolation periods.
+    /// Built-in watchdog, with a limit in interpolation periods.
     BuiltIn(#[cfg_attr(feature = "config", garde(dive))] BuiltInWatch),
-    /// By the event timer of each RPDO, 14xxh:5.
+    /// Event timer of each RPDO, 14xxh:5.
     EventTimer {
         /// Reaction of the drive.
         reaction: Reaction,
-        /// Where that was read: a key of `profile.sources`.
+        /// Source: a key of `profile.sources`.
         #[cfg_attr(feature = "config", garde(length(min = 1)))]
         source: String,
     },
-    /// By an object that holds the longest time.
+    /// Object that holds the longest time.
     Object(#[cfg_attr(feature = "config", garde(dive))] TimedObject),
 }
 
-/// How a drive watches for SYNC.
+/// Watchdog of a drive for SYNC.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case"), garde(allow_unvalidated))]
 pub enum SyncWatch {
-    /// It does not.
+    /// No watchdog.
     None,
-    /// By itself, for so many interpolation periods.
+    /// Built-in watchdog, with a limit in interpolation periods.
     BuiltIn(#[cfg_attr(feature = "config", garde(dive))] BuiltInWatch),
-    /// By an object that holds the longest time.
+    /// Object that holds the longest time.
     Object(#[cfg_attr(feature = "config", garde(dive))] TimedObject),
 }
 
-/// A watch that the drive keeps by itself.
+/// A watchdog that is built into the drive.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct BuiltInWatch {
-    /// Number of interpolation periods, 1 to 1000; null if no source that was read says it.
+    /// Number of interpolation periods, 1 to 1000; null if no source gives it.
     #[cfg_attr(feature = "config", garde(range(min = 1, max = 1000)))]
     #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<u32>"))]
     pub periods: Option<u32>,
     /// Reaction of the drive.
     pub reaction: Reaction,
-    /// Where that was read: a key of `profile.sources`.
+    /// Source: a key of `profile.sources`.
     #[cfg_attr(feature = "config", garde(length(min = 1)))]
     pub source: String,
 }
 
-/// An object that holds how long something may stay away.
+/// An object that holds the longest time without a message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
@@ -358,7 +358,7 @@ pub struct TimedObject {
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case"), garde(allow_unvalidated))]
 pub enum TimeUnit {
-    /// So many microseconds. 1 to 1 000 000.
+    /// Microseconds per unit. 1 to 1 000 000.
     Us(#[cfg_attr(feature = "config", garde(range(min = 1, max = 1_000_000)))] u32),
     /// Interpolation periods.
     Cycles,
@@ -373,18 +373,18 @@ pub enum Reaction {
     Nothing,
     /// Reaction in 6007h.
     AbortConnection,
-    /// Fault: what 605Eh says.
+    /// Fault, with the reaction in 605Eh.
     Fault,
-    /// No source that was read says it; taken for nothing until the drill has shown it.
+    /// No source gives the reaction. The program assumes none until the drill has shown it.
     Unknown,
 }
 
-/// How a drive finds its reference by itself: the homing mode of CiA 402.
+/// Homing by the drive itself: the homing mode of CiA 402.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct Homing {
-    /// The method, 8 bits: 6098h.
+    /// Homing method, 8 bits: 6098h.
     #[cfg_attr(feature = "config", garde(dive))]
     pub method: Entry,
     /// Speed during the search for a switch in counts/s, 32 bits: 6099h:1.
@@ -401,7 +401,7 @@ pub struct Homing {
     pub offset: Entry,
     /// Position (6064h) at home after homing.
     pub position_at_home: PositionAtHome,
-    /// Methods that the drive has, by their numbers in 6098h.
+    /// Homing methods that the drive has: numbers in 6098h.
     #[cfg_attr(feature = "config", garde(length(min = 1, max = 64)))]
     pub methods: Vec<i8>,
     /// Bit of the statusword, 8, 14 or 15, that reports in every mode that the position refers to home; null if there is no such
@@ -411,7 +411,7 @@ pub struct Homing {
 }
 
 impl Homing {
-    /// Home offset by which the position is so many counts at home.
+    /// Returns the home offset that makes the position `counts` at home.
     pub fn offset_for(&self, counts: i32) -> i32 {
         match self.position_at_home {
             PositionAtHome::Offset => counts,
@@ -434,7 +434,7 @@ impl Homing {
 pub enum PositionAtHome {
     /// The home offset.
     Offset,
-    /// The negative of it: zero lies by the home offset beyond home.
+    /// The negative home offset: zero lies beyond home by the home offset.
     NegativeOffset,
 }
 
@@ -454,13 +454,13 @@ pub struct Encoder {
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
 pub enum EncoderKind {
-    /// Nothing: it counts from where it is.
+    /// It knows nothing: it counts from its power-on position.
     Incremental,
-    /// The angle within one of its turns.
+    /// It knows the angle within one of its turns.
     SingleTurn,
-    /// The angle, turns included.
+    /// It knows the angle, turns included.
     MultiTurn,
-    /// It depends on the motor.
+    /// The kind depends on the motor.
     Unknown,
 }
 
@@ -473,7 +473,7 @@ pub enum EncoderSide {
     Motor,
     /// The joint, behind the gear.
     Joint,
-    /// It depends on the machine.
+    /// The side depends on the machine.
     Unknown,
 }
 
@@ -484,14 +484,14 @@ pub enum EncoderSide {
 pub struct Brake {
     /// Owner of the brake: it opens and closes the brake.
     pub held_by: BrakeHolder,
-    /// The output by which the master does; left out otherwise.
+    /// Output with which the master opens and closes the brake; left out otherwise.
     #[cfg_attr(feature = "config", garde(dive))]
     #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Option::is_none"))]
     pub output: Option<BrakeOutput>,
 }
 
 impl Brake {
-    /// The output, if the master opens and closes the brake.
+    /// Returns the output, if the master opens and closes the brake.
     pub fn of_master(&self) -> Option<&BrakeOutput> {
         self.output.as_ref().filter(|_| self.held_by == BrakeHolder::Output)
     }
@@ -502,29 +502,29 @@ impl Brake {
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
 #[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct BrakeOutput {
-    /// The outputs, 32 bits: 60FEh:1. Process data carry it, as `digital_outputs`.
+    /// Digital outputs, 32 bits: 60FEh:1. Process data carry them, as `digital_outputs`.
     #[cfg_attr(feature = "config", garde(dive))]
     pub value: Entry,
     /// Outputs that the object sets, 32 bits: 60FEh:2. The boot writes it.
     #[cfg_attr(feature = "config", garde(dive))]
     pub mask: Entry,
-    /// Bit of the brake, 0 to 31; by CiA 402 it is bit 0.
+    /// Bit of the brake, 0 to 31; in CiA 402 it is bit 0.
     #[cfg_attr(feature = "config", garde(range(max = 31)))]
     pub bit: u8,
     /// State of the bit that closes the brake: set, as in CiA 402, or cleared.
     pub closed_if: BitState,
-    /// How long it takes to close, ms: torque stays on for so long when the rig is stopped. 0 to 500.
+    /// Closing time of the brake, ms. 0 to 500. At a stop of the rig the torque stays on for this time.
     #[cfg_attr(feature = "config", garde(range(max = 500)))]
     pub closes_in_ms: u32,
 }
 
 impl BrakeOutput {
-    /// The value of the mask.
+    /// Returns the value of the mask.
     pub const fn mask_word(&self) -> u32 {
         1 << if self.bit < 32 { self.bit } else { 31 }
     }
 
-    /// The value of the outputs with the brake released or closed.
+    /// Returns the value of the outputs with the brake released or closed.
     pub fn word(&self, is_released: bool) -> u32 {
         let is_set = is_released != (self.closed_if == BitState::Set);
         if is_set { self.mask_word() } else { 0 }
@@ -536,7 +536,7 @@ impl BrakeOutput {
     }
 }
 
-/// How a bit is.
+/// State of a bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
@@ -552,12 +552,12 @@ pub enum BitState {
 #[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
 #[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
 pub enum BrakeHolder {
-    /// There is none, or nothing holds it.
+    /// There is no brake, or nothing opens and closes it.
     None,
-    /// The drive, with Operation Enabled.
+    /// The drive, in Operation Enabled.
     Drive,
-    /// The master, by a digital output of the drive (60FEh).
+    /// The master, with a digital output of the drive (60FEh).
     Output,
-    /// No source that was read says it.
+    /// No source names the owner.
     Unknown,
 }
