@@ -71,7 +71,7 @@ mod tests {
 
     #[test]
     fn the_help_fits_a_terminal_and_names_each_command_once() {
-        let text = program().render_help().to_string();
+        let text = program().term_width(fit::USUAL).render_help().to_string();
         assert!(text.lines().all(|line| line.chars().count() <= fit::USUAL), "{text}");
         for command in Arguments::command().get_subcommands().map(Command::get_name) {
             let heads = text.lines().filter(|line| line.starts_with(&format!("  {command:13}")));

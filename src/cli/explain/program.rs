@@ -26,7 +26,7 @@ const EXITS: [(u8, &str, &str); 11] = [
     (
         2,
         "the command line makes no sense, or a file could not be written",
-        "`yieldwall COMMAND --help` shows the options",
+        "the option --help of the command lists its options",
     ),
     (
         3,
