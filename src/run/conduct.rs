@@ -138,7 +138,7 @@ impl Enabling {
         Enable::Ask(if asks { Ask::Enable(permit) } else { Ask::Nothing })
     }
 
-    /// How long the rig has been asked, s.
+    /// Returns for how long the rig has been asked, s.
     pub fn waited_s(&self) -> f64 {
         f64::from(self.cycle.saturating_sub(self.first)) * self.period_s
     }

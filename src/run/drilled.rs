@@ -50,7 +50,7 @@ impl Finding {
 pub struct Drilled {
     /// One finding a watchdog.
     pub findings: Vec<Finding>,
-    /// Longest time between two looks at a drive: by so much the true times may be shorter.
+    /// Longest time between two looks at a drive: the true times may be shorter by this.
     pub resolution: Duration,
 }
 
@@ -63,7 +63,7 @@ pub struct Settled {
     pub is_shipped: bool,
     /// The watch.
     pub watchdog: Watchdog,
-    /// How long a drive took to stop, and in which state it was then; `None` if it went on.
+    /// Time that a drive took to stop, and its state then; `None` if it went on.
     pub stops: Option<(Duration, State)>,
     /// The key in the profile.
     pub key: String,
@@ -221,7 +221,7 @@ fn to_write(servo: &Servo, watchdog: Watchdog, stops_in: Option<State>) -> Optio
     }
 }
 
-/// The reaction of a drive that stops in this state.
+/// Returns the reaction of a drive that stops in this state.
 fn seen_in(state: State) -> &'static str {
     match state {
         State::Fault | State::FaultReactionActive => "fault",

@@ -23,7 +23,7 @@ pub struct Which {
 }
 
 impl Which {
-    /// `the simulated drive with node id 1` or `the simulated left drive`.
+    /// Returns `the simulated drive with node id 1` or `the simulated left drive`.
     fn drive(self, adjective: &str) -> String {
         match self.node_id {
             Some(node_id) => format!("the {adjective}drive with node id {node_id}"),
@@ -85,7 +85,7 @@ pub enum RunError {
     /// The drives did not reach Operation Enabled.
     #[error("the rig was not enabled within {waited_s:.1} s{}", because(.cause))]
     NotEnabled {
-        /// How long it was waited for, in s.
+        /// Waiting time, in s.
         waited_s: f64,
         /// The fault that kept it from being enabled, if one did.
         cause: Option<Cause>,
@@ -148,7 +148,7 @@ pub enum RunError {
         /// The pace of the rig.
         pace: Pace,
     },
-    /// A drive has a profile of simulated ones and not their mark. Nothing was enabled.
+    /// A drive has a profile of simulated drives but not their mark. Nothing was enabled.
     #[error(
         "the profile of {} is one of simulated drives, and the drive's object 2012h does not say `simulated device`",
         .which.drive("")

@@ -11,7 +11,7 @@ pub trait Metronome {
     /// Real-time: yes.
     fn sleep_until(&mut self, moment: Time);
 
-    /// How long the computer was suspended since it was switched on, in which the clock of the link stood still.
+    /// Returns how long the computer was suspended since it was switched on; the clock of the link stood still meanwhile.
     ///
     /// Real-time: yes.
     fn suspended(&self) -> Duration;

@@ -83,7 +83,7 @@ impl Permit {
         self.boot == boot
     }
 
-    /// Why nothing was proved; `None` if it was.
+    /// Returns why nothing was proved; `None` if it was proved.
     pub fn unproved(&self) -> Option<&str> {
         match &self.scope {
             Scope::Whole(why) => why.as_deref(),
@@ -91,7 +91,7 @@ impl Permit {
         }
     }
 
-    /// How far a joint may be guided from where the rig was enabled, rad; `None` as far as the rig file allows.
+    /// Returns how far a joint may be guided from where the rig was enabled, rad; `None` as far as the rig file allows.
     pub fn motion_bound_rad(&self) -> Option<f64> {
         match &self.scope {
             Scope::Whole(_) => None,
@@ -100,7 +100,7 @@ impl Permit {
         }
     }
 
-    /// Most torque of each drive, N m; `None` as much as the rig file allows.
+    /// Returns the largest torque of each drive, N m; `None` as much as the rig file allows.
     pub(super) fn torque_bound_n_m(&self) -> Option<f64> {
         match &self.scope {
             Scope::BringUp(bounds) => Some(bounds.torque_n_m.get()),

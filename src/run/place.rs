@@ -40,8 +40,8 @@ pub trait Place: Wires {
     /// Real-time: yes.
     fn sleep_until(&mut self, moment: Time, deadline: Time);
 
-    /// A cycle is due, at its grid point: whether the process can run it. Asked in virtual time alone: a process that is stopped asks
-    /// nobody.
+    /// Begins a cycle at its grid point, and returns whether the process can run it. The loop calls it only in virtual time, since
+    /// a process that is stopped cannot ask.
     fn begin_cycle(&mut self, _grid: Time) -> Process {
         Process::Runs
     }
@@ -51,19 +51,19 @@ pub trait Place: Wires {
         false
     }
 
-    /// How long the computer was suspended since it was switched on, in which [`CanLink::now`] stood still.
+    /// Returns how long the computer was suspended since it was switched on; [`CanLink::now`] stood still meanwhile.
     ///
     /// Real-time: yes.
     fn suspended(&self) -> Duration;
 
-    /// A cycle was computed, and its set-points have not been sent. In virtual time the computation takes the time that the simulation
-    /// sets; on a computer that time has passed already.
+    /// Notes that a cycle was computed and that its set-points have not been sent. In virtual time the computation takes the time
+    /// that the simulation sets; on a computer that time has passed already.
     ///
     /// Real-time: yes.
     fn computed(&mut self, _outputs: &Outputs) {}
 
-    /// The master has fallen silent: what its interfaces have not sent yet is not to be sent. A link of a computer cannot take it
-    /// back.
+    /// Drops the frames that the master's interfaces have not sent yet, since the master has fallen silent. A link of a computer
+    /// cannot take them back.
     ///
     /// Real-time: yes.
     fn drop_queue(&mut self) {}

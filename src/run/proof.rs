@@ -62,7 +62,7 @@ pub enum Unproven {
     /// There is no record.
     #[error("no watchdog drill is on record for these drives with this configuration ({})", .path.display())]
     Missing {
-        /// Where it would be.
+        /// Expected path of the record.
         path: PathBuf,
     },
     /// The record cannot be read.
@@ -78,7 +78,7 @@ pub enum Unproven {
     Unsafe(#[from] Unsafe),
 }
 
-/// Where it is shown that the drives of a rig stop by themselves.
+/// Source of the proof that the drives of a rig stop by themselves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Proof {
     /// In virtual time, by a drill of the same simulated drives, for lockstep, in which no drill is possible. The drives on the bus
@@ -229,7 +229,7 @@ impl<P: Place + ?Sized> Runner<P> {
     }
 }
 
-/// The torque limit of a drive by its profile; nothing if the profile names none.
+/// Returns the torque limit of a drive by its profile; `None` if the profile names none.
 fn torque_limit_of(rig: &config::Rig, device: Device) -> Option<TorqueLimit<'_>> {
     let profile = drive_of(rig, device)?.profile.get()?;
     profile.servo()?.limits.of_torque()
@@ -362,7 +362,7 @@ impl Record {
     }
 }
 
-/// A hash that stays the same from version to version.
+/// Returns a hash that stays the same from version to version.
 ///
 /// # Source
 /// Fowler, Noll, Vo: FNV-1a, 64 bits.

@@ -55,7 +55,7 @@ pub enum Watched<'a> {
 }
 
 impl<'a> Watched<'a> {
-    /// The cycle waits for a thread that writes, or drops the records that the thread does not take.
+    /// Returns the back-pressure: the cycle waits for a thread that writes, or drops the records that the thread does not take.
     pub fn backpressure(self) -> Backpressure {
         match self {
             Watched::Simulation(_) | Watched::Lockstep(_) => Backpressure::Wait,
@@ -69,7 +69,7 @@ impl<'a> Watched<'a> {
         }
     }
 
-    /// The buses of a rig for a capture.
+    /// Returns the buses of a rig for a capture.
     fn buses<'b>(self, rig: &'b config::Rig) -> impl Iterator<Item = CapturedBus<'b>>
     where
         'a: 'b,
@@ -191,8 +191,8 @@ pub struct RunFiles {
 }
 
 impl RunRecorder {
-    /// Makes the files, and what has to watch the rig for them. Folders are made where they are missing. Without a folder of black boxes
-    /// they go into that of the recording.
+    /// Creates the files, and the observers of the rig for them. It creates missing folders. Without a folder of black boxes they
+    /// go into that of the recording.
     ///
     /// # Errors
     /// If a folder, a file or a thread cannot be made, or the folder has a recording already.
@@ -327,7 +327,7 @@ fn start<T: Copy + Send + 'static, R: Send + 'static>(
     feed.map_err(|error| RecorderError::NoThread { name, error })
 }
 
-/// Makes a file, or empties one that need not be new.
+/// Creates a file, or empties one that need not be new.
 fn create(path: &Path, is_new: bool) -> Result<BufWriter<File>, RecorderError> {
     let mut options = OpenOptions::new();
     let file = options.write(true).create(true).create_new(is_new).truncate(!is_new).open(path);

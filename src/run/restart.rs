@@ -30,7 +30,7 @@ pub struct Restarts {
 }
 
 impl Restarts {
-    /// Nothing is seen yet of this rig's drives, whatever `wires` hold of before.
+    /// Creates a detector that has not yet seen anything of this rig's drives; earlier frames in `wires` do not count.
     ///
     /// # Errors
     /// If a drive is on a bus that the rig does not have.

@@ -136,7 +136,7 @@ pub struct Runner<P: ?Sized> {
     pub(super) place: P,
 }
 
-/// A master at a pace.
+/// Returns a master at a pace.
 fn paced(mut master: Master, pace: Pace) -> Master {
     if pace == Pace::Lockstep {
         // Nothing has to be in time there, and while the network is booted time is that of a computer that may be slow.

@@ -21,7 +21,7 @@ const SETTLING_S: f64 = 0.3;
 const PATIENCE: f64 = 3.0;
 /// Share of the greatest zero by which forces may differ while samples are taken.
 const SPREAD_SHARE: f64 = 0.5;
-/// Lever by which a force at the handle makes a torque at the sensor, m: torques may differ by so much more.
+/// Lever by which a force at the handle makes a torque at the sensor, m: it scales the permitted difference of torques.
 const LEVER_M: f64 = 0.2;
 
 /// Readings of a force sensor over a while.
@@ -54,27 +54,27 @@ impl Wrenches {
         self.greatest = if is_first { wrench.0 } else { self.greatest.sup(&wrench.0) };
     }
 
-    /// Valid samples.
+    /// Returns the number of valid samples.
     pub fn count(&self) -> u64 {
         self.count
     }
 
-    /// Mean of each axis, sensor frame, N and N m; 0 without samples.
+    /// Returns the mean of each axis, sensor frame, N and N m; 0 without samples.
     pub fn mean(&self) -> Wrench {
         Wrench(self.mean)
     }
 
-    /// Standard deviation of each axis, N and N m; 0 without samples.
+    /// Returns the standard deviation of each axis, N and N m; 0 without samples.
     pub fn deviation(&self) -> Wrench {
         Wrench(self.squares.map(|squares| (squares / self.count.max(1) as f64).sqrt()))
     }
 
-    /// Least value of each axis, N and N m.
+    /// Returns the least value of each axis, N and N m.
     pub fn least(&self) -> Wrench {
         Wrench(self.least)
     }
 
-    /// Greatest value of each axis, N and N m.
+    /// Returns the greatest value of each axis, N and N m.
     pub fn greatest(&self) -> Wrench {
         Wrench(self.greatest)
     }
@@ -117,7 +117,7 @@ impl std::fmt::Display for NoZero {
 }
 
 impl Tared {
-    /// With zeros up to `most_n`.
+    /// Creates the taring with zeros up to `most_n`.
     pub(super) fn up_to(rig: &config::Rig, most_n: Positive) -> Self {
         let cycle_hz = 1e6 / f64::from(rig.cycle.period_us);
         let rate_hz = rig.sensor.sample_rate_hz.get().min(cycle_hz);
@@ -131,18 +131,18 @@ impl Tared {
         Self { most_n: most_n.get(), parameters, limit_s: PATIENCE * samples / rate_hz }
     }
 
-    /// As the rig file has it; none if it wants none.
+    /// Creates the taring of the rig file; `None` if the file asks for none.
     pub(super) fn of(rig: &config::Rig) -> Option<Self> {
         rig.sensor.tare_up_to_n.map(|most_n| Self::up_to(rig, most_n))
     }
 }
 
 impl<P: Place + ?Sized> Runner<P> {
-    /// Tares the force sensor of a booted rig that idles: what it shows within half a second is its zero from then on, until the next
-    /// tare. Nobody may touch the handle. The wrench that is the zero now, in the sensor's frame.
+    /// Tares the force sensor of a booted rig that idles: its mean reading within half a second is its zero until the next tare.
+    /// Nobody may touch the handle. Returns the wrench that is the zero now, in the sensor's frame.
     ///
     /// # Errors
-    /// [`RunError::NotTared`] if that is no zero, which stays as it was; if a person asks for the end.
+    /// [`RunError::NotTared`] if the reading is no valid zero, and the zero then stays as it was; if a person asks for the end.
     pub fn tare(
         &mut self,
         rig: &config::Rig,
@@ -216,7 +216,7 @@ impl<P: Place + ?Sized> Runner<P> {
         Ok(wrenches)
     }
 
-    /// As [`Runner::sense`]; `told` gets what was shown in every `row_s` and when that began, s.
+    /// Listens as [`Runner::sense`]; `told` receives the readings of every `row_s` and the begin of that interval, s.
     ///
     /// # Errors
     /// As [`Runner::sense`].

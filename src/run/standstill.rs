@@ -20,19 +20,19 @@ pub(super) struct StandstillWatch {
 }
 
 impl StandstillWatch {
-    /// The loop is not due before it runs first.
+    /// Creates a watch; the loop is not due before it runs first.
     pub(super) fn new() -> Self {
         Self { due: Time::NEVER, lasted: Duration::ZERO, ended: Time(0) }
     }
 
-    /// The loop waits until a moment, or until something comes before.
+    /// Notes that the loop waits until a moment, or until something comes before.
     ///
     /// Real-time: yes.
     pub(super) fn wait_until(&mut self, moment: Time) {
         self.due = self.due.max(moment);
     }
 
-    /// The loop runs.
+    /// Notes that the loop runs.
     ///
     /// Real-time: yes.
     pub(super) fn run(&mut self, now: Time) {
@@ -43,7 +43,7 @@ impl StandstillWatch {
         }
     }
 
-    /// The longest one of the last seconds that lasted for `least` or more.
+    /// Returns the longest standstill of the last seconds that lasted for `least` or more.
     ///
     /// Real-time: yes.
     pub(super) fn last(&self, now: Time, least: Duration) -> Option<Standstill> {

@@ -92,8 +92,8 @@ pub struct Overrides {
 /// If a fault stops the rig, its run ends early, and the report names the fault. The cycles go on for [`AROUND_FAULT_S`], in which
 /// the drives stop, for observers and drawings; measures end with the cycle that the fault stopped.
 ///
-/// `progress` is asked after each cycle whether to go on; at [`ControlFlow::Break`] the rig is stopped, and the report is of what
-/// there was.
+/// `progress` decides after each cycle whether to go on. At [`ControlFlow::Break`] the rig is stopped, and the report covers the
+/// cycles until then.
 ///
 /// # Errors
 /// If the rig cannot be built, booted or enabled, or if the simulated arm cannot go on.

@@ -29,7 +29,7 @@ pub fn bus_plan(rig: &config::Rig) -> Result<(MasterSetup, Vec<Conditions>), Ass
     Ok((network(rig)?, conditions.collect()))
 }
 
-/// The bus of this name: its number is its place among the names.
+/// Returns the bus of this name: its number is its place among the names.
 ///
 /// # Errors
 /// If there is no bus of this name.
@@ -38,7 +38,7 @@ pub fn bus_id(rig: &config::Rig, name: &str) -> Result<BusId, AssemblyError> {
     found.ok_or_else(|| AssemblyError::NoBus(name.to_owned()))
 }
 
-/// The buses of the left drive, the right drive and the sensor.
+/// Returns the buses of the left drive, the right drive and the sensor.
 ///
 /// # Errors
 /// If one is not among `buses`.
@@ -47,7 +47,7 @@ pub fn device_buses(rig: &config::Rig) -> Result<[BusId; 3], AssemblyError> {
     Ok([bus_id(rig, &left.bus)?, bus_id(rig, &right.bus)?, bus_id(rig, &rig.sensor.bus)?])
 }
 
-/// The bus that is an EtherCAT segment, if one is.
+/// Returns the bus that is an EtherCAT segment, if there is one.
 ///
 /// # Errors
 /// As [`bus_id`].

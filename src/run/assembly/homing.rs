@@ -9,7 +9,7 @@ use yieldwall_drives::scaling::wrap;
 /// Time in which a joint that homes comes up to its rate, s.
 pub const HOMING_COMES_UP_S: f64 = 0.2;
 
-/// How the positions of a drive are taken, near this angle in rad.
+/// Returns the interpretation of a drive's positions, near this angle in rad.
 pub(super) fn axis(drive: &config::Drive, expected_rad: f64) -> Result<AxisSetup, AssemblyError> {
     let model = profile(&drive.profile)?;
     let homing = model.servo().and_then(|servo| servo.homing.clone());

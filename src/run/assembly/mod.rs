@@ -32,12 +32,12 @@ pub use error::AssemblyError;
 pub use homing::HOMING_COMES_UP_S;
 pub use segment::{sampled_before, segment};
 
-/// The cycle time in s.
+/// Returns the cycle time in s.
 pub fn period_s(rig: &config::Rig) -> f64 {
     f64::from(rig.cycle.period_us) * 1e-6
 }
 
-/// The five-bar linkage.
+/// Returns the five-bar linkage.
 ///
 /// # Errors
 /// If its geometry is none.
@@ -45,7 +45,7 @@ pub fn linkage(rig: &config::Rig) -> Result<FiveBar, AssemblyError> {
     Ok(FiveBar::new(rig.linkage.geometry())?)
 }
 
-/// Inertia of the simulated arm.
+/// Returns the inertia of the simulated arm.
 ///
 /// # Errors
 /// If the rig has no simulation.
@@ -98,7 +98,7 @@ fn law(configured: &config::Fixture, period_s: f64) -> Result<fixture::Law, Asse
     })
 }
 
-/// The planar fixture of an admittance rig.
+/// Returns the planar fixture of an admittance rig.
 pub fn planar_fixture(fixture: &config::Fixture, period_s: f64) -> Result<Fixture<Shape2, 2>, AssemblyError> {
     let shape = fixture.planar()?.ok_or_else(|| wrong_dimension(&fixture.surface, 2))?;
     let mut built = Fixture::with_set(shape, parameters(fixture, period_s), law(fixture, period_s)?)?;
@@ -114,8 +114,7 @@ pub fn planar_fixture(fixture: &config::Fixture, period_s: f64) -> Result<Fixtur
     Ok(built)
 }
 
-/// The fixture of an impedance device, in space.
-/// The fixture of a machine in space.
+/// Returns the fixture of a machine in space, such as an impedance device.
 ///
 /// # Errors
 /// If its surface or its parameters are refused.
@@ -128,7 +127,7 @@ fn wrong_dimension(surface: &config::Surface, wanted: usize) -> AssemblyError {
     AssemblyError::Dimension { surface: surface.name(), dimension: surface.dimension(), wanted }
 }
 
-/// Calibration and mounting of the force sensor, shared with the simulated one.
+/// Returns calibration and mounting of the force sensor, shared with the simulated one.
 pub fn calibration(rig: &config::Rig) -> Result<(Calibration, Mounting), AssemblyError> {
     let sensor = &rig.sensor;
     let matrix = Matrix6::from_fn(|row, column| sensor.calibration[row][column].get());
@@ -141,7 +140,8 @@ pub fn calibration(rig: &config::Rig) -> Result<(Calibration, Mounting), Assembl
     Ok((Calibration::new(matrix, i32::try_from(sensor.range_counts).unwrap_or(i32::MAX))?, mounting))
 }
 
-/// Gains of the joint controllers, and whether they are those of the tool in the plane; nothing where the joints are driven by rate.
+/// Returns the gains of the joint controllers, and whether they are those of the tool in the plane; `None` if the joints are driven
+/// by rate.
 pub fn gains(control: &config::Control) -> Option<(Gains, bool)> {
     match control.gains {
         config::ControlGains::Joint { stiffness_n_m_per_rad, damping_n_m_s_per_rad, integral_n_m_per_rad_s } => Some((
@@ -248,14 +248,14 @@ pub fn cycle(rig: &config::Rig, fixture: &config::Fixture) -> Result<Cycle, Asse
     Ok(Cycle::new(settings, linkage(rig)?, sensing, planar_fixture(fixture, period_s)?, servo(rig)?, gate))
 }
 
-/// How long the brake of a drive takes to close, s; 0 if the master does not hold it.
+/// Returns the closing time of a drive's brake, s; 0 if the master does not hold the brake.
 fn brake_s(drive: &config::Drive) -> f64 {
     let servo = drive.profile.get().and_then(|profile| profile.servo());
     let output = servo.and_then(|servo| servo.brake.of_master());
     output.map_or(0.0, |output| f64::from(output.closes_in_ms) * 1e-3)
 }
 
-/// The device profile of a drive, as that of its axis.
+/// Returns the device profile of a drive, as that of its axis.
 ///
 /// # Errors
 /// If there is none.
@@ -263,7 +263,7 @@ pub fn drive_profile(rig: &config::Rig, drive: &config::Drive) -> Result<Arc<Dev
     rig.model(drive).ok_or_else(|| AssemblyError::NoProfile(drive.profile.as_str().to_owned()))
 }
 
-/// The device profile of this name.
+/// Returns the device profile of this name.
 ///
 /// # Errors
 /// If there is none.
@@ -272,7 +272,7 @@ pub fn profile(name: &config::ProfileName) -> Result<Arc<DeviceProfile>, Assembl
     name.get().cloned().ok_or_else(missing)
 }
 
-/// From the units of a drive to SI.
+/// Returns the conversion from the units of a drive to SI.
 ///
 /// # Errors
 /// If a number of it has no meaning.
@@ -299,7 +299,7 @@ pub fn delay_cycles(rig: &config::Rig) -> Result<f64, AssemblyError> {
     }
 }
 
-/// The master of a rig, with its cycle inside.
+/// Returns the master of a rig, with its cycle inside.
 ///
 /// # Errors
 /// If parts of the configuration do not fit together.
@@ -335,12 +335,13 @@ fn master_of(
     Ok(Master::new((can.as_ref(), segment.as_ref()), axes, cycle)?)
 }
 
-/// The angles of the task's origin, from which the turn of the encoders is taken: an arm is always within half a turn of it.
+/// Returns the angles of the task's origin, from which the turn of the encoders is taken: an arm is always within half a turn of
+/// it.
 fn origin(rig: &config::Rig) -> Result<[f64; 2], AssemblyError> {
     Ok(linkage(rig)?.inverse(TipPoint::new(0.0, 0.0))?.to_array())
 }
 
-/// The network as the master has to bring it up.
+/// Returns the network as the master has to bring it up.
 pub(crate) fn network(rig: &config::Rig) -> Result<MasterSetup, AssemblyError> {
     let link = sensor_link(&rig.sensor)?;
     let of_profile = match &link {
@@ -369,7 +370,7 @@ pub(crate) fn network(rig: &config::Rig) -> Result<MasterSetup, AssemblyError> {
     })
 }
 
-/// How long each drive may take to answer a request for an object.
+/// Returns how long each drive may take to answer a request for an object.
 ///
 /// # Errors
 /// If a profile is unknown.
@@ -380,7 +381,7 @@ pub fn request_timeouts(rig: &config::Rig) -> Result<[Duration; 2], AssemblyErro
     Ok([timeout(left)?, timeout(right)?])
 }
 
-/// Time from one sample of the force sensor to the next.
+/// Returns the time from one sample of the force sensor to the next.
 pub fn sample_period(rig: &config::Rig) -> Duration {
     Duration::from_secs_f64(rig.sensor.sample_rate_hz.get().recip())
 }
@@ -393,7 +394,7 @@ fn sensor_start(sensor: &config::Sensor) -> SensorStart {
 /// Returns the protocol of the force sensor.
 ///
 /// # Errors
-/// Where its profile or node-ID is unknown.
+/// If its profile or node-ID is unknown.
 pub fn sensor_link(sensor: &config::Sensor) -> Result<SensorLink, AssemblyError> {
     let plain = |protocol, pair_gap_us: u32, zero_at_start| {
         let pair_gap = Duration::from_micros(pair_gap_us.into());

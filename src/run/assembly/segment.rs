@@ -11,7 +11,7 @@ use yieldwall_motion::guard::Device;
 
 /// Share of a period after SYNC0 at which the input frame passes: inputs that are latched at SYNC0 are there by then.
 const SYNC0_PHASE: u32 = 10;
-/// How long before a cycle begins the drives sample what it reads: nothing on CAN, whose SYNC begins it.
+/// Returns the time from the drives' sampling to the begin of the cycle that reads it: zero on CAN, whose SYNC begins the cycle.
 pub fn sampled_before(rig: &config::Rig) -> Duration {
     match rig.segment_of_drives() {
         Some(_) => Duration::from_micros(rig.cycle.period_us.into()) / SYNC0_PHASE,
@@ -19,7 +19,7 @@ pub fn sampled_before(rig: &config::Rig) -> Duration {
     }
 }
 
-/// The segment of a rig whose drives are on it.
+/// Returns the segment of a rig whose drives are on it.
 ///
 /// # Errors
 /// If parts of the configuration do not fit together.
@@ -74,7 +74,7 @@ pub(super) fn segment_of(rig: &config::Rig, homing: [Option<HomingOrder>; 2]) ->
     })
 }
 
-/// The sensor of a rig on its segment.
+/// Returns the sensor of a rig on its segment.
 fn sensor(sensor: &config::Sensor) -> Result<StationSetup, AssemblyError> {
     let config::SensorProtocol::Ethercat { position, profile: name, .. } = &sensor.protocol else {
         return Err(AssemblyError::NoPosition(sensor.name.clone()));

@@ -20,7 +20,7 @@ const LISTENING_S: f64 = 1.0;
 const SETTLING_S: f64 = 0.2;
 const LOOKING_S: f64 = 0.2;
 
-/// Somebody at the arm; whether it was done.
+/// Person at the arm; returns whether the task was done.
 pub type Helper<'a> = &'a mut dyn FnMut(&mut dyn Place, Task) -> bool;
 
 /// Reading of a force sensor under a known force.
@@ -34,8 +34,8 @@ pub struct Pulled {
     pub shown: Wrenches,
 }
 
-/// Asks for pulls of this force at the tool, along x and y of the base frame, both ways, and reads the force sensor at rest and under each.
-/// Nothing is enabled.
+/// Asks for pulls of this force at the tool, along x and y of the base frame, in both directions. Reads the force sensor at rest
+/// and under each pull. Nothing is enabled.
 ///
 /// # Errors
 /// If the network cannot be booted, a drive that has to be homed was not, the arm is where the linkage cannot be, or nobody pulls.

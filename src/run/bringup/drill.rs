@@ -24,7 +24,7 @@ use yieldwall_motion::guard::{Device, State};
 /// Cycles in which everything is sent before something stays away, so that its last moment is known.
 const CYCLES_REPEATED: u32 = 20;
 
-/// Limits of the guidance, which holds the joints where they are.
+/// Limits of the guidance that holds the joints in place.
 const HOLDS: LeadLimits = LeadLimits { rate_rad_per_s: 0.1, acceleration_rad_per_s2: 1.0 };
 
 /// Requests to one drive, and its answers.
@@ -37,7 +37,7 @@ struct Watched {
     told_of: Time,
     longest_gap: Duration,
     stopped_at: Option<Time>,
-    /// The state in which it was then.
+    /// State in which it was then.
     stopped_in: Option<cia402::State>,
 }
 
@@ -90,7 +90,7 @@ impl Watched {
         }
     }
 
-    /// It has stopped, reported a state of `limit` or later, or does not report.
+    /// Whether the drive has stopped, reported a state of `limit` or later, or does not report.
     fn is_known(&self, now: Time, limit: Time, patience: Duration) -> bool {
         let is_mute = now.since(limit) >= patience;
         now >= limit && (self.told_of >= limit || is_mute) || self.stopped_at.is_some()

@@ -70,12 +70,12 @@ impl HomePlan {
         })
     }
 
-    /// The farthest that a joint may go, rad.
+    /// Returns the farthest that a joint may go, rad.
     pub fn bound_rad(&self) -> f64 {
         self.within_rad[0].max(self.within_rad[1]) + HOMING_BEYOND_RAD
     }
 
-    /// The longest that each joint may take, s: to a switch, and off it again.
+    /// Returns the longest that each joint may take, s: to a switch, and off it again.
     fn longest_s(&self) -> [f64; 2] {
         let [left, right] = self.within_rad;
         let [left_rate, right_rate] = self.rate_rad_per_s;

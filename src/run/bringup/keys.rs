@@ -48,7 +48,7 @@ impl Keys {
         self.last().1 == Key::End
     }
 
-    /// The key that was pressed last, with a number that differs from that of the key before.
+    /// Returns the key that was pressed last, with a number that differs from that of the key before.
     ///
     /// Real-time: yes.
     pub(super) fn last(&self) -> (u32, Key) {
@@ -80,7 +80,7 @@ impl<'a> Led<'a> {
         Self { keys, seen: keys.last().0, way: 0.0, left: 0, holds }
     }
 
-    /// The way of the joint in this cycle: 1 counter-clockwise, -1 clockwise, 0 none; `None` at the end.
+    /// Returns the direction of the joint in this cycle: 1 counter-clockwise, -1 clockwise, 0 none; `None` at the end.
     ///
     /// Real-time: yes.
     pub(super) fn way(&mut self) -> Option<f64> {

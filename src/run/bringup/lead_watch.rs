@@ -138,7 +138,7 @@ impl LeadWatch {
         told
     }
 
-    /// The joint that is pushed and does not move.
+    /// Returns the joint that is pushed and does not move.
     pub(super) fn blocked(&self) -> Option<usize> {
         self.blocked
     }

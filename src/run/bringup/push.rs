@@ -16,19 +16,19 @@ const CREEPS: f64 = 2e-3;
 /// Distance from its target within which a joint counts as there, rad.
 const NEAR_RAD: f64 = 3e-4;
 
-/// When a joint was where, and where it was to be.
+/// Actual and commanded angle of a joint at a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Stand {
     /// When, s.
     pub(super) time_s: f64,
-    /// Where it was, rad.
+    /// Actual angle, rad.
     pub(super) angle_rad: f64,
-    /// Where it was to be, rad, counted from anywhere.
+    /// Commanded angle, rad, counted from any origin.
     pub(super) led_rad: f64,
 }
 
 impl Stand {
-    /// Whether the joint has not moved since `from` as it was to.
+    /// Whether the joint has not moved since `from` as commanded.
     fn is_still(&self, from: &Self) -> bool {
         let led_rad = MOVES * (self.led_rad - from.led_rad).abs();
         (self.angle_rad - from.angle_rad).abs() < led_rad.max(CREEPS * (self.time_s - from.time_s))

@@ -30,9 +30,9 @@ pub(super) struct TorqueMeter {
     drive: Device,
     scaling: AxisScaling,
     is_pending: bool,
-    /// Where or when it was asked, if that counts.
+    /// Angle or time of the request, if it matters.
     asked_at: Option<f64>,
-    /// Where or when it was asked, and torque in N m.
+    /// Angle or time of the request, and torque in N m.
     samples: Vec<[f64; 2]>,
 }
 
@@ -79,7 +79,7 @@ impl TorqueMeter {
         answer
     }
 
-    /// Asks. `at` is where the joint is, or when it is asked, if that counts.
+    /// Asks the drive. `at` is the angle or the time of the request, if it matters.
     ///
     /// Real-time: yes.
     pub(super) fn ask(&mut self, runner: &mut Runner<dyn Place>, at: Option<f64>) {

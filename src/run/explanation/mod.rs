@@ -60,7 +60,7 @@ impl fmt::Display for Explanation {
     }
 }
 
-/// A fault of the rig.
+/// Explains a fault of the rig.
 pub fn fault(fault: Fault) -> Explanation {
     let FaultRow { name, meaning, cause, next, .. } = *fault.row();
     Explanation {
@@ -74,7 +74,7 @@ pub fn fault(fault: Fault) -> Explanation {
     }
 }
 
-/// A fault that can be injected: what it is, and what to do about the faults that follow.
+/// Explains a fault that can be injected: its effect, and the remedy for the faults that follow.
 pub fn injection(kind: Kind) -> Explanation {
     let row = kind.row();
     let next: Vec<&str> = row.expected.faults.iter().map(|fault| fault.row().next).collect();
@@ -90,7 +90,7 @@ pub fn injection(kind: Kind) -> Explanation {
     }
 }
 
-/// A defect that a simulated machine can be given: what it is, and what finds it.
+/// Explains a defect of a simulated machine, and how to find it.
 pub fn defect(kind: DefectKind) -> Explanation {
     let row = kind.row();
     Explanation {
@@ -107,8 +107,8 @@ pub fn defect(kind: DefectKind) -> Explanation {
     }
 }
 
-/// An error code, of an emergency message, of 603Fh or of 1003h: by the table of the device's vendor if that has it, or else by
-/// the standards.
+/// Explains an error code of an emergency message, of 603Fh or of 1003h: by the table of the device's vendor if that has it, or
+/// else by the standards.
 pub fn error_code(code: u16, of_vendor: Option<&ErrorCodes>) -> Explanation {
     let what = "an error code, of an emergency message or in 603Fh";
     let written = Some(format!("{code:04X}h"));
@@ -136,7 +136,7 @@ pub fn error_code(code: u16, of_vendor: Option<&ErrorCodes>) -> Explanation {
     }
 }
 
-/// An SDO abort code.
+/// Explains an SDO abort code.
 pub fn abort(code: AbortCode) -> Explanation {
     Explanation {
         what: "an SDO abort code",
@@ -149,7 +149,7 @@ pub fn abort(code: AbortCode) -> Explanation {
     }
 }
 
-/// An AL status code of EtherCAT; `None` for one that the standard does not define.
+/// Explains an AL status code of EtherCAT; `None` for a code that the standard does not define.
 pub fn al_status(code: AlStatusCode) -> Option<Explanation> {
     AlStatusCode::ALL.contains(&code).then(|| Explanation {
         what: "an AL status code of EtherCAT (0134h)",
@@ -162,7 +162,7 @@ pub fn al_status(code: AlStatusCode) -> Option<Explanation> {
     })
 }
 
-/// A statusword (6041h): its state, and the meaning of its other bits.
+/// Explains a statusword (6041h): its state, and the meaning of its other bits.
 pub fn statusword(word: u16) -> Explanation {
     let word = Statusword(word);
     let row = status::row(word.state());

@@ -20,7 +20,7 @@ const BITS: [(u16, &str); 7] = [
     (Statusword::FOLLOWING_ERROR, "cyclic synchronous position: following error"),
 ];
 
-/// A state as the standard writes it: `Switch On Disabled`.
+/// Returns the name of a state in the standard: `Switch On Disabled`.
 pub fn state_name(state: Option<State>) -> &'static str {
     match state {
         Some(State::NotReadyToSwitchOn) => "Not Ready To Switch On",
@@ -35,7 +35,7 @@ pub fn state_name(state: Option<State>) -> &'static str {
     }
 }
 
-/// The bits that are set, without those of the state.
+/// Returns the bits that are set, without those of the state.
 pub(super) fn bits(word: Statusword) -> Vec<&'static str> {
     BITS.iter().filter(|(bit, _)| word.has(*bit)).map(|(_, says)| *says).collect()
 }

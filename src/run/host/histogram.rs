@@ -34,17 +34,17 @@ impl Histogram {
         self.max = self.max.max(time);
     }
 
-    /// How many there are.
+    /// Returns the number of times.
     pub fn count(&self) -> u64 {
         self.count
     }
 
-    /// The longest.
+    /// Returns the longest time.
     pub fn max(&self) -> Duration {
         self.max
     }
 
-    /// The time that a share of them does not exceed, at the upper end of its class; zero if there are none.
+    /// Returns the time that a share of them does not exceed, at the upper end of its class; zero if there are none.
     pub fn quantile(&self, share: f64) -> Duration {
         let wanted = (share * self.count as f64).ceil().max(1.0) as u64;
         let mut seen = 0;
@@ -57,7 +57,7 @@ impl Histogram {
         self.max
     }
 
-    /// The classes that are not empty: their longest time, and how many are in them.
+    /// Returns the classes that are not empty: their longest time, and the number of times in them.
     pub fn classes(&self) -> impl Iterator<Item = (Duration, u64)> {
         let filled = self.counts.iter().enumerate().filter(|(_, count)| **count > 0);
         filled.map(|(class, count)| (Duration::from_nanos(end_of(class)), *count))
@@ -74,7 +74,7 @@ fn class_of(ns: u64) -> usize {
     (doubling * CLASSES + class).min(CLASSES * (DOUBLINGS + 1) - 1)
 }
 
-/// The longest time of a class in ns.
+/// Returns the longest time of a class in ns.
 fn end_of(class: usize) -> u64 {
     let (doubling, place) = (class / CLASSES, (class % CLASSES) as u64);
     if doubling == 0 { place } else { ((CLASSES as u64 + place + 1) << (doubling - 1)) - 1 }

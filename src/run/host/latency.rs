@@ -67,7 +67,7 @@ pub struct Lateness {
 }
 
 impl Lateness {
-    /// The tier whose bounds were kept, for a rig of this cycle in us; see [`Lateness::proven`].
+    /// Returns the tier whose bounds were kept, for a rig of this cycle in us; see [`Lateness::proven`].
     pub fn tier(&self, period_us: u32) -> Tier {
         let share = |share: f64| f64::from(period_us) * share;
         if self.cycles == 0 {
@@ -81,7 +81,7 @@ impl Lateness {
         }
     }
 
-    /// The highest tier that was shown by enough cycles: [`PROVING_CYCLES`] for A, [`STOCK_CYCLES`] for B.
+    /// Returns the highest tier that was shown by enough cycles: [`PROVING_CYCLES`] for A, [`STOCK_CYCLES`] for B.
     pub fn proven(&self, period_us: u32) -> Tier {
         let shown = match self.cycles {
             PROVING_CYCLES.. => Tier::A,

@@ -251,7 +251,7 @@ impl<For> RigOnBus<For> {
         self.runner.place().link.can().map(SocketCan::facts)
     }
 
-    /// The interface of the segment, if nothing is plugged in there or the other end is down.
+    /// Returns the interface of the segment, if nothing is plugged in there or the other end is down.
     pub fn unplugged(&self) -> Option<&str> {
         let segment = self.runner.place().link.segment()?;
         (!segment.has_carrier()).then(|| segment.interface())
@@ -313,7 +313,7 @@ impl RigOnBus {
 }
 
 impl RigOnBus<BringUp> {
-    /// As [`Runner::accept_drive_limits`].
+    /// Accepts limits as [`Runner::accept_drive_limits`].
     pub fn accept_drive_limits(&mut self) {
         self.runner.accept_drive_limits();
     }
@@ -540,7 +540,7 @@ impl RigOnBus {
     /// Boots, drills all watchdogs of the drives at rest, and leaves, on a thread of its own. Nobody may hold the handle.
     ///
     /// # Errors
-    /// If there is no such thread; what kept the drives from being drilled is in the outcome.
+    /// If the thread cannot be started; the outcome names the reason if the drives could not be drilled.
     pub fn drill(self, is_interrupted: &Arc<AtomicBool>, tell: impl FnMut(News)) -> Result<DrillOutcome, ThreadError> {
         let (news, told) = channel();
         let Self { rig, mut runner, .. } = self;

@@ -40,7 +40,7 @@ impl StageTimes {
         }
     }
 
-    /// Each stage: its name, what its time is for a person, and its times.
+    /// Returns each stage: its name, the meaning of its time for a person, and its times.
     pub fn each(&self) -> impl Iterator<Item = (&'static str, &'static str, &Histogram)> {
         STAGES.iter().zip(&self.0).map(|((name, text), times)| (*name, *text, times))
     }

@@ -70,7 +70,7 @@ pub struct Measured {
 /// The measurement that counts from now on.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stored {
-    /// Where it is.
+    /// Path of the file.
     pub path: PathBuf,
     /// Whether it is an earlier one, which proves more.
     pub is_earlier: bool,
@@ -95,8 +95,8 @@ impl Measured {
         folder.join(format!("{:016x}.json", fnv1a(text.as_bytes())))
     }
 
-    /// Keeps it in place of an earlier one of this computer at this cycle. An earlier one that has proved a higher tier stays where this
-    /// one is too short to prove it, and has nothing against it.
+    /// Stores it in place of an earlier measurement of this computer at this cycle. An earlier one that has proved a higher tier
+    /// stays if this one is too short to prove that tier and does not contradict it.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -146,7 +146,7 @@ pub enum Untimely {
         computer: Computer,
         /// The rig's cycle in us.
         period_us: u32,
-        /// Where the records are.
+        /// Folder of the records.
         folder: PathBuf,
     },
     /// There may be a record, but others may have written it.
@@ -229,7 +229,7 @@ impl Computer {
     }
 }
 
-/// A record; `None` for what is none.
+/// Reads a record; `None` if the file is not a record.
 ///
 /// # Errors
 /// If it cannot be read or believed.

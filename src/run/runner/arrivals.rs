@@ -31,7 +31,7 @@ impl<P: Place + ?Sized> Runner<P> {
         }
     }
 
-    /// Longest time from one call of `repeat_heartbeat` to the next.
+    /// Returns the longest time from one call of `repeat_heartbeat` to the next.
     pub(super) fn between_heartbeats(&self) -> Duration {
         self.master.networks().heartbeat_period().unwrap_or(LISTEN)
     }
@@ -127,7 +127,7 @@ impl<P: Place + ?Sized> Runner<P> {
         }
     }
 
-    /// When something arrived, since switching on.
+    /// Returns the time of an arrival, since switching on.
     pub(crate) fn time_of(&self, arrival: &Arrival) -> Time {
         self.on_own_clock(arrival.time)
     }

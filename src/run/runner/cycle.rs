@@ -21,9 +21,9 @@ const IMPATIENCE: Duration = Duration::from_millis(2);
 /// time that passed between reading the one and the other.
 const SUSPENDED: Duration = Duration::from_millis(50);
 impl<P: Place + ?Sized> Runner<P> {
-    /// One period: SYNC, process data, the cycle, set-points. Once a cycle has panicked the set-points stop the drives. Nothing comes of a
-    /// period in which the cycle panics or the process does not run. A rig that is led farther than
-    /// its permit allows is stopped. A permit of another boot asks for nothing.
+    /// Runs one period: SYNC, process data, the cycle, set-points. Once a cycle has panicked the set-points stop the drives. A
+    /// period in which the cycle panics or the process does not run returns `None`. A rig that is guided farther than its permit
+    /// allows is stopped. A permit of another boot asks for nothing.
     ///
     /// Real-time: yes, if the observer and the tap are.
     pub fn run_cycle(&mut self, ask: Ask<'_>) -> Option<CycleRecord> {
@@ -135,12 +135,12 @@ impl<P: Place + ?Sized> Runner<P> {
         self.standstill.last(self.place.now(), least)
     }
 
-    /// Longest time that lockstep waits for own frames, by the wall clock.
+    /// Returns the longest time that lockstep waits for own frames, by the wall clock.
     fn patience_with_frames(&self) -> Duration {
         if self.absent.is_empty() { PATIENCE } else { IMPATIENCE }
     }
 
-    /// A period in which the process does not run.
+    /// Handles a period in which the process does not run.
     fn miss_cycle(&mut self) {
         let grid = self.next_sync;
         match self.process {
@@ -151,7 +151,7 @@ impl<P: Place + ?Sized> Runner<P> {
         self.next_sync = grid + self.period;
     }
 
-    /// SYNC on its grid point, then sleeps until the computation; the grid point.
+    /// Sends SYNC on its grid point, then sleeps until the computation. Returns the grid point.
     fn begin_on_the_clock(&mut self) -> Time {
         let mut grid = self.next_sync;
         let mut woke = self.attend_until(grid);
@@ -197,7 +197,7 @@ impl<P: Place + ?Sized> Runner<P> {
         }
     }
 
-    /// SYNC, then waits for the process data; the grid point.
+    /// Sends SYNC, then waits for the process data. Returns the grid point.
     fn begin_in_lockstep(&mut self) -> Time {
         let grid = self.next_sync;
         self.lockstep_now = grid;
@@ -220,7 +220,7 @@ impl<P: Place + ?Sized> Runner<P> {
         self.send(|master, _, out| master.networks_mut().open(out));
     }
 
-    /// Runs the cycle, and when it was stepped; nothing if it panicked, after a last quick stop.
+    /// Runs the cycle, and returns its outputs and the moment after its computation; `None` if it panicked, after a last quick stop.
     fn compute(&mut self, begin: Time, request: Request, timing: Timing) -> Option<(Outputs, Time)> {
         if self.master.networks().next_deadline() <= begin {
             self.send(|master, now, out| master.networks_mut().poll(now, out));

@@ -41,7 +41,7 @@ impl<P: Place + ?Sized> Runner<P> {
         self.transfer(device, ObjectRequest::Write(at, data)).map(|_| ())
     }
 
-    /// One transfer; the bytes that were read.
+    /// Runs one transfer, and returns the bytes that were read.
     fn transfer(&mut self, device: Device, request: ObjectRequest<'_>) -> Result<Vec<u8>, RunError> {
         let (ObjectRequest::Read(Address { index, sub }) | ObjectRequest::Write(Address { index, sub }, _)) = request;
         let unread = RunError::Unread { which: self.which(device), index, sub };
@@ -112,13 +112,13 @@ impl<P: Place + ?Sized> Runner<P> {
         })
     }
 
-    /// The device as errors name it.
+    /// Returns the device as errors name it.
     pub(crate) fn which(&self, device: Device) -> Which {
         Which { device, node_id: self.master.networks().node_id(device) }
     }
 }
 
-/// The first four bytes as a number, the lowest first.
+/// Returns the first four bytes as a number, the lowest first.
 fn unsigned(data: &[u8]) -> u32 {
     data.iter().take(4).rev().fold(0, |value, byte| value << 8 | u32::from(*byte))
 }

@@ -22,17 +22,17 @@ impl Permit {
         Self::of(rig.boot, Scope::BringUp(bounds))
     }
 
-    /// For the watchdog drill, which enables before there is any proof.
+    /// Creates the permit for the watchdog drill, which enables before there is any proof.
     pub(crate) fn at_rest<P: Place + ?Sized>(rig: &Runner<P>) -> Self {
         Self::of(rig.boot, Scope::Rest)
     }
 
-    /// The permit of a rig in virtual time, in which no real drive moves.
+    /// Creates the permit of a rig in virtual time, in which no real drive moves.
     pub fn in_virtual_time<P: VirtualPlace>(rig: &Runner<P>) -> Self {
         Self::proved(rig)
     }
 
-    /// The permit of a watchdog drill in virtual time: no motion at all.
+    /// Creates the permit of a watchdog drill in virtual time: no motion at all.
     pub fn for_drill<P: VirtualPlace>(rig: &Runner<P>) -> Self {
         Self::at_rest(rig)
     }

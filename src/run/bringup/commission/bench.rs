@@ -94,7 +94,7 @@ pub(super) struct Travel {
 }
 
 impl Travel {
-    /// Mean torque, N m.
+    /// Returns the mean torque, N m.
     pub(super) fn mean_n_m(&self) -> f64 {
         self.torques.iter().map(|[_, torque]| torque).sum::<f64>() / self.torques.len() as f64
     }
@@ -188,7 +188,7 @@ impl<'a> Bench<'a> {
         (time_s / self.runner.period().as_secs_f64()).ceil() as u32
     }
 
-    /// Name of the drive of a joint.
+    /// Returns the name of the drive of a joint.
     pub(super) fn name(&self, joint: usize) -> &'a str {
         self.rig.drives.get(joint).map_or("", |drive| drive.name.as_str())
     }
@@ -199,12 +199,12 @@ impl<'a> Bench<'a> {
         (share * left.min(right)).min(self.rig.guard.torque_limit_n_m.get())
     }
 
-    /// The angles that were measured last.
+    /// Returns the last measured angles.
     pub(super) fn angles(&self) -> JointAngles {
         self.runner.last_outputs().map(|outputs| outputs.signals.measured_angles).unwrap_or_default()
     }
 
-    /// The torque limits of both drives, each in the unit of its object; none of a drive that keeps its own.
+    /// Returns the torque limits of both drives, each in the unit of its object; `None` for a drive that keeps its own.
     pub(super) fn torque_limits(&mut self) -> Result<[Option<u32>; 2], Halt> {
         let [left, right] = Device::DRIVES.map(|device| self.runner.torque_limit(self.rig, device));
         Ok([left?, right?])
@@ -266,7 +266,7 @@ impl<'a> Bench<'a> {
         Err(Halt::Failed(format!("a torque limit stays lowered until the next boot: {lowered}")))
     }
 
-    /// Boots, has something done within bounds of motion and torque, and gives the torque limits back.
+    /// Boots, runs a step within bounds of motion and torque, and restores the torque limits.
     pub(super) fn within<T>(
         &mut self,
         bound_rad: f64,

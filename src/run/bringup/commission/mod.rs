@@ -269,7 +269,7 @@ pub struct Commissioned {
     pub drilled: Option<Drilled>,
 }
 
-/// Where a commissioning begins.
+/// First step of a commissioning, and the expected drives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Begin {
     /// First step; earlier steps are skipped.

@@ -138,7 +138,7 @@ impl Bench<'_> {
         unseen.map_or(Ok(()), |name| Err(told(name)))
     }
 
-    /// Judges how far a link has turned and back, each by its encoder and as it was seen, rad.
+    /// Compares the turn of a link there and back by its encoder with the turn that was seen, rad.
     fn judge_rotation(&self, joint: usize, ways: [[f64; 2]; 2], found: &mut Found) -> Result<(), Halt> {
         let name = self.name(joint);
         let [[forth_rad, seen_rad], [back_rad, seen_back_rad]] = ways;
@@ -228,7 +228,7 @@ impl Bench<'_> {
         )))
     }
 
-    /// A way of this length that the linkage goes, counter-clockwise if it can be.
+    /// Returns a travel of this length that the linkage allows, counter-clockwise if possible.
     fn free_way(&mut self, joint: usize, by_rad: f64) -> Result<f64, Halt> {
         self.boot()?;
         self.idle(0.05, |_| ())?;
@@ -427,13 +427,13 @@ impl Bench<'_> {
         Ok(())
     }
 
-    /// The friction of a joint that the rig file feeds forward, N m.
+    /// Returns the friction of a joint that the rig file feeds forward, N m.
     fn fed_friction_n_m(&self, joint: usize) -> f64 {
         let feed_forward = &self.rig.control.feed_forward;
         feed_forward.coulomb_n_m[joint].get() + RATE * feed_forward.viscous_n_m_s_per_rad[joint].get()
     }
 
-    /// The most friction that a joint may have, N m.
+    /// Returns the largest friction that a joint may have, N m.
     pub(super) fn most_friction_n_m(&self, joint: usize) -> f64 {
         let fed_n_m = self.fed_friction_n_m(joint);
         let rated_n_m = self.rig.drives[joint].rated_torque_n_m.get();
@@ -441,12 +441,12 @@ impl Bench<'_> {
     }
 }
 
-/// Mean torque of both ways, N m: what friction makes is gone.
+/// Returns the mean torque of both directions, N m, in which friction cancels.
 fn mean_n_m([one, other]: &[Travel; 2]) -> f64 {
     0.5 * (one.mean_n_m() + other.mean_n_m())
 }
 
-/// How far a joint went, rad.
+/// Returns the travel of a joint, rad.
 fn way(jogged: &Jogged, joint: usize) -> f64 {
     (jogged.to - jogged.from).to_array().get(joint).copied().unwrap_or_default()
 }
@@ -460,7 +460,7 @@ fn is_too_weak(jogged: &Jogged) -> bool {
     }
 }
 
-/// Half of the way from the least to the greatest torque, N m, when noise and a steady rise are taken out.
+/// Returns half of the range from the least to the greatest torque, N m, without noise and a steady rise.
 fn ripple_n_m(torques: &[[f64; 2]]) -> f64 {
     let (Some([first, _]), Some([last, _])) = (torques.first(), torques.last()) else { return 0.0 };
     let count = torques.len();

@@ -46,7 +46,7 @@ const NEUTRAL: [(Object, bool, &str); 5] = [
 /// The rated torque, per mille of itself.
 const RATED: i64 = 1000;
 
-/// The value of an object that has to be neutral and is not, and the value that it has to hold; `None` if it is neutral.
+/// Returns the value of an object that has to be neutral and is not, and the value that it has to hold; `None` if it is neutral.
 fn left_over(object: Object, is_limit: bool, held: &[u8], limit: u16) -> Option<(i64, i64)> {
     if is_limit {
         let own = torque_limit(held);
@@ -298,7 +298,7 @@ impl Bench<'_> {
         Ok(())
     }
 
-    /// The mean force of the hand that the rig senses, N.
+    /// Returns the mean force of the hand that the rig senses, N.
     fn sensed(&mut self) -> Result<Force, Halt> {
         self.boot()?;
         self.idle(SETTLING_S, |_| ())?;
@@ -379,7 +379,7 @@ impl Bench<'_> {
 /// Why a step that needs a known force is skipped.
 pub(super) const NOBODY_PULLS: &str = "nobody is there who has a known force pull at the tool";
 
-/// A force in N that is read with two or three decimals, without the sign of nothing.
+/// Returns a force in N that is read with two or three decimals, without the sign of zero.
 pub(super) fn unsigned_zero(force_n: f64) -> f64 {
     if force_n.abs() < 5e-4 { 0.0 } else { force_n }
 }

@@ -116,7 +116,7 @@ impl Way {
 }
 
 impl Bench<'_> {
-    /// Runs the rig with its own fixture and nobody at the handle: it has to stay where it is.
+    /// Runs the rig with its own fixture and nobody at the handle: it has to stay in place.
     pub(super) fn admittance(&mut self, found: &mut Found) -> Result<(), Halt> {
         let fixture = &self.rig.fixture;
         if fixture.motion.is_some() {
@@ -268,7 +268,7 @@ impl Bench<'_> {
     }
 }
 
-/// Where the tool was.
+/// Returns the curve of the tool's place.
 fn curve(seen: &[HandleSample]) -> Curve {
     let Some(first) = seen.first().copied() else { return Curve::default() };
     let every = seen.len().div_ceil(CURVE_POINTS).max(1);

@@ -31,7 +31,7 @@ struct Watched {
 }
 
 impl PushWatch {
-    /// A watch of joints that go at these rates, rad/s. Reads each drive's torque and torque limit.
+    /// Creates a watch of joints that go at these rates, rad/s. It reads each drive's torque and torque limit.
     pub(super) fn new(
         runner: &mut Runner<dyn Place>,
         rig: &config::Rig,

@@ -18,7 +18,7 @@ use yieldwall_motion::quantity::JointAngles;
 /// Reason why the shift of a joint's reference is unknown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NoShift {
-    /// The position did not jump when the drive took its reference for the first time, so that nobody knows when it takes it.
+    /// The position did not jump when the drive took its reference for the first time, so the moment of taking is unknown.
     NoJump,
     /// The joint began so near to home, rad, that it does not come up to its rate.
     TooNear(f64),

@@ -8,8 +8,8 @@ use yieldwall_motion::identification::{Excitation, MOST_SHIFTS};
 const DEG: f64 = PI / 180.0;
 /// How far each travel goes, rad.
 pub(super) const WAY_RAD: f64 = 12.0 * DEG;
-/// Rates of the slow travels, rad/s, the fastest first: one that is too weak shows early. No rate is a simple fraction of another one: the
-/// counts of targets then make other patterns in the cycles of each.
+/// Rates of the slow travels, rad/s, the fastest first, since a joint with too little torque shows early. No rate is a simple
+/// fraction of another one, so the counts of targets make different patterns in the cycles of each.
 pub(super) const RATES: [f64; 5] = [20.0 * DEG, 13.7 * DEG, 9.4 * DEG, 6.3 * DEG, 4.1 * DEG];
 /// How fast the joint goes while it is excited or stepped, rad/s.
 const CARRIER: f64 = 10.0 * DEG;
@@ -46,7 +46,7 @@ pub(super) enum Shows {
     Step(usize),
 }
 
-/// A part of a course that is looked at.
+/// Evaluated part of a course.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Part {
     /// Content.
@@ -72,7 +72,7 @@ pub(super) struct Course {
 }
 
 impl Course {
-    /// The whole course of a joint with this cycle time, the first travel counter-clockwise if `sign` is positive.
+    /// Creates the whole course of a joint with this cycle time; the first travel is counter-clockwise if `sign` is positive.
     pub(super) fn new(period_s: f64, sign: f64) -> Self {
         let record = (RECORD_S / period_s).round().max(1.0) as u32;
         let excitation = Excitation::new(period_s, record, EXCITATION_SHARE * CARRIER);

@@ -5,7 +5,7 @@ use super::parts::{Sample, Trace};
 use yieldwall_motion::cycle::Cycle;
 use yieldwall_motion::identification::{BEHIND, Handle, MOST_SHIFTS, NotIdentified, Shaken, handle, lead_in};
 
-/// Where the tool was in a cycle, and the force that the cycle had.
+/// Place of the tool in a cycle, and the force that the cycle had.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Felt {
     /// By the measured angles, m.

@@ -54,7 +54,7 @@ const ACCELERATION: f64 = 1e6;
 const MOST_RATE: f64 = 1.25 * RATES[0];
 /// From this share of its limit a torque counts as cut.
 const CUT_SHARE: f64 = 0.98;
-/// Cycles of process data in which the angles are looked at before the way is chosen.
+/// Cycles of process data in which the angles are read before the direction is chosen.
 const LOOK_CYCLES: u32 = 20;
 
 /// Request for one joint.
@@ -180,7 +180,7 @@ pub fn tune_loop(
     last.ok_or(NotProven::Run(RunError::Interrupted))
 }
 
-/// One boot, one course.
+/// Runs one boot and one course.
 fn traced(
     runner: &mut Runner<dyn Place>,
     rig: &config::Rig,
@@ -297,7 +297,7 @@ fn led_along(
     Ok(LoopTraced { ended, state, cause, time_s, torque_n_m, ran_away, is_cut, found })
 }
 
-/// Direction in which a joint is free for the whole course: 1 counter-clockwise, else -1.
+/// Returns the direction in which a joint is free for the whole course: 1 counter-clockwise, else -1.
 fn free_direction(runner: &Runner<dyn Place>, joint: usize) -> Result<f64, RunError> {
     let share = |sign: f64| {
         let mut by = [0.0; 2];

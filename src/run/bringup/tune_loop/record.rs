@@ -17,7 +17,7 @@ use yieldwall_record::trusted;
 pub struct JointFound {
     /// Mean inertia over the travel, kg m^2.
     pub inertia_kg_m2: f64,
-    /// The angles of both joints at which it was, rad.
+    /// Angles of both joints at the identification, rad.
     pub pose_rad: [f64; 2],
     /// Longest delay that the measurement leaves possible, from the sample of an angle to the torque that was computed from it, s.
     pub delay_s: f64,
@@ -25,7 +25,7 @@ pub struct JointFound {
     pub viscous_n_m_s_per_rad: f64,
 }
 
-/// The age of the force as it was identified at one of both joints.
+/// Age of the force as identified at one of both joints.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ForceFound {
     /// Between what it lies, s before the sample of the angles of its cycle.
@@ -57,13 +57,13 @@ impl JointLoop {
     }
 }
 
-/// The loop of a rig as it was measured on its bus. It holds for every gain, and for all of the configuration that its delay depends on.
+/// Measured loop of a rig on its bus. It holds for every gain, and for all of the configuration on which its delay depends.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeasuredLoop {
     configuration: Value,
     /// Both joints, left and right.
     pub joints: [JointFound; 2],
-    /// The age of the force, if it was identified.
+    /// Age of the force, if it was identified.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     force: Option<MeasuredForce>,
     version: String,
@@ -93,7 +93,7 @@ impl MeasuredLoop {
         Self { configuration: configuration(rig), joints, force, version: env!("CARGO_PKG_VERSION").to_owned() }
     }
 
-    /// The age of the force, if it was identified with the sensor that this rig has.
+    /// Returns the age of the force, if it was identified with the sensor that this rig has.
     pub fn force(&self, rig: &config::Rig) -> Option<ForceFound> {
         self.force.as_ref().filter(|force| force.sensor == sensor(rig)).map(|force| force.found)
     }
@@ -138,7 +138,7 @@ impl MeasuredLoop {
     }
 }
 
-/// All of a rig that the delay of its loop depends on.
+/// Returns all of a rig on which the delay of its loop depends.
 fn configuration(rig: &config::Rig) -> Value {
     let mut configuration = json!({
         "command_mode": rig.rig.command_mode,

@@ -11,14 +11,14 @@ pub trait Person {
     /// Looks where the link of a joint (0 the left one) is.
     fn look(&mut self, joint: usize);
 
-    /// By how much that link has turned since, counter-clockwise, in rad; `None` if nobody looked.
+    /// Returns the angle by which that link has turned since, counter-clockwise, in rad; `None` without an earlier look.
     fn turned(&mut self, joint: usize) -> Option<f64>;
 
     /// Switches the drives off and on again, and returns whether both were. `restarted` returns which drives have restarted. It
     /// hears them only while it is called, a few times a second.
     fn power_cycle(&mut self, restarted: &mut dyn FnMut() -> [bool; 2]) -> bool;
 
-    /// Whether a drive that keeps its own torque limit may be moved with it; `text` says which limit it is.
+    /// Whether a drive that keeps its own torque limit may be moved with it; `text` names the limit.
     fn accepts_drive_limit(&mut self, text: &str) -> bool;
 
     /// Lets this force in N, in the base frame, pull at the tool, or removes it if the force is zero. Returns whether the force

@@ -24,7 +24,7 @@ pub(super) struct Kept {
 }
 
 impl Kept {
-    /// From now on something may be written.
+    /// Marks that something may be written from now on.
     pub(super) fn written(self) -> Self {
         let mut kept = self;
         kept.is_written = true;
@@ -101,13 +101,13 @@ impl RigOnBus<BringUp> {
     }
 }
 
-/// The masters that may boot a rig.
+/// Returns the masters that may boot a rig.
 fn masters(rig: &config::Rig) -> Result<Vec<Master>, RunError> {
     // A rig without homing has no master for it, and is never homed.
     Ok([master(rig, &rig.fixture)?].into_iter().chain(homing_master(rig)).collect())
 }
 
-/// The objects that the boots of these masters write, each once.
+/// Returns the objects that the boots of these masters write, each once.
 fn written(masters: &[Master]) -> Vec<Written> {
     let mut all: Vec<Written> = Vec::new();
     for one in masters.iter().flat_map(|master| master.networks().written()) {

@@ -27,7 +27,7 @@ pub enum News {
     Homed(Homed),
     /// A step of a commissioning is over.
     Stepped(Box<StepReport>),
-    /// Readings of the force sensor within the last interval, which began so many s after the first.
+    /// Readings of the force sensor within the last interval, with the begin of the interval in s after the first.
     Sensed(f64, Box<Wrenches>),
     /// Reason why the boot waits, if it has waited for a while; `None` once it is over.
     Waiting(Option<String>),

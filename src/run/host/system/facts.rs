@@ -70,7 +70,7 @@ impl ComputerFacts {
         }
     }
 
-    /// How it is for a rig of this cycle.
+    /// Checks the computer for a rig of this cycle.
     pub fn checks(&self, period: Duration) -> Vec<Check> {
         let release = self.release.as_deref().unwrap_or("of unknown release");
         let mut checks = self.readiness.checks(period, None);

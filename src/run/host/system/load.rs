@@ -25,8 +25,8 @@ pub struct Load {
 }
 
 impl Load {
-    /// Starts one thread for each processor, and one that writes to a file in `folder`. The file has no name any more when
-    /// the first byte is written. Where there can be none the disk is left alone, which [`Load::told`] says.
+    /// Starts one thread for each processor, and one that writes to a file in `folder`. The file has no name any more when the
+    /// first byte is written. If there can be no such file, the disk is left alone, and [`Load::told`] mentions it.
     ///
     /// # Errors
     /// If the system refuses a thread; none is left then.
@@ -94,7 +94,7 @@ fn write(mut file: File, is_over: &AtomicBool) {
     }
 }
 
-/// A new file that is gone when it is closed.
+/// Creates a file that is gone when it is closed.
 fn nameless(folder: &Path) -> io::Result<File> {
     let path = folder.join(format!("load-{}.unfinished", std::process::id()));
     let file = File::options().write(true).create_new(true).open(&path)?;

@@ -41,7 +41,7 @@ impl Metronome for SystemMetronome {
 }
 
 impl SystemMetronome {
-    /// The present time on the clock that it sleeps on.
+    /// Returns the present time on the clock that it sleeps on.
     pub fn now(&self) -> Time {
         Time(duration(ClockId::Monotonic).as_nanos() as u64)
     }

@@ -86,7 +86,7 @@ pub fn coalescing(name: &str) -> Result<Coalescing, CardError> {
     Ok(Coalescing { receive_us, transmit_us, is_adaptive: receives_adaptively != 0 || transmits_adaptively != 0 })
 }
 
-/// How a card is for a bus whose frames must not wait.
+/// Checks a card for a bus whose frames must not wait.
 pub fn coalescing_check(name: &str, found: Result<Coalescing, CardError>) -> Check {
     let subject = "coalescing";
     match found {

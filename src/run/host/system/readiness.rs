@@ -68,13 +68,13 @@ impl Readiness {
         readiness
     }
 
-    /// One line for each thing: what is so, what is unknown, and what to do where something should be another way.
+    /// Returns one line for each fact: its state or that it is unknown, and the remedy if it should differ.
     pub fn told(&self, period: Duration, interface: Option<&str>) -> Vec<String> {
         let each = self.checks(period, interface);
         each.iter().map(|check| format!("{:9} {check}", check.subject)).collect()
     }
 
-    /// How the computer is for a rig of this cycle, and who handles the frames of an interface.
+    /// Checks the computer for a rig of this cycle, and the threads that handle the frames of an interface.
     pub fn checks(&self, period: Duration, interface: Option<&str>) -> Vec<Check> {
         let of_interface = interface.map(|interface| [self.interrupts(interface), self.softirqs()]);
         [self.kernel(), self.idle(period)].into_iter().chain(of_interface.into_iter().flatten()).collect()
@@ -140,7 +140,7 @@ impl Readiness {
     }
 }
 
-/// Name and waking time of an idle state that is not switched off.
+/// Returns name and wake-up time of an idle state that is not switched off.
 fn idle_state(state: &Path) -> Option<(String, Duration)> {
     let text = |name: &str| fs::read_to_string(state.join(name)).ok().map(|text| text.trim().to_owned());
     let is_off = text("disable").is_some_and(|flag| flag != "0");
@@ -148,7 +148,8 @@ fn idle_state(state: &Path) -> Option<(String, Duration)> {
     (!is_off).then_some((text("name")?, latency))
 }
 
-/// The longest time to wake up that any program asks for: a number of 32 bits in us. Idle states that take longer are not entered.
+/// Returns the longest wake-up time that any program asks for: a number of 32 bits in us. The processor does not enter idle states
+/// that take longer.
 fn asked_latency(file: &Path) -> Option<Duration> {
     let mut number = [0; 4];
     File::open(file).and_then(|mut file| file.read_exact(&mut number)).ok()?;
@@ -168,7 +169,7 @@ fn is_interrupt_thread(name: &str, interface: &str) -> bool {
     of == interface || (is_cut && interface.starts_with(of))
 }
 
-/// Real-time priority of a thread; 0 for none.
+/// Returns the real-time priority of a thread; 0 for none.
 fn priority_of(process: &Path) -> Option<u32> {
     let stat = fs::read_to_string(process.join("stat")).ok()?;
     // After the name in brackets; the priority is the 40th field of all.
