@@ -29,7 +29,7 @@ impl Campaign {
         self.seeds.contains(&seed) && self.shard.is_none_or(|shard| shard.holds(seed))
     }
 
-    /// The seeds that are run and have no outcome yet.
+    /// Returns the seeds that are run and have no outcome yet.
     pub fn missing(&self, outcomes: &BTreeMap<u64, SeedResult>) -> Vec<u64> {
         self.seeds.clone().filter(|seed| self.holds(*seed) && !outcomes.contains_key(seed)).collect()
     }

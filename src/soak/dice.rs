@@ -25,24 +25,24 @@ pub(super) enum Purpose {
 }
 
 impl Dice {
-    /// The stream of `seed` for `purpose`.
+    /// Creates the stream of `seed` for `purpose`.
     pub(super) fn new(seed: u64, purpose: Purpose) -> Self {
         // Seeds one after the other are far apart after the multiplication, which is odd and so loses nothing.
         let seed = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ (purpose as u64) << 56;
         Self(Xoshiro256PlusPlus::seed_from_u64(seed))
     }
 
-    /// A number from 0 to below 1, with 53 random bits.
+    /// Draws a number from 0 to below 1, with 53 random bits.
     pub(super) fn share(&mut self) -> f64 {
         share_of_one(&mut self.0)
     }
 
-    /// A number from `least` to below `most`.
+    /// Draws a number from `least` to below `most`.
     pub(super) fn between(&mut self, least: f64, most: f64) -> f64 {
         least + (most - least) * self.share()
     }
 
-    /// A number from `least` to `most`, both included.
+    /// Draws a number from `least` to `most`, both included.
     pub(super) fn whole(&mut self, least: u32, most: u32) -> u32 {
         let span = u64::from(most.saturating_sub(least)) + 1;
         // The upper half of a product: even to 2^-32.
@@ -55,7 +55,7 @@ impl Dice {
         self.share() < probability
     }
 
-    /// One of `choices`, which are not empty.
+    /// Draws one of `choices`, which are not empty.
     pub(super) fn one_of<T: Copy>(&mut self, choices: &[T]) -> T {
         let last = choices.len().saturating_sub(1) as u32;
         choices[self.whole(0, last) as usize]

@@ -144,7 +144,7 @@ impl Excuse {
 pub(super) struct Excused(BTreeMap<(Invariant, Excuse), u64>);
 
 impl Excused {
-    /// One more.
+    /// Counts one more excuse.
     pub(super) fn note(&mut self, invariant: Invariant, excuse: Excuse) {
         *self.0.entry((invariant, excuse)).or_default() += 1;
     }

@@ -46,9 +46,9 @@ pub enum Invariant {
     BoundedQueues,
     /// No SYNC makes a drive act on a foreign set-point.
     ForeignSetPoint,
-    /// The drives stop by themselves when nobody commands them.
+    /// The drives stop by themselves when no master commands them.
     Watchdog,
-    /// Nothing stops the rig that nobody injected.
+    /// No fault stops the rig without an injection.
     FalseAlarm,
     /// The simulation itself goes on.
     Simulation,

@@ -124,7 +124,7 @@ pub(super) fn is_a_register(kind: Kind) -> bool {
     matches!(kind, Kind::ForeignRegisterWrite | Kind::HiddenRegisterWrite)
 }
 
-/// Time in s within which the first sign of an injection comes, beyond its first cycle.
+/// Returns the time in s within which the first sign of an injection comes, beyond its first cycle.
 pub(super) fn shows_within_s(injection: &Injection) -> f64 {
     match injection.kind {
         Kind::HiddenRegisterWrite => HIDDEN_S,
@@ -134,12 +134,12 @@ pub(super) fn shows_within_s(injection: &Injection) -> f64 {
     }
 }
 
-/// Moment at which an injection is over and has shown, in s since the scene began.
+/// Returns the moment at which an injection is over and has shown, in s since the scene began.
 pub(super) fn over_s(injection: &Injection) -> f64 {
     injection.end_s().max(injection.start_s + shows_within_s(injection))
 }
 
-/// When what an injection does has settled, in s since the scene began.
+/// Returns the moment at which the effect of an injection has settled, in s since the scene began.
 pub(super) fn settled_s(injection: &Injection) -> f64 {
     over_s(injection) + LINGERS_S
 }
@@ -191,8 +191,8 @@ pub(super) fn is_certain(kind: Kind) -> bool {
     }
 }
 
-/// The fault of which the first cycle at or after the injection's start is the first observable sign, or one within [`shows_within_s`]. For all others
-/// the sign grows with the motion, or stands only in what the rig itself has counted.
+/// Returns the faults whose first observable sign is the first cycle at or after the injection's start, or one within
+/// [`shows_within_s`]. For all other faults the sign grows with the motion, or is visible only in the rig's own counts.
 pub(super) fn shows_at_once(kind: Kind, medium: Medium) -> &'static [Fault] {
     match kind {
         // Mailboxes and ports are looked at now and then, and what a device is without stays the same for a while.

@@ -52,11 +52,11 @@ pub struct Reported {
     pub hold_counter: u32,
     /// Whether it met the surface in this cycle.
     pub is_impact: bool,
-    /// Whether the torques reached their limit, and it was drawn back.
+    /// Whether the torques reached their limit, and the proxy was drawn back.
     pub is_saturated: bool,
     /// Whether it took process data of each drive for those of this cycle.
     pub has_inputs: [bool; 2],
-    /// Whether it knew of each drive that it did not take what it was sent in the cycle before.
+    /// Whether the cycle knew of each drive that it did not take the outputs of the cycle before.
     pub outputs_missed: [bool; 2],
 }
 

@@ -34,7 +34,7 @@ pub(super) struct Operator {
 }
 
 impl Operator {
-    /// The person of a seed.
+    /// Creates the person of a seed.
     pub(super) fn new(seed: u64, period_s: f64) -> Self {
         let dice = Dice::new(seed, Purpose::Operator);
         Self { dice, period_s, state: State::Lost, wait: 0, failures: 0 }
@@ -76,7 +76,7 @@ impl Operator {
         self.wait = (self.dice.between(least, most) / self.period_s).ceil() as u32;
     }
 
-    /// A request that means nothing now: enabling when it runs or is latched, a reset when nothing is latched.
+    /// Returns a request without effect now: to enable a rig that runs or is latched, or to reset when nothing is latched.
     fn touch(&mut self) -> Request {
         if !self.dice.chance(IDLE_TOUCH) {
             return Request::None;

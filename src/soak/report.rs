@@ -11,13 +11,13 @@ use yieldwall_motion::guard::fault::{Bound, FaultRow, TABLE};
 struct Table(Vec<Vec<String>>);
 
 impl Table {
-    /// These of its columns.
+    /// Returns the table with only these columns.
     fn picked(self, columns: &[usize]) -> Self {
         let of_row = |row: Vec<String>| columns.iter().filter_map(|at| row.get(*at).cloned()).collect();
         Self(self.0.into_iter().map(of_row).collect())
     }
 
-    /// As text, columns flush.
+    /// Returns the table as text, columns flush.
     fn text(&self) -> String {
         let columns = self.0.first().map_or(0, Vec::len);
         let width = |column: usize| self.0.iter().map(|row| row[column].len()).max().unwrap_or(0);
@@ -30,7 +30,7 @@ impl Table {
         text
     }
 
-    /// As Markdown.
+    /// Returns the table as Markdown.
     fn markdown(&self) -> String {
         let mut text = String::new();
         for (at, row) in self.0.iter().enumerate() {
@@ -86,7 +86,7 @@ fn faults(tally: &Tally) -> Table {
     Table(rows)
 }
 
-/// Injections: how often they met a rig that ran, and how often what had to follow did.
+/// Returns the table of injections: how often each met a running rig, and how often the required consequence followed.
 fn injections(tally: &Tally) -> Table {
     let mut rows = vec![row(["injection", "met the rig running", "judged alone", "as expected"])];
     for kind in &CATALOGUE {
@@ -98,7 +98,7 @@ fn injections(tally: &Tally) -> Table {
     Table(rows)
 }
 
-/// The runs in numbers that do not hang on the machine that ran them.
+/// Returns the figures of the runs that do not depend on the computer.
 fn facts(tally: &Tally) -> Vec<[String; 2]> {
     let peaks = &tally.peaks;
     let ends = |name: &str| tally.ends.get(name).copied().unwrap_or_default();
@@ -151,7 +151,7 @@ fn excuses(tally: &Tally) -> Table {
     Table(rows)
 }
 
-/// The summary as text.
+/// Returns the summary as text.
 pub fn text(tally: &Tally) -> String {
     let mut text = String::new();
     for [name, value] in facts(tally).into_iter().chain(violations(tally)) {
@@ -169,7 +169,7 @@ pub fn text(tally: &Tally) -> String {
     text
 }
 
-/// The summary as Markdown: four tables.
+/// Returns the summary as Markdown: four tables.
 pub fn markdown(tally: &Tally) -> String {
     let head = [row(["", ""])];
     let facts = head.into_iter().chain(facts(tally).into_iter().chain(violations(tally)).map(|fact| fact.to_vec()));

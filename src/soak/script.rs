@@ -80,7 +80,7 @@ fn at(dice: &mut Dice, machine: &Machine, kind: Kind, start_s: f64) -> Injection
     Injection::new(kind, start_s).on(dice.one_of(&machine.targets(kind)))
 }
 
-/// One fault after the other, each with time to come back from it. A deck without the same kind twice, so that all come.
+/// Draws faults one after the other, each with time to recover from it. A deck holds no kind twice, so that all kinds come.
 fn one_by_one(dice: &mut Dice, machine: &Machine, duration_s: f64) -> Vec<Injection> {
     let mut deck: Vec<Kind> = kinds(machine, |kind| !nature::is_from_boot(kind) && !nature::is_last(kind)).collect();
     let mut injections = Vec::new();
@@ -123,7 +123,7 @@ fn tangle(dice: &mut Dice, machine: &Machine, duration_s: f64) -> Vec<Injection>
     injections
 }
 
-/// Another duration and another size than the usual ones.
+/// Draws a duration and a size other than the usual ones.
 fn vary(dice: &mut Dice, injection: &mut Injection) {
     let row = injection.kind.row();
     if let (Lasts::For(usual_s), true) = (row.lasts, dice.chance(0.7)) {
@@ -137,7 +137,7 @@ fn vary(dice: &mut Dice, injection: &mut Injection) {
     }
 }
 
-/// Any moment of the cycle, or any register, where the size says which; and half of the frames that are late are so by up to some cycles.
+/// Draws a moment of the cycle, or a register if the size selects one; half of the late frames are late by up to some cycles.
 fn choose_moment(dice: &mut Dice, machine: &Machine, injection: &mut Injection) {
     if injection.kind == Kind::FrameDelayed && dice.chance(0.5) {
         injection.size = dice.between(0.1, MOST_LATE_CYCLES) * machine.period_s();

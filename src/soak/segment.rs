@@ -16,7 +16,7 @@ const DATAGRAM_HEADER: usize = 10;
 const WORKING_COUNTER: usize = 2;
 /// The type of EtherCAT.
 const ETHERTYPE: [u8; 2] = [0x88, 0xa4];
-/// Where the source address begins, and the bit of its first byte that the first device sets.
+/// Offset of the source address, and the bit of its first byte that the first device sets.
 const SOURCE: usize = 6;
 const PROCESSED: u8 = 0x02;
 /// LRD and LWR.
@@ -82,12 +82,12 @@ impl Datagram<'_> {
     }
 }
 
-/// The word with the length in a header.
+/// Returns the word with the length in a header.
 fn length(header: &[u8]) -> Option<u16> {
     Some(u16::from_le_bytes([*header.get(6)?, *header.get(7)?]))
 }
 
-/// The datagrams of a frame; `None` if it is none of EtherCAT or is cut.
+/// Returns the datagrams of a frame; `None` if it is not an EtherCAT frame or is cut.
 fn datagrams(bytes: &[u8]) -> Option<Vec<Datagram<'_>>> {
     if bytes.get(12..14)? != ETHERTYPE {
         return None;

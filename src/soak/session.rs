@@ -128,7 +128,7 @@ impl Play {
     }
 }
 
-/// Mixes words into a mark. Not meant against anybody who wants to cheat.
+/// Mixes words into a mark. The mark is not safe against manipulation.
 #[derive(Clone, Copy, Debug)]
 struct Mark(u64);
 
@@ -276,7 +276,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Why an arm that cannot go on is no violation.
+    /// Returns the reason why an arm that cannot go on is no violation.
     fn excuse_of(&self, error: &RigError) -> Option<Excuse> {
         let falsified = self.falsified();
         let is_held = matches!(self.seen.state, State::Running | State::Holding | State::Stopping);
@@ -290,7 +290,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Distance of the tool from the task's origin in m.
+    /// Returns the distance of the tool from the task's origin in m.
     fn tool_radius_m(&self) -> f64 {
         let [x, y] = self.seen.truth.tool_m;
         elementary::hypot(x, y)
@@ -351,7 +351,7 @@ impl<'a> Run<'a> {
         Ok(End::Complete)
     }
 
-    /// The person boots the network anew; whether all nodes were found.
+    /// Makes the person boot the network anew, and returns whether all nodes were found.
     fn restart(&mut self, machine: &mut EmbeddedRig) -> Result<bool, RigError> {
         self.restarts += 1;
         match machine.boot_again() {
@@ -371,12 +371,12 @@ impl<'a> Run<'a> {
         self.course.script.iter().any(lasts)
     }
 
-    /// Time in s since the scene began, once it has.
+    /// Returns the time in s since the scene began; `None` before.
     fn scene_time_s(&self) -> Option<f64> {
         self.scene_from_ns.map(|from| (self.seen.sync_ns as f64 - from as f64) * 1e-9)
     }
 
-    /// Nobody commands the drives any more: both have to leave Operation Enabled, and to end without torque.
+    /// Watches the drives stop without a master: both have to leave Operation Enabled, and to end without torque.
     fn watch_drives_stop(&mut self, machine: &mut EmbeddedRig) -> Result<(), RigError> {
         use yieldwall_drives::cia402::State as Drive;
         let period_s = self.course.machine.period_s();
@@ -455,7 +455,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// One cycle and its judgement.
+    /// Runs one cycle and judges it.
     fn cycle(&mut self, machine: &mut EmbeddedRig, request: Request) -> Result<(), RigError> {
         self.seen.cycle += 1;
         let before = self.seen.state;

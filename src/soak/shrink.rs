@@ -53,7 +53,7 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// The cycles that are enough to see the violation under `script`, if it shows within `cycles` and a run is left.
+    /// Returns the number of cycles that show the violation under `script`, if it shows within `cycles` and a run is left.
     fn holds(&mut self, script: &Script, cycles: u32) -> Option<u32> {
         if self.runs >= MOST_RUNS {
             return None;

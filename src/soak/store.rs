@@ -48,7 +48,7 @@ impl Store {
         Ok((Self(lines), Self::read(folder, cycles)?))
     }
 
-    /// Reads the results of all parts in `folder`, and leaves them as they are; none if there is no such folder.
+    /// Reads the results of all parts in `folder` without changing them; none if there is no such folder.
     ///
     /// # Errors
     /// As [`Lines::read`], and if a file holds runs of another length than `cycles`.

@@ -51,11 +51,11 @@ pub struct SeedResult {
 /// How often an injection was met and what followed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct InjectionTally {
-    /// Times that it was brought.
+    /// Number of times that the injection was drawn.
     pub drawn: u64,
     /// Times that it met a rig that ran.
     pub hits: u64,
-    /// Times that it was judged alone, with the usual duration and size.
+    /// Number of times that it was judged alone, with the usual duration and size.
     pub judged: u64,
     /// Times that what had to follow did.
     pub as_expected: u64,
@@ -82,7 +82,7 @@ pub struct Latency {
 }
 
 impl Latency {
-    /// The median in cycles; 0 without any.
+    /// Returns the median in cycles; 0 without any.
     pub fn median(&self) -> u32 {
         let total: u64 = self.cycles.values().sum();
         let mut seen = 0;
@@ -95,7 +95,7 @@ impl Latency {
         0
     }
 
-    /// The greatest in cycles; 0 without any.
+    /// Returns the greatest in cycles; 0 without any.
     pub fn most(&self) -> u32 {
         self.cycles.keys().next_back().copied().unwrap_or(0)
     }

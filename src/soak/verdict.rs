@@ -102,7 +102,7 @@ pub(super) fn judge(machine: &Machine, script: &Script, play: &Play) -> Verdict 
     verdict
 }
 
-/// The reaction that a change of state is.
+/// Returns the reaction to which a change of state belongs.
 fn reaction_of(event: &Event) -> Option<Reaction> {
     match (event.from, event.to) {
         (from, to) if from == to && !to.is_latched() => None,
@@ -116,13 +116,13 @@ fn reaction_of(event: &Event) -> Option<Reaction> {
     }
 }
 
-/// A fault for which a rig at rest was not enabled.
+/// Returns the fault for which a rig at rest was not enabled.
 fn refusal(event: &Event) -> Option<ObservedFault> {
     let fault = event.cause.filter(|_| (event.from, event.to) == (State::Idle, State::Idle))?;
     Some(ObservedFault { name: fault.row().name.to_owned(), reaction: "Refused".to_owned(), cycles: None, bound: None })
 }
 
-/// reaction: the reaction is one of the fault's row, and the state is the row's.
+/// Checks reaction: the reaction is one of the fault's row, and the state is the row's.
 fn check_row(event: &Event, fault: Fault, reaction: Option<Reaction>, verdict: &mut Verdict) {
     let Some(reaction) = reaction else { return };
     let row = fault.row();
@@ -148,7 +148,7 @@ fn violation(invariant: Invariant, event: &Event, seen: String) -> Violation {
     Violation { invariant, cycle: event.cycle, time_s: event.sync_ns as f64 * 1e-9, seen }
 }
 
-/// State in which the rig was at `time_s` since the scene began; `None` if the scene never began.
+/// Returns the state in which the rig was at `time_s` since the scene began; `None` if the scene never began.
 fn state_at(play: &Play, clock: &Clock, time_s: f64) -> Option<State> {
     play.scene_from_ns?;
     // The cycle in which an injection begins already shows it.
@@ -191,7 +191,7 @@ fn attribute(machine: &Machine, clock: &Clock, script: &Script, play: &Play, ver
     }
 }
 
-/// An event without an injection that could have caused it.
+/// Judges an event without an injection that could have caused it.
 fn check_alone(clock: &Clock, event: &Event, verdict: &mut Verdict) {
     if let Some(fault) = event.cause
         && let Some(reaction) = reaction_of(event)
@@ -325,7 +325,7 @@ fn judge_window(
     verdict.injections.push(Followed { name: row.name.to_owned(), met_running, as_expected });
 }
 
-/// Latest moment of the reaction to an injection, in s since the scene began.
+/// Returns the latest moment of the reaction to an injection, in s since the scene began.
 fn shows_by_s(clock: &Clock, injection: &Injection, wanted: &Wanted) -> f64 {
     let bounds = wanted.faults.iter().flat_map(|fault| fault.row().steps).map(|step| clock.cycles(step.bound));
     let over_s = nature::over_s(injection);
@@ -333,7 +333,8 @@ fn shows_by_s(clock: &Clock, injection: &Injection, wanted: &Wanted) -> f64 {
     from_s + f64::from(bounds.max().unwrap_or_default() + 2) * clock.period_s
 }
 
-/// Why the rig stopped by something else before the injection had to show, if it did: it then ends where that leads.
+/// Returns the natural reason why another fault stopped the rig before the injection had to show, if one did. The rig then ends
+/// in that fault's state.
 fn pre_empted(clock: &Clock, injection: &Injection, wanted: &Wanted, window: &[&Event]) -> Option<Excuse> {
     let faults = &wanted.faults;
     let bounds = faults.iter().flat_map(|fault| fault.row().steps).map(|step| clock.cycles(step.bound));

@@ -36,7 +36,7 @@ struct Past {
 }
 
 impl Energy {
-    /// passivity: over any stretch of running, the rig returns at most what it held in the beginning.
+    /// Checks passivity: over any stretch of running, the rig returns at most the energy that it held in the beginning.
     pub(super) fn check(
         &mut self,
         limits: &Limits,

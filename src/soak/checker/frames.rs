@@ -19,7 +19,7 @@ const EMERGENCIES: std::ops::RangeInclusive<u16> = 0x081..=0x0ff;
 const SDO_ANSWERS: std::ops::RangeInclusive<u16> = 0x581..=0x5ff;
 const SDO_REQUESTS: std::ops::RangeInclusive<u16> = 0x601..=0x67f;
 
-/// A set-point that the next SYNC makes act, and what was known when it was computed.
+/// A set-point on which the next SYNC makes the drive act, and the known reports when it was computed.
 #[derive(Clone, Copy, Debug)]
 struct Sent {
     setpoint: Setpoint,
@@ -29,7 +29,7 @@ struct Sent {
     is_permitted: bool,
     /// SYNC of the cycle that computed it, ns; an earlier one for what was kept.
     computed_ns: u64,
-    /// A broken link had kept it: nobody knows of which cycle it is, and it is not judged.
+    /// A broken link had kept the set-point: its cycle is unknown, so it is not judged.
     is_kept: bool,
     /// No SYNC came in its cycle: the next one may take its place.
     has_waited: bool,
@@ -195,7 +195,7 @@ impl Frames {
         self.missed = self.taken.take().map_or([false; 2], |taken| taken.map(|is_taken| !is_taken));
     }
 
-    /// fresh-input.
+    /// Checks fresh-input.
     fn check_inputs(&self, seen: &Observation, findings: &mut Findings<'_>) {
         let reported = &seen.reported;
         for joint in 0..2 {
@@ -208,7 +208,7 @@ impl Frames {
         }
     }
 
-    /// A set-point leaves.
+    /// Notes a set-point that leaves.
     fn note_set_point(
         &mut self,
         seen: &Observation,
@@ -237,7 +237,7 @@ impl Frames {
         });
     }
 
-    /// foreign-set-point. If a foreign frame ends after SYNC was due, the master does not know it when it sends SYNC.
+    /// Checks foreign-set-point. If a foreign frame ends after SYNC was due, the master does not know it when it sends SYNC.
     fn watch_strangers(
         &mut self,
         limits: &Limits,
@@ -290,7 +290,7 @@ impl Frames {
         }
     }
 
-    /// bus-load.
+    /// Checks bus-load.
     fn check_load(&mut self, limits: &Limits, seen: &Observation, peaks: &mut Peaks, findings: &mut Findings<'_>) {
         let bits = std::mem::take(&mut self.bits);
         if let Some(before_ns) = self.synced_ns.replace(seen.sync_ns) {
@@ -308,7 +308,7 @@ impl Frames {
         }
     }
 
-    /// Permission and resets as they stand from this computation on.
+    /// Notes the permission and the resets that hold from this computation on.
     fn note_requests(&mut self, seen: &Observation) {
         if seen.request == Request::Reset && self.state.is_latched() {
             self.resets = tolerance::RESET_CYCLES;
@@ -321,7 +321,7 @@ impl Frames {
         }
     }
 
-    /// All set-points between two SYNCs are in: those of the computation before.
+    /// Evaluates all set-points between two SYNCs, which are those of the computation before.
     fn end_of_epoch(&mut self, limits: &Limits, seen: &Observation, findings: &mut Findings<'_>) {
         let sent = std::mem::take(&mut self.sent);
         let commanded = sent.map(|sent| sent.is_some_and(|sent| sent.setpoint.enables()));
@@ -360,7 +360,7 @@ impl Frames {
         self.resets = self.resets.saturating_sub(1);
     }
 
-    /// moves-enabled, and the second half of asked-for.
+    /// Checks moves-enabled, and the second half of asked-for.
     fn check_enabling(limits: &Limits, joint: usize, sent: &Sent, findings: &mut Findings<'_>) {
         let setpoint = &sent.setpoint;
         if !setpoint.enables() {
@@ -383,7 +383,7 @@ impl Frames {
         });
     }
 
-    /// The first half of asked-for.
+    /// Checks the first half of asked-for.
     fn check_resets(&mut self, joint: usize, sent: &Setpoint, findings: &mut Findings<'_>) {
         if sent.resets() {
             let had = std::mem::replace(&mut self.had_reset[joint], true);
@@ -393,7 +393,7 @@ impl Frames {
         }
     }
 
-    /// bounded-motion and bounded-effort of what is on the wire.
+    /// Checks bounded-motion and bounded-effort of the set-points on the wire.
     fn check_target(&self, limits: &Limits, joint: usize, sent: &Sent, findings: &mut Findings<'_>) {
         let follows = sent.follows(joint);
         let sent = &sent.setpoint;
@@ -428,7 +428,7 @@ impl Frames {
         }
     }
 
-    /// starts-in-place.
+    /// Checks starts-in-place.
     fn check_first(limits: &Limits, joint: usize, sent: &Sent, findings: &mut Findings<'_>) {
         let away = match limits.mode {
             CommandMode::Torque | CommandMode::Velocity => i64::from(sent.setpoint.target).abs(),

@@ -142,7 +142,7 @@ pub struct Peaks {
 }
 
 impl Peaks {
-    /// The greater of both, and the sum of what is counted.
+    /// Joins two results: the greater of both peaks, and the sum of the counts.
     pub fn join(&mut self, other: &Self) {
         for (mine, theirs) in [
             (&mut self.torque_n_m, other.torque_n_m),
@@ -210,7 +210,7 @@ pub struct Checker {
 }
 
 impl Checker {
-    /// A checker for a rig that is in `state` and has not moved yet.
+    /// Creates a checker for a rig that is in `state` and has not moved yet.
     pub fn new(limits: Limits, state: State) -> Self {
         Self {
             limits,
@@ -225,12 +225,12 @@ impl Checker {
         }
     }
 
-    /// How often what did not hold was excused.
+    /// Returns how often deviations were excused.
     pub(super) fn excused(&self) -> &Excused {
         &self.excused
     }
 
-    /// The greatest values so far.
+    /// Returns the greatest values so far.
     pub fn peaks(&self) -> &Peaks {
         &self.peaks
     }
@@ -265,7 +265,7 @@ impl Checker {
         self.state = seen.state;
     }
 
-    /// stays-latched.
+    /// Checks stays-latched.
     fn check_state(&mut self, seen: &Observation, findings: &mut Findings<'_>) {
         use yieldwall_motion::guard::Request;
         let (before, after) = (self.state, seen.state);
@@ -283,7 +283,7 @@ impl Checker {
         });
     }
 
-    /// bounded-queues, in the cycle in which a queue was longer than ever.
+    /// Checks bounded-queues, in the cycle in which a queue was longer than ever.
     fn check_queues(&mut self, seen: &Observation, findings: &mut Findings<'_>) {
         let longest = self.peaks.queue;
         self.peaks.queue = longest.max(seen.queue_high_water);

@@ -34,7 +34,7 @@ struct Quiet {
 }
 
 impl Quiet {
-    /// One more cycle, in which the proxy went at `speed`; from the beginning unless it `goes_on`.
+    /// Counts one more cycle, in which the proxy went at `speed`; from the beginning unless it `goes_on`.
     fn next(&mut self, goes_on: bool, speed: f64) {
         *self = if !goes_on {
             Self::default()
@@ -107,7 +107,7 @@ impl Motion {
         self.past = (is_running || is_halting).then_some(now).or(Some(Past { running: 0, halting: 0, ..now }));
     }
 
-    /// bounded-motion of a stop: the reference slows down, and not faster than configured.
+    /// Checks bounded-motion of a stop: the reference slows down, and not faster than configured.
     fn check_ramp(&self, limits: &Limits, now: &Past, past: &Past, findings: &mut Findings<'_>) {
         if now.halting < 2 {
             return;
@@ -131,7 +131,7 @@ impl Motion {
         );
     }
 
-    /// comes-to-rest.
+    /// Checks comes-to-rest.
     fn check_rest(&mut self, limits: &Limits, seen: &Observation, now: &Past, findings: &mut Findings<'_>) {
         let speed = now.step.norm() / limits.period_s;
         let friction = 0.5 * limits.friction_n;
@@ -166,7 +166,7 @@ fn is_near_edge(limits: &Limits, past: &Past) -> bool {
     past.proxy.norm() + 0.5 * speed * speed / limits.stop_m_per_s2 > EDGE_M
 }
 
-/// finite.
+/// Checks finite.
 fn check_finite(seen: &Observation, findings: &mut Findings<'_>) {
     let reported = &seen.reported;
     let values = [reported.force_n, reported.proxy_m, reported.target_rad, reported.measured_rad];
@@ -177,7 +177,7 @@ fn check_finite(seen: &Observation, findings: &mut Findings<'_>) {
     });
 }
 
-/// bounded-effort of the drives and of the force that moves the proxy.
+/// Checks bounded-effort of the drives and of the force that moves the proxy.
 fn check_torques(limits: &Limits, seen: &Observation, peaks: &mut Peaks, findings: &mut Findings<'_>) {
     let torque = seen.truth.torques_n_m.iter().fold(0.0f64, |most, torque| most.max(torque.abs()));
     let speed = Vector2::from(seen.truth.velocity_m_per_s).norm();
@@ -197,7 +197,8 @@ fn check_torques(limits: &Limits, seen: &Observation, peaks: &mut Peaks, finding
     });
 }
 
-/// wrapping-counters: what is measured is what is true, wherever the counter stands. `before_rad` are the true angles at the last computation.
+/// Checks wrapping-counters: measured angles equal the true ones, at any state of the counter. `before_rad` are the true angles at
+/// the last computation.
 fn check_measured(limits: &Limits, seen: &Observation, before_rad: [f64; 2], findings: &mut Findings<'_>) {
     let falsified = seen.falsified;
     let is_false = falsified.angles || falsified.timing || falsified.drives || falsified.arm;
@@ -225,7 +226,7 @@ fn check_measured(limits: &Limits, seen: &Observation, before_rad: [f64; 2], fin
     }
 }
 
-/// yield-levels: the fixture's force on the proxy, from the proxy's equation of motion `M (q - 2 q1 + q2) / T^2 = h + f`.
+/// Checks yield-levels: the fixture's force on the proxy, from the proxy's equation of motion `M (q - 2 q1 + q2) / T^2 = h + f`.
 fn check_levels(limits: &Limits, seen: &Observation, now: &Past, past: &Past, findings: &mut Findings<'_>) {
     let reported = &seen.reported;
     if now.running == 0 {

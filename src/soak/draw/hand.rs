@@ -91,7 +91,7 @@ fn path(dice: &mut Dice, start: [f64; 2], yield_m: f64) -> Vec<PathSegment> {
     legs
 }
 
-/// A leg from `here` by up to `most_m` in any direction, kept within the workspace.
+/// Draws a leg from `here` by up to `most_m` in any direction, kept within the workspace.
 fn reach(dice: &mut Dice, here: &mut [f64; 2], most_m: f64, speed: f64) -> PathSegment {
     let (sine, cosine) = elementary::sin_cos(dice.between(0.0, TAU));
     let by = dice.between(0.2, 1.0) * most_m;

@@ -105,7 +105,7 @@ impl Machine {
         Self { file: RIGS[choice], rig, scene, wraps }
     }
 
-    /// The shipped file, and what its devices are on if they are not on CAN.
+    /// Returns the name of the shipped file, and the buses of its devices if they are not on CAN.
     pub fn title(&self) -> String {
         let on = match (self.rig.is_on_can(), self.rig.is_on_ethercat()) {
             (true, true) => " on EtherCAT and CAN",
@@ -115,7 +115,7 @@ impl Machine {
         format!("{}{on}", self.file)
     }
 
-    /// Where an injection can act on it: the targets of its kind on whose bus the kind means something.
+    /// Returns the targets of an injection: the targets of its kind on whose bus the kind has a meaning.
     pub(super) fn targets(&self, kind: Kind) -> Vec<Target> {
         let is_possible = |target: &Target| {
             let injection = Injection::new(kind, 0.0).on(*target);
@@ -124,7 +124,7 @@ impl Machine {
         kind.row().targets.iter().copied().filter(is_possible).collect()
     }
 
-    /// Cycle time in s.
+    /// Returns the cycle time in s.
     pub fn period_s(&self) -> f64 {
         f64::from(self.rig.cycle.period_us) * 1e-6
     }

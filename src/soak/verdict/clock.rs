@@ -11,7 +11,7 @@ use yieldwall_motion::guard::{Fault, Reaction};
 /// Faults that a hand alone brings about now and then, whatever else is broken: it is free to hit and to shake the tool.
 pub(super) const HAND_FAULTS: [Fault; 6] =
     [Fault::SensorSaturated, Fault::ForceStep, Fault::ForceLimit, Fault::OverSpeed, Fault::EnergyLimit, Fault::Chatter];
-/// Faults that an arm far outside of its working disc brings about, where a hand has pushed it while nobody held it.
+/// Faults of an arm far outside of its working disc, to which a hand has pushed it while nobody held it.
 const FAR_FAULTS: [Fault; 6] = [
     Fault::FollowingError,
     Fault::Runaway,
@@ -62,17 +62,17 @@ impl Clock {
         }
     }
 
-    /// Time of an event in s since the scene began.
+    /// Returns the time of an event in s since the scene began.
     pub(super) fn time_s(&self, event: &Event) -> f64 {
         (event.sync_ns as f64 - self.scene_from_ns as f64) * 1e-9
     }
 
-    /// A moment in s since switching on, in s since the scene began.
+    /// Converts a moment in s since switching on to s since the scene began.
     pub(super) fn scene_s(&self, time_s: f64) -> f64 {
         time_s - self.scene_from_ns as f64 * 1e-9
     }
 
-    /// How a hand and where it has pushed the arm explain the fault without anything injected.
+    /// Returns how a hand, or the place to which it has pushed the arm, explains the fault without an injection.
     pub(super) fn nature_of(&self, event: &Event, fault: Fault) -> Option<Excuse> {
         let shows_for = if fault == Fault::ForceImplausible { tolerance::BALANCE_CYCLES } else { 0 };
         let was_at_limit = event.since_torque_limit.is_some_and(|cycles| cycles <= shows_for);
@@ -102,7 +102,7 @@ impl Clock {
         earlier.iter().any(|known| known.kind.row().brings(fault) && is_recent(known))
     }
 
-    /// A bound in cycles. Samples and heartbeats have their own clocks, which stand anywhere against SYNC: one more.
+    /// Returns a bound in cycles. Samples and heartbeats have their own clocks, at any phase to SYNC, so one cycle is added.
     pub(super) fn cycles(&self, bound: Bound) -> u32 {
         match bound {
             Bound::Cycles(cycles) => u32::from(cycles),
