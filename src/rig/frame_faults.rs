@@ -61,8 +61,8 @@ impl FrameFaults {
         self.held.iter().map(|(due, _)| *due).min().unwrap_or(Time::NEVER)
     }
 
-    /// Sends a frame of the master through the devices, and the frames of a foreign node behind it. `process` lets the devices process a frame,
-    /// and gives the moment at which it is back. `back` gets each frame that comes back.
+    /// Sends a frame of the master through the devices, and the frames of a foreign node behind it. `process` lets the devices
+    /// process a frame, and returns the moment at which it is back. `back` receives each frame that comes back.
     pub(super) fn pass<E>(
         &mut self,
         bytes: &mut [u8],

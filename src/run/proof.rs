@@ -269,8 +269,8 @@ impl<P: Place + ?Sized> Runner<P> {
     /// Proves as [`Runner::prove_for_bring_up`], in a place where no real drive moves and nothing has to be proved.
     ///
     /// # Errors
-    /// [`RunError::NotVirtual`] if the rig was not made [in virtual time](Runner::in_virtual_time); [`RunError::NoTorqueLimit`] for a drive that
-    /// takes no limit.
+    /// [`RunError::NotVirtual`] if the rig was not made [in virtual time](Runner::in_virtual_time).
+    /// [`RunError::NoTorqueLimit`] for a drive that takes no limit.
     pub fn bring_up_in_virtual_time(&mut self, rig: &config::Rig, bounds: Bounds) -> Result<Permit, RunError> {
         if !self.is_virtual {
             return Err(RunError::NotVirtual);

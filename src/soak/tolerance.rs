@@ -6,9 +6,9 @@ pub(super) const ROUNDING: f64 = 1e-9;
 /// bounded-motion: a target on the bus is a whole count, so that a step of two rounded targets is off by one at most.
 pub(super) const TARGET_COUNTS: f64 = 1.0;
 
-/// bounded-motion: largest permitted deceleration of a ramp, as a share of the configured one. The deceleration is exactly `1.5 v /
-/// t` at the middle of the ramp. Differences over one cycle stay below that peak, except if the ramp ends between two grid points.
-/// In that cycle two half steps fall together, so twice is allowed.
+/// bounded-motion: largest permitted deceleration of a ramp, as a share of the configured one. In the middle of the ramp the
+/// deceleration is exactly `1.5 v / t`. Differences over one cycle stay below that peak, except if the ramp ends between two grid
+/// points. In that cycle two half steps fall together, so twice is allowed.
 pub(super) const RAMP_SHARE: f64 = 2.0;
 
 /// bounded-motion: before both drives are enabled a position target moves nothing. It equals the reported position of the joint, or

@@ -63,8 +63,8 @@ pub struct RateMargins {
 /// Gain times period of the rate loop from which it overshoots.
 const OVERSHOOTS_FROM: f64 = 0.25;
 
-/// Margins of the rate loop with this gain times period, above 0, for drives that follow a rate at once, with one cycle of delay: its open loop is
-/// `gain_period / (z (z - 1))`. `None` if it is unstable, at 1 and above.
+/// Returns the margins of the rate loop with this gain times period, above 0, for drives that follow a rate at once, with one cycle
+/// of delay. The open loop is `gain_period / (z (z - 1))`. `None` if it is unstable, at 1 and above.
 pub fn rate_margins(gain_period: f64) -> Option<RateMargins> {
     if !(gain_period > 0.0 && gain_period < 1.0) {
         return None;

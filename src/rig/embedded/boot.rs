@@ -22,8 +22,8 @@ use yieldwall_sim::Drive;
 const CYCLES_AFTER_RESET: u32 = 50;
 
 impl EmbeddedRig {
-    /// Switches everything on, boots the network and enables the drives; the hand takes the handle when the rig runs. Drives that have to be
-    /// homed are taken to be so already.
+    /// Switches everything on, boots the network and enables the drives; the hand takes the handle when the rig runs. Drives that
+    /// need homing start homed.
     ///
     /// # Errors
     /// [`RigError::Boot`] if a node is missing or is not what it should be, [`RigError::NotEnabled`] if the rig did not

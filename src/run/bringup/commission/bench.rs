@@ -210,7 +210,8 @@ impl<'a> Bench<'a> {
         Ok([left?, right?])
     }
 
-    /// Shows the torque limits that drives keep by themselves to the person at the arm, who confirms them once. The network is left meanwhile.
+    /// Shows the torque limits that drives keep by themselves to the person at the arm, who confirms them once. The network is left
+    /// meanwhile.
     pub(super) fn confirm_drive_limits(&mut self) -> Result<(), Halt> {
         if self.runner.accepts_drive_limits {
             return Ok(());
