@@ -102,7 +102,7 @@ fn stripped(found: Vec<Entry>, stripper: &Stripper) -> (Vec<(String, Vec<u8>)>, 
     (entries, left_out)
 }
 
-/// One zip. Its times say nothing.
+/// Returns one zip, with times that carry no information.
 fn zipped(entries: &[(String, Vec<u8>)]) -> zip::result::ZipResult<Vec<u8>> {
     let options = SimpleFileOptions::default()
         .compression_method(CompressionMethod::Deflated)

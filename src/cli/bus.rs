@@ -85,7 +85,7 @@ pub(super) enum Plan<'a> {
     Segment(Box<SegmentPlan<'a>>),
 }
 
-/// The budgets of all buses, as a run takes them.
+/// Returns the budgets of all buses, as a run takes them.
 pub(super) fn plans(rig: &Rig) -> Result<Vec<Plan<'_>>, RigError> {
     plans_under(rig, |conditions| conditions)
 }
@@ -174,7 +174,7 @@ impl Plan<'_> {
         }
     }
 
-    /// For a person to read in 80 columns.
+    /// Returns the text for a person in 80 columns.
     fn text(&self) -> String {
         match self {
             Plan::Can(plan) => plan.text(),
@@ -191,7 +191,7 @@ impl Plan<'_> {
         }
     }
 
-    /// For a program to read.
+    /// Returns the data for a program.
     fn to_json(&self) -> Value {
         match self {
             Plan::Can(plan) => plan.to_json(),
@@ -233,7 +233,7 @@ mod tests {
         builtin_names().filter(|name| name.starts_with("paper-admittance"))
     }
 
-    /// The shipped rig in torque mode with some of its text replaced.
+    /// Returns the shipped rig in torque mode with some of its text replaced.
     fn changed(changes: &[(&str, &str)]) -> Loaded<Rig> {
         let shipped = builtin("paper-admittance.yaml").read().unwrap();
         let text = changes.iter().fold(shipped.to_string(), |text, (from, to)| {

@@ -91,7 +91,7 @@ pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     tell(&rig.value, &visited, &found, output)
 }
 
-/// Points of a plate that is only simulated.
+/// Returns points of a plate that is only simulated.
 fn plate(arguments: &Arguments, rig: &config::Rig) -> Result<Vec<TipPoint>, Failure> {
     #[cfg(target_os = "linux")]
     if arguments.on_bus.is_asked() {
@@ -116,7 +116,7 @@ enum Rows {
     Visited(Vec<Visited>),
 }
 
-/// Whether there are enough points, and the arm reaches each.
+/// Checks that there are enough points, and that the arm reaches each.
 fn check_points(rows: &Rows, path: &Path, rig: &config::Rig) -> Result<(), Failure> {
     let points: Vec<TipPoint> = match rows {
         Rows::Points(points) => points.clone(),

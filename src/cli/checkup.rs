@@ -67,7 +67,7 @@ impl Section {
     }
 }
 
-/// Text in lines that fit behind a first one that has begun with `head`.
+/// Wraps a text for lines after a first one that begins with `head`.
 fn wrapped(text: &str, head: &str) -> String {
     let rest = " ".repeat(INDENT);
     // Between words alone: a path or an option that is broken cannot be copied.

@@ -188,7 +188,7 @@ enum Machine {
 }
 
 impl Machine {
-    /// For a person.
+    /// Returns the text for a person.
     fn words(&self) -> String {
         match self {
             Self::Simulated { defects } if defects.is_empty() => "a simulated one: no drive was moved".to_owned(),

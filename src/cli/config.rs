@@ -98,7 +98,7 @@ fn normal_form(document: &Document) -> Result<String, String> {
     }
 }
 
-/// A shipped document that names the files it uses by their names inside the program, so that a copy may be kept anywhere.
+/// Returns a shipped document that names the files it uses by their names inside the program, so that a copy may be kept anywhere.
 fn portable(mut document: Document) -> Document {
     let whole = |source: &Source, path: &mut String| {
         if source.is_shipped() {
@@ -129,7 +129,7 @@ fn portable(mut document: Document) -> Document {
     document
 }
 
-/// What a checked document stands for, on one line.
+/// Summarizes a checked document on one line.
 fn summary(document: &Document, warnings: usize) -> String {
     let text = match document {
         Document::Rig(rig) => {

@@ -125,7 +125,7 @@ mod tests {
 
     use super::*;
 
-    /// The side of a person, and the side of the program.
+    /// Returns the side of a person, and the side of the program.
     fn terminal() -> (File, OwnedFd) {
         let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
         let person = openpt(flags).unwrap();

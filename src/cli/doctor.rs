@@ -196,7 +196,7 @@ fn interface_checks(facts: &InterfaceFacts, bit_rate: Option<u32>, period: Durat
     checks
 }
 
-/// The tier that this computer has proved for a rig, if it has proved one.
+/// Returns the tier that this computer has proved for a rig, if it has proved one.
 #[cfg(feature = "view")]
 pub(super) fn proven_tier(rig: &Rig) -> Option<String> {
     let (folder, limits) = (state_folder("latency")?, limits());

@@ -111,7 +111,7 @@ fn lines(drilled: &Drilled, rig: &config::Rig, path: &str) -> String {
     lines.join("\n")
 }
 
-/// The failure that there is no place for records.
+/// Returns the failure that there is no place for records.
 pub(super) fn no_home() -> Failure {
     let message = "there is no folder for the records of drills: neither XDG_STATE_HOME nor HOME is set";
     Failure::new(Exit::Usage, message, "set XDG_STATE_HOME to a folder that is kept")

@@ -37,12 +37,12 @@ fn scope_text(measures: &Measures) -> &'static str {
     }
 }
 
-/// The failure of a run that a fault stopped.
+/// Returns the failure of a run that a fault stopped.
 pub(super) fn stopped(report: &RunReport, rig: &config::Rig) -> Failure {
     stopped_by(report.cause, report.trace.rows.last().map_or(0.0, |row| row.time_s), rig)
 }
 
-/// The failure of a run in which joints were at their torque limit for long.
+/// Returns the failure of a run in which joints were at their torque limit for long.
 pub(super) fn at_limit_too_long(at_limit_s: f64, simulated_s: f64) -> Failure {
     let message = format!(
         "a joint was at its torque limit for {at_limit_s:.3} s of {simulated_s:.3} s other than after impacts: the loop \
@@ -52,7 +52,7 @@ pub(super) fn at_limit_too_long(at_limit_s: f64, simulated_s: f64) -> Failure {
     Failure::new(Exit::OutOfTolerance, message, help)
 }
 
-/// The failure of a run whose end came while this fault held the rig at rest.
+/// Returns the failure of a run whose end came while this fault held the rig at rest.
 pub(super) fn ended_held(fault: Fault) -> Failure {
     let row = fault.row();
     let message =
@@ -60,7 +60,7 @@ pub(super) fn ended_held(fault: Fault) -> Failure {
     Failure::new(Exit::SafetyStop, message, row.next)
 }
 
-/// The failure of a run that faults held for long, this one most of all.
+/// Returns the failure of a run that faults held for long, this one most of all.
 pub(super) fn held_too_long(fault: Fault, held_s: f64, simulated_s: f64) -> Failure {
     let row = fault.row();
     let message = format!(
@@ -70,7 +70,7 @@ pub(super) fn held_too_long(fault: Fault, held_s: f64, simulated_s: f64) -> Fail
     Failure::new(Exit::SafetyStop, message, row.next)
 }
 
-/// The failure of a run that ended before an injection of `--fault` began.
+/// Returns the failure of a run that ended before an injection of `--fault` began.
 pub(super) fn never_came(injection: &Injection, simulated_s: f64) -> Failure {
     let message = format!(
         "the fault {} at {} s never came: the scene ran for {simulated_s:.3} s",
@@ -113,19 +113,19 @@ pub(super) fn describe(cause: Cause, buses: &[String]) -> String {
     if cause.devices.is_empty() { stage } else { format!("{stage}, {}", devices_text(cause.devices, buses)) }
 }
 
-/// The devices, interfaces by the names of their buses.
+/// Returns the devices, interfaces by the names of their buses.
 pub(super) fn devices_text(devices: DeviceSet, buses: &[String]) -> String {
     (0..).zip(buses).fold(devices.to_string(), |text, (number, bus)| {
         text.replace(&DeviceSet::interface(number).to_string(), &format!("interface of bus `{bus}`"))
     })
 }
 
-/// The names of the buses, in their order.
+/// Returns the names of the buses, in their order.
 pub(super) fn bus_names(rig: &config::Rig) -> Vec<String> {
     rig.buses.keys().cloned().collect()
 }
 
-/// The failure that a rig's error is.
+/// Returns the failure for an error of a rig.
 pub(super) fn rig_failure(error: &RigError) -> Failure {
     let (exit, help) = match error {
         RigError::Boot(error) => (boot_exit(&error.failure), boot_help(&error.failure)),
@@ -166,7 +166,7 @@ pub(super) fn point_to_node(mut failure: Failure, error: &BootError, rig: &confi
     failure
 }
 
-/// The position of a device on EtherCAT, by the title that a failure of the boot has.
+/// Returns the position of a device on EtherCAT, by the title that a failure of the boot has.
 fn position_of(title: &str, rig: &config::Rig) -> Option<u16> {
     let drives = rig.drives.iter().map(|drive| (&drive.name, drive.address.position()));
     let mut devices = drives.chain([(&rig.sensor.name, rig.sensor.protocol.position())]);

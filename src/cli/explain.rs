@@ -137,7 +137,7 @@ fn codes(arguments: &Arguments, output: &mut Output) -> Result<Option<Arc<ErrorC
     Err(Failure::new(Exit::Usage, message, format!("its devices are {}", names.join(", "))))
 }
 
-/// The CANopen devices of a rig: name, node id and model.
+/// Returns the CANopen devices of a rig: name, node id and model.
 fn devices(rig: &Rig) -> Vec<(&str, u8, &ProfileName)> {
     let drives = rig.drives.iter();
     let drives = drives.filter_map(|drive| Some((drive.name.as_str(), drive.address.node_id()?, &drive.profile)));
@@ -148,7 +148,7 @@ fn devices(rig: &Rig) -> Vec<(&str, u8, &ProfileName)> {
     devices
 }
 
-/// All that a word may stand for.
+/// Returns all meanings of a word.
 fn meanings(word: &str, codes: Option<&ErrorCodes>) -> Result<Vec<Meaning>, Failure> {
     let fault = TABLE.iter().find(|row| row.name == word).map(|row| Meaning {
         explanation: explanation::fault(row.fault),
@@ -221,13 +221,13 @@ fn of_two_bytes(code: u16, codes: Option<&ErrorCodes>) -> Vec<Explanation> {
 /// A code of no class of CiA 301.
 const UNKNOWN_CODE: u16 = 0x0200;
 
-/// The objects of the standards at an index, the first of them.
+/// Returns the objects of the standards at an index, the first of them.
 fn named_objects(index: u16) -> Vec<Address> {
     let first = [0, 1].into_iter().map(|sub| Address::new(index, sub)).find(|at| known(*at, None).is_some());
     first.filter(|_| index >= 0x1000).into_iter().collect()
 }
 
-/// A code as the program prints one, or as others do: in hexadecimal.
+/// Returns a code as the program prints one, or as others do: in hexadecimal.
 fn code(word: &str) -> Option<u32> {
     let lower = word.to_ascii_lowercase();
     let digits = lower.strip_prefix("0x").unwrap_or_else(|| lower.strip_suffix('h').unwrap_or(&lower));

@@ -50,7 +50,7 @@ Exit codes:
   130  interrupted";
 
 impl Exit {
-    /// The number.
+    /// Returns the number.
     pub const fn code(self) -> u8 {
         self as u8
     }
@@ -93,7 +93,7 @@ impl Failure {
 }
 
 impl Failure {
-    /// A failure of a file, which the message names as well.
+    /// Returns a failure of a file, which the message names as well.
     pub(super) fn about_file(exit: Exit, file: &Path, message: impl Into<String>, help: impl Into<String>) -> Self {
         let mut failure = Self::new(exit, message, help);
         failure.report.diagnostics.iter_mut().for_each(|finding| finding.file = file.display().to_string());

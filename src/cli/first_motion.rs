@@ -46,7 +46,7 @@ impl OnBus {
         !self.bus.is_empty()
     }
 
-    /// The pace of its cycles.
+    /// Returns the pace of its cycles.
     pub(super) fn pace(&self) -> PaceArgument {
         self.pace
     }
@@ -56,7 +56,7 @@ impl OnBus {
         self.pace == PaceArgument::Free
     }
 
-    /// Its interfaces.
+    /// Returns its interfaces.
     pub(super) fn interfaces(&self, rig: &Rig) -> Result<Interfaces, Failure> {
         Interfaces::of(rig, &self.bus)
     }
@@ -94,7 +94,7 @@ impl OnBus {
     }
 }
 
-/// The outcome of the act, with each emergency once, and the outcome of the restoration of the devices.
+/// Returns the outcome of the act, with each emergency once, and the outcome of the restoration of the devices.
 pub(super) fn concluded<T>(
     events: &Events,
     outcome: Result<HostedRun<T>, ThreadError>,

@@ -56,7 +56,7 @@ fn hanging(line: &str, columns: usize) -> String {
     filled(head, &" ".repeat(display_width(head)), body, columns)
 }
 
-/// A text behind `head`, its further lines behind `indent`.
+/// Returns a text behind `head`, its further lines behind `indent`.
 pub(super) fn filled(head: &str, indent: &str, text: &str, columns: usize) -> String {
     let options = Options::new(columns.max(LEAST)).initial_indent(head).subsequent_indent(indent);
     textwrap::fill(

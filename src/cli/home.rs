@@ -48,7 +48,7 @@ pub(super) struct Arguments {
     on_bus: super::first_motion::OnBus,
 }
 
-/// An angle with its unit above 0, in rad.
+/// Parses an angle with its unit above 0, in rad.
 fn within(text: &str) -> Result<f64, String> {
     let angle = super::jog::angle(text)?;
     if angle > 0.0 { Ok(angle) } else { Err(format!("write an angle above 0, such as 0.05deg, not `{text}`")) }
@@ -231,7 +231,7 @@ fn not_begun(error: &RunError) -> Failure {
     failure
 }
 
-/// The failure of a drive that did not find its reference.
+/// Returns the failure of a drive that did not find its reference.
 fn not_home(rig: &config::Rig, joint: usize, why: NotHome) -> Failure {
     let name = |joint: usize| rig.drives.get(joint).map_or("", |drive| drive.name.as_str());
     let homing = rig.drives.get(joint).and_then(|drive| drive.homing);

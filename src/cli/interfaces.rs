@@ -56,12 +56,12 @@ impl Interfaces {
         Ok(Self::of(&own, &arguments)?.0.concat())
     }
 
-    /// The names of the interfaces.
+    /// Returns the names of the interfaces.
     pub(super) fn names(&self) -> &[String] {
         &self.0
     }
 
-    /// All of them, for a person: `main=can0, sensor=can1`, or the only one.
+    /// Returns all of them, for a person: `main=can0, sensor=can1`, or the only one.
     pub(super) fn shown(&self, rig: &config::Rig) -> String {
         if let [only] = self.0.as_slice() {
             return only.clone();
@@ -70,12 +70,12 @@ impl Interfaces {
         each.collect::<Vec<_>>().join(", ")
     }
 
-    /// Each as `NAME=INTERFACE`.
+    /// Returns each as `NAME=INTERFACE`.
     pub(super) fn named(&self, rig: &config::Rig) -> Vec<String> {
         rig.buses.keys().zip(&self.0).map(|(name, interface)| format!("{name}={interface}")).collect()
     }
 
-    /// The arguments that say the same.
+    /// Returns the equivalent arguments.
     pub(super) fn arguments(&self, rig: &config::Rig) -> String {
         if let [only] = self.0.as_slice() {
             return format!("--bus {only}");

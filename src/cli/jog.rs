@@ -67,7 +67,7 @@ pub(super) struct Arguments {
     on_bus: super::first_motion::OnBus,
 }
 
-/// An angle with its unit, in rad.
+/// Parses an angle with its unit, in rad.
 pub(super) fn angle(text: &str) -> Result<f64, String> {
     let wanted = || format!("write an angle with its unit, such as 5deg or -0.1rad, not `{text}`");
     let (number, unit) = match (text.strip_suffix("deg"), text.strip_suffix("rad")) {
@@ -172,12 +172,12 @@ impl<'a> Plan<'a> {
         failure
     }
 
-    /// The measured angle of the joint, rad.
+    /// Returns the measured angle of the joint, rad.
     fn angle(&self, record: &CycleRecord) -> f64 {
         record.signals.measured_angles.to_array().get(self.joint).copied().unwrap_or_default()
     }
 
-    /// Whether each joint is where it should be.
+    /// Checks that each joint is at its target.
     fn judge(&self, jogged: &Jogged, rig: &config::Rig) -> Result<(), Failure> {
         let off = self.off(jogged);
         let Some((drive, off)) = rig.drives.iter().zip(off).find(|(_, off)| off.abs() > OFF_RAD) else { return Ok(()) };

@@ -13,7 +13,7 @@ use yieldwall_record::recording::{About, Saved};
 use yieldwall_run::Watch;
 use yieldwall_run::recorder::{self, RecorderError, RunFile, RunRecorder, Wanted, Watched};
 
-/// The description of a recording, with the commit of this program.
+/// Returns the description of a recording, with the commit of this program.
 pub(super) fn described(about: Result<About, String>) -> Result<About, Failure> {
     let about =
         about.map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
@@ -89,7 +89,7 @@ pub(super) fn state_folder(name: &str) -> Option<PathBuf> {
 }
 
 impl RunFiles {
-    /// A line for each file.
+    /// Returns a line for each file.
     pub(super) fn lines(&self) -> Vec<String> {
         let files = self.files.iter().filter(|file| file.what != "frames").map(|file| {
             let (kept, what) = (file.end.counts.kept, file.what);
@@ -138,7 +138,7 @@ impl RunFiles {
         if diagnostics.is_empty() { Ok(()) } else { Err(Failure { exit: Exit::Usage, report: Report { diagnostics } }) }
     }
 
-    /// The failure, its help with the black box of the last fault.
+    /// Adds the black box of the last fault to the failure's help.
     pub(super) fn point_to_black_box(&self, mut failure: Failure) -> Failure {
         let file = self.black_boxes.last().and_then(|saved| saved.file.as_ref().ok());
         if let (Some(file), Some(finding)) = (file, failure.report.diagnostics.last_mut()) {
@@ -181,7 +181,7 @@ impl RunFiles {
     }
 }
 
-/// The finding that a file has lost items.
+/// Returns the finding that a file has lost items.
 fn lost(file: &RunFile, why: &str, help: &str) -> Diagnostic {
     let (counts, what) = (file.end.counts, file.what);
     let all = counts.kept + counts.lost();

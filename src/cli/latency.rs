@@ -211,7 +211,7 @@ fn cannot_keep(folder: &Path, error: &std::io::Error) -> Failure {
     Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
 }
 
-/// The failure that the load cannot be started.
+/// Returns the failure that the load cannot be started.
 fn cannot_load(error: &std::io::Error) -> Failure {
     Failure::new(
         Exit::Usage,
@@ -220,13 +220,13 @@ fn cannot_load(error: &std::io::Error) -> Failure {
     )
 }
 
-/// The failure that there is no place for measurements.
+/// Returns the failure that there is no place for measurements.
 pub(super) fn no_home() -> Failure {
     let message = "there is no folder for the record of a measurement: neither XDG_STATE_HOME nor HOME is set";
     Failure::new(Exit::Usage, message, "set XDG_STATE_HOME to a folder that is kept")
 }
 
-/// The link for the probes, on a bus that has no master.
+/// Returns the link for the probes, on a bus that has no master.
 fn open(bus: &str, is_over: &AtomicBool) -> Result<SocketCan, Failure> {
     let failed = |error| link_failure(&error);
     let link = SocketCan::open(&SocketCanSettings {
@@ -312,7 +312,7 @@ fn shares(times: &Histogram) -> String {
     )
 }
 
-/// The histogram in doublings, a bar each; bars are logarithmic, so that one late wake-up among millions shows.
+/// Returns the histogram in doublings, a bar each; bars are logarithmic, so that one late wake-up among millions shows.
 fn bars(times: &Histogram) -> Vec<String> {
     let mut doublings: Vec<(u64, u64)> = Vec::new();
     for (time, count) in times.classes() {

@@ -44,7 +44,7 @@ impl Margins {
         matches!(self, Self::Torque(found) if !found.worst.without_friction.stable)
     }
 
-    /// A loop that is unstable or marginal, at its gains, with gains that are neither.
+    /// Returns a loop that is unstable or marginal, at its gains, with gains that are neither.
     pub(super) fn finding(&self, rig: &Loaded<Rig>) -> Option<Diagnostic> {
         let Self::Torque(found) = self else { return None };
         let worst = found.worst.without_friction;
@@ -77,7 +77,7 @@ impl Margins {
         Some(rig.finding(Severity::Warning, key, message, help, &see))
     }
 
-    /// For a person to read.
+    /// Returns the text for a person.
     pub(super) fn lines(&self) -> Vec<String> {
         match self {
             Self::Torque(margins) => {
@@ -103,7 +103,7 @@ impl Margins {
         }
     }
 
-    /// For a program to read.
+    /// Returns the data for a program.
     pub(super) fn to_json(&self) -> Value {
         match self {
             Self::Torque(margins) => json!({
@@ -122,7 +122,7 @@ impl Margins {
     }
 }
 
-/// A number of cycles, of which one is whole.
+/// Returns a number of cycles, of which one is whole.
 fn cycles(count: f64) -> String {
     if count == 1.0 { "1 cycle".to_owned() } else { format!("{count:.2} cycles") }
 }
@@ -157,7 +157,7 @@ fn gains_words(gains: Gains, is_cartesian: bool) -> String {
     }
 }
 
-/// An infinite margin is `null`: JSON has no infinity.
+/// Returns an infinite margin as `null`: JSON has no infinity.
 fn figures(margins: &control::Margins) -> Value {
     json!({
         "stable": margins.stable,
@@ -229,7 +229,7 @@ mod tests {
         assert!(bad[2].contains("UNSTABLE"), "{bad:?}");
     }
 
-    /// The shipped rig in torque mode with another stiffness.
+    /// Returns the shipped rig in torque mode with another stiffness.
     fn with_stiffness(stiffness: &str) -> Loaded<Rig> {
         let text = builtin("paper-admittance.yaml").read().unwrap().to_string();
         let (from, to) = ("stiffness_n_m_per_rad: 10000.0", format!("stiffness_n_m_per_rad: {stiffness}"));

@@ -177,7 +177,7 @@ impl Masses {
         })
     }
 
-    /// A table for a person to read.
+    /// Returns a table for a person to read.
     pub(crate) fn text(&self, reserve: f64) -> String {
         let Some(holdings) = &self.holdings else { return self.line() + "\n" };
         let mut text = format!("{}: stable virtual masses in kg at the worst pose on its surface\n", self.name);
@@ -221,7 +221,7 @@ impl Masses {
         text
     }
 
-    /// For a program to read. A mass that does not exist is `null`, and so is a greatest one where none drifts.
+    /// Returns the data for a program. A mass that does not exist is `null`, and so is a greatest one where none drifts.
     pub(crate) fn to_json(&self, reserve: f64) -> Value {
         let hands = self.holdings.as_ref().map(|holdings| {
             let each = holdings.iter().enumerate().map(|(index, holding)| {
@@ -320,7 +320,7 @@ fn grip_words(grip: &Grip) -> String {
     format!("{} N/m, {:.1} N s/m, {} kg", grip.stiffness_n_per_m, grip.damping_n_s_per_m, grip.mass_kg)
 }
 
-/// A range in words.
+/// Returns a range in words.
 fn range_words(masses: Option<&HeldMasses>) -> String {
     let unit = if masses.is_some() { " kg" } else { "" };
     range(masses) + unit
@@ -555,7 +555,7 @@ mod tests {
         }
     }
 
-    /// The rig on a period of 2 ms with the scene's hand at 3000 N/m, with and without damping as arms have it.
+    /// Returns the rig on a period of 2 ms with the scene's hand at 3000 N/m, with and without damping as arms have it.
     fn braced(damping_n_s_per_m: &str) -> Loaded<Rig> {
         let mut texts: Vec<(std::path::PathBuf, std::sync::Arc<str>)> = Vec::new();
         for name in ["paper-admittance-2ms.yaml", "paper-admittance.yaml", "simulations/paper-arm.yaml"] {

@@ -181,7 +181,7 @@ fn gaps(servo: &Servo) -> Vec<String> {
     gaps
 }
 
-/// The paths of rig, simulation and scene.
+/// Returns the paths of rig, simulation and scene.
 fn names(rig: &Path) -> Result<[PathBuf; 3], Failure> {
     let is_yaml = rig.extension().is_some_and(|ending| ending == "yaml" || ending == "yml");
     let stem = rig.file_stem().and_then(|stem| stem.to_str()).filter(|_| is_yaml);
@@ -193,7 +193,7 @@ fn names(rig: &Path) -> Result<[PathBuf; 3], Failure> {
     Ok([rig.to_owned(), beside("simulation"), beside("scene")])
 }
 
-/// The files, with the numbers that follow from the choices: when the control step runs, gains, virtual mass.
+/// Returns the files, with the values that follow from the choices: time of the control step, gains, virtual mass.
 fn compose(choice: &Choice, names: &[PathBuf; 3]) -> Result<Files, Failure> {
     let geometry = Geometry::of(choice.links_m, choice.base_m)?;
     let files_of = |numbers: &template::Numbers| {
@@ -231,7 +231,7 @@ fn compose(choice: &Choice, names: &[PathBuf; 3]) -> Result<Files, Failure> {
     Err(Failure::new(Exit::ConfigInvalid, message, "give a shorter --period-us, or another --mode"))
 }
 
-/// The middle of the moments at which the control step may run.
+/// Returns the middle of the time window of the control step.
 fn control_step_us(rig: &Loaded<Rig>) -> Result<u32, Failure> {
     let plans = plans(&rig.value).map_err(|error| rig_failure(&error))?;
     let advice = plans.first().and_then(Plan::advice);
@@ -253,7 +253,7 @@ fn control_step_us(rig: &Loaded<Rig>) -> Result<u32, Failure> {
 }
 
 impl Files {
-    /// The rig as it will be on disk.
+    /// Returns the rig as it will be on disk.
     fn source(&self, choice: &Choice) -> Result<Source, Failure> {
         let own = self
             .texts

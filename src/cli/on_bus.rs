@@ -21,7 +21,7 @@ use yieldwall_run::host::system::Refusal;
 use yieldwall_run::host::{OpenError, ThreadError};
 use yieldwall_run::{DriveError, Pace, RunError};
 
-/// The failure that an interface is which cannot be used.
+/// Returns the failure for an interface that cannot be used.
 pub(super) fn link_failure(error: &LinkError) -> Failure {
     Failure::new(Exit::BusUnavailable, error.to_string(), "")
 }
@@ -34,7 +34,7 @@ pub(super) fn only_for_can(arguments: &[(&str, bool, &str)]) -> Result<(), Failu
     Err(Failure::new(Exit::Usage, message, *help))
 }
 
-/// The failure that interfaces are which cannot be used for a rig.
+/// Returns the failure for interfaces that cannot be used for a rig.
 pub(super) fn open_failure(error: &OpenError) -> Failure {
     match error {
         OpenError::Run(error) => live_failure(error),
@@ -56,7 +56,7 @@ fn arguments_of(name: &str, rig: &config::Rig, file: &str, interfaces: &Interfac
     format!(" --bus {bus} --rig {file}")
 }
 
-/// A failure of the boot with advice for the very node, and the command that finds out why it does not answer, where it does not.
+/// Adds advice on the node to a failure of the boot, and the command that finds the cause if the node does not answer.
 pub(super) fn point_to_node(
     failure: Failure,
     error: &RunError,
@@ -68,7 +68,7 @@ pub(super) fn point_to_node(
     ending::point_to_node(failure, error, rig, &arguments_of(&error.name, rig, file, interfaces))
 }
 
-/// A failure with the command that takes each drive out of Fault that is in it.
+/// Adds the command that resets each drive in Fault to a failure.
 pub(super) fn point_to_resets(
     failure: Failure,
     errors: &[DriveError],
@@ -83,7 +83,7 @@ pub(super) fn point_to_resets(
     emergencies::with_resets(failure, errors, rig, arguments)
 }
 
-/// The failure that a thread is which is not there, or has panicked.
+/// Returns the failure for a thread that does not exist, or has panicked.
 pub(super) fn thread_failure(error: &ThreadError) -> Failure {
     Failure::new(Exit::Internal, error.to_string(), "")
 }
@@ -101,7 +101,7 @@ pub(super) fn warn_of(output: &mut Output, granted: &Result<(), Refusal>) {
     }
 }
 
-/// The failure that another master is.
+/// Returns the failure for another master.
 pub(super) fn other_master(message: String, heard: &HeardFrame) -> Failure {
     let help = match heard.sign {
         Sign::Master { .. } => {
@@ -112,7 +112,7 @@ pub(super) fn other_master(message: String, heard: &HeardFrame) -> Failure {
     Failure::new(Exit::BusUnavailable, message, help)
 }
 
-/// The failure that an error of the loop is.
+/// Returns the failure for an error of the loop.
 pub(super) fn live_failure(error: &RunError) -> Failure {
     match error {
         RunError::Assembly(error) => rig_failure(&error.clone().into()),

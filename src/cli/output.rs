@@ -26,7 +26,7 @@ pub struct Output {
     columns: [Option<usize>; 2],
 }
 
-/// Whether standard error is a terminal that has colour, and `NO_COLOR` is not set to something.
+/// Whether standard error is a terminal with colour, and `NO_COLOR` is unset or empty.
 pub(super) fn has_color() -> bool {
     let no_color = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
     let is_dumb = std::env::var_os("TERM").is_some_and(|value| value == "dumb");
@@ -51,7 +51,7 @@ impl Output {
         self.is_stream
     }
 
-    /// Whether one JSON document is wanted.
+    /// Whether one JSON document is requested.
     pub fn is_json(&self) -> bool {
         self.is_json
     }

@@ -46,7 +46,7 @@ impl Parts {
         !self.merge && self.slurm.is_none() && !self.missing
     }
 
-    /// Whether the command is about parts at all.
+    /// Whether the command concerns parts at all.
     pub(super) fn is_in_parts(&self) -> bool {
         self.shard.is_some() || !self.computes()
     }
@@ -167,7 +167,7 @@ pub(super) fn line(words: &[String]) -> String {
     words.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" ")
 }
 
-/// A word as a shell takes it.
+/// Quotes a word for a shell.
 fn quoted(word: &str) -> String {
     let is_plain = |one: char| one.is_ascii_alphanumeric() || "/._-+,:@%=".contains(one);
     if !word.is_empty() && word.chars().all(is_plain) {
@@ -176,12 +176,12 @@ fn quoted(word: &str) -> String {
     format!("'{}'", word.replace('\'', r"'\''"))
 }
 
-/// A path as a shell takes it, in one line.
+/// Quotes a path for a shell, on one line.
 fn written(path: &Path) -> Option<String> {
     path.to_str().filter(|path| !path.contains(char::is_control)).map(quoted)
 }
 
-/// Numbers as ranges: `3,7-9`.
+/// Returns numbers as ranges: `3,7-9`.
 fn ranges(numbers: &BTreeSet<u64>) -> String {
     let mut ranges: Vec<(u64, u64)> = Vec::new();
     for &number in numbers {
@@ -194,7 +194,7 @@ fn ranges(numbers: &BTreeSet<u64>) -> String {
     ranges.iter().map(text).collect::<Vec<_>>().join(",")
 }
 
-/// Threads: as many as given, or as Slurm allots to the task, or as this process has processors.
+/// Returns the number of threads: the given one, or that of Slurm for the task, or that of this process's processors.
 pub(super) fn threads(given: Option<NonZeroUsize>) -> usize {
     let allotted = std::env::var("SLURM_CPUS_PER_TASK").ok();
     let own = || std::thread::available_parallelism().ok();

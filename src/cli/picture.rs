@@ -9,7 +9,7 @@ use yieldwall_figures::{self as figure, Drawing};
 /// Width of PNG pictures: 160 mm at 300 dots per inch.
 const PICTURE_WIDTH_PX: u32 = 1890;
 
-/// The failure of a drawing, with all causes that the error names.
+/// Returns the failure of a drawing, with all causes that the error names.
 pub(super) fn drawing_failure(error: &dyn std::error::Error) -> Failure {
     let mut message = format!("figure: {error}");
     let mut source = error.source();
@@ -20,7 +20,7 @@ pub(super) fn drawing_failure(error: &dyn std::error::Error) -> Failure {
     Failure::new(Exit::Usage, message, "draw a run with something to see in it")
 }
 
-/// Whether a picture can have this name, and nothing else is lost by it.
+/// Checks that a picture can have this name, and overwrites nothing else.
 pub(super) fn check_picture(path: &Path, replace: Replace) -> Result<(), Failure> {
     picture_kind(path)?;
     replace.check(path, Written::Picture)

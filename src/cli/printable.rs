@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-/// The text in one line, with all characters that a terminal obeys written as escapes: names that a device gives itself.
+/// Returns the text on one line, with escapes for all characters that control a terminal: a device chooses its own names.
 pub(super) fn one_line(text: &str) -> Cow<'_, str> {
     if !text.contains(char::is_control) {
         return Cow::Borrowed(text);
@@ -11,7 +11,7 @@ pub(super) fn one_line(text: &str) -> Cow<'_, str> {
     Cow::Owned(text.chars().map(escaped).collect())
 }
 
-/// The text with characters that a terminal obeys written as escapes: names of files and texts of devices may have them.
+/// Returns the text with escapes for characters that control a terminal: names of files and texts of devices may have them.
 pub(super) fn printable(text: &str) -> Cow<'_, str> {
     let is_obeyed = |one: char| one.is_control() && !matches!(one, '\n' | '\t');
     if !text.contains(is_obeyed) {

@@ -81,7 +81,7 @@ impl Content {
         self.ends = Some([first, this]);
     }
 
-    /// Numbers, and times in s.
+    /// Returns the first and last number, with times in s.
     fn ends(&self) -> Option<[(u64, f64); 2]> {
         Some(self.ends?.map(|(index, begun_ns)| (index, begun_ns as f64 * 1e-9)))
     }
@@ -242,7 +242,7 @@ impl FramesFile {
         Ok(all)
     }
 
-    /// Whether it is cut, and something of it is whole.
+    /// Whether it is cut, and has a whole part.
     fn has_copy(&self) -> bool {
         self.cut_bytes > 0 && self.whole.bytes > 0
     }

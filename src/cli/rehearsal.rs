@@ -37,7 +37,7 @@ impl Rehearsal {
         Self { simulated_s: report.simulated_s(), held_s: report.held_s, tracing_mm, finding: None }
     }
 
-    /// For a person to read, where all is well.
+    /// Returns the line for a person, if all is well.
     pub(super) fn line(&self) -> Option<String> {
         let held = if self.held_s > 0.0 {
             format!(", held at rest for {:.3} s by a fault", self.held_s)
@@ -50,7 +50,7 @@ impl Rehearsal {
             .then(|| format!("{:.1} s of its scene run as they should{traced}{held}", self.simulated_s))
     }
 
-    /// For a program to read.
+    /// Returns the data for a program.
     pub(super) fn to_json(&self) -> Value {
         json!({ "is_ok": self.finding.is_none(), "simulated_s": self.simulated_s, "held_s": self.held_s, "tracing_mm": self.tracing_mm })
     }
@@ -124,7 +124,7 @@ fn key_of(report: &RunReport) -> String {
     stopped.or(held).map_or("fixture.coupling", key_of_fault).to_owned()
 }
 
-/// The key whose number a fault is about; that of the simulation where it is about none of the rig's.
+/// Returns the key of the number behind a fault, or of the simulation's if no number of the rig is.
 fn key_of_fault(fault: Fault) -> &'static str {
     match fault {
         Fault::SensorInvalid | Fault::SensorStuck | Fault::SensorStale | Fault::SensorLost => "sensor.sample_rate_hz",

@@ -22,13 +22,13 @@ pub(super) struct Renderer {
 }
 
 impl Renderer {
-    /// As wide as standard error is, within bounds.
+    /// Returns a renderer as wide as standard error, within bounds.
     pub(super) fn of_terminal(in_color: bool) -> Self {
         let width = fit::columns(std::io::stderr()).unwrap_or(fit::USUAL);
         Self::with_width(in_color, width.clamp(fit::LEAST, WIDTH))
     }
 
-    /// As wide as a message may be.
+    /// Returns a renderer of the largest width.
     #[cfg(any(test, feature = "full"))]
     pub(super) fn new(in_color: bool) -> Self {
         Self::with_width(in_color, WIDTH)
@@ -45,7 +45,7 @@ impl Renderer {
         Self { handler: handler.with_links(false).without_syntax_highlighting() }
     }
 
-    /// All findings, one after the other, and their number when there are several.
+    /// Returns all findings, one after the other, and their number when there are several.
     pub(super) fn render(&self, findings: &[Diagnostic]) -> String {
         let mut text = String::new();
         for (index, finding) in findings.iter().enumerate() {

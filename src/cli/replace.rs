@@ -35,7 +35,7 @@ impl Written {
         }
     }
 
-    /// Whether a file that begins so is of this kind.
+    /// Whether a file with this beginning is of this kind.
     fn is(self, head: &[u8]) -> bool {
         let text = String::from_utf8_lossy(head);
         let text = text.trim_start_matches('\u{feff}').trim_start();
@@ -64,7 +64,7 @@ pub(super) struct Replace {
 }
 
 impl Replace {
-    /// Whether everything but a recording may be written over.
+    /// Whether everything except a recording may be overwritten.
     pub(super) fn is_forced(self) -> bool {
         self.force
     }
@@ -212,7 +212,7 @@ pub(super) fn make_folder(folder: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(folder).map_err(|error| no_folder(folder, &error))
 }
 
-/// The failure that a folder cannot be made.
+/// Returns the failure to create a folder.
 pub(super) fn no_folder(folder: &Path, error: &io::Error) -> Failure {
     let why = match error.kind() {
         ErrorKind::AlreadyExists | ErrorKind::NotADirectory => "is not a folder".to_owned(),

@@ -145,7 +145,7 @@ fn warning(path: &Path, message: &str, help: &str) -> Diagnostic {
     Diagnostic { severity: Severity::Warning, ..Diagnostic::about_file(path.display().to_string(), message, help) }
 }
 
-/// The program that made a recording: version, commit and processor, as far as the recording names them.
+/// Returns the program that made a recording: version, commit and processor, as far as the recording names them.
 pub(super) fn maker(about: &About) -> String {
     let mut text = format!("version {}", about.version.escape_debug());
     for (name, value) in [("commit", &about.commit), ("built for", &about.target)] {
@@ -156,7 +156,7 @@ pub(super) fn maker(about: &About) -> String {
     text
 }
 
-/// A warning, if another version of the program made the recording.
+/// Returns a warning, if another version of the program made the recording.
 fn warn_of_version(about: &About, path: &Path) -> Vec<Diagnostic> {
     let own = env!("CARGO_PKG_VERSION");
     let message = format!("was recorded by {} of this program, and this is version {own}", maker(about));
@@ -164,7 +164,7 @@ fn warn_of_version(about: &About, path: &Path) -> Vec<Diagnostic> {
     if about.version == own { Vec::new() } else { vec![warning(path, &message, help)] }
 }
 
-/// A warning for each place at which something of the file is lost.
+/// Returns a warning for each place at which something of the file is lost.
 pub(super) fn damage(damage: &[Damage], path: &Path) -> Vec<Diagnostic> {
     let help = "`yieldwall record repair` writes what is left into a whole file";
     let one = |damage| warning(path, &format!("is damaged at {damage}"), help);

@@ -95,7 +95,7 @@ pub(crate) fn copying(profile: &str) -> String {
     format!("yieldwall config show builtin:profiles/{profile}.yaml > {}", copy_of(profile))
 }
 
-/// The file of that copy.
+/// Returns the file of that copy.
 pub(crate) fn copy_of(profile: &str) -> String {
     format!("my-{profile}.yaml")
 }
@@ -128,7 +128,7 @@ pub(crate) fn counted_text(counted: &[(Fault, u32)], foreign_downloads: u32) -> 
     faults.chain(downloads).collect()
 }
 
-/// The faults of the same as data.
+/// Returns the counted faults as data.
 pub(crate) fn counted_json(counted: &[(Fault, u32)]) -> Value {
     counted.iter().map(|(fault, cycles)| (fault.row().name.to_owned(), Value::from(*cycles))).collect()
 }

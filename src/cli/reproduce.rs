@@ -113,7 +113,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     out_of_bound.map_or(Ok(()), Err)
 }
 
-/// The measures of a run with its name before them.
+/// Returns the measures of a run, after its name.
 fn entry(run: &FigureRun) -> Value {
     let mut entry = json!({ "figure": run.figure, "mode": run.mode.to_string(), "n_wait": run.hold_steps });
     if let (Value::Object(entry), Ok(Value::Object(measures))) = (&mut entry, serde_json::to_value(run.measures())) {

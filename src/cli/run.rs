@@ -107,13 +107,13 @@ pub(super) struct Arguments {
 }
 
 impl Arguments {
-    /// The document of the rig, with the values that are set over it.
+    /// Returns the document of the rig, with the values that are set over it.
     pub(super) fn source(&self) -> Result<Source, Failure> {
         let source = Source::named(&self.rig).with_values(&self.set);
         source.map_err(|error| Failure::new(Exit::Usage, format!("--set: {error}"), "set each key once"))
     }
 
-    /// The files of a run.
+    /// Returns the files of a run.
     pub(super) fn wanted(&self) -> Wanted<'_> {
         let [candump, pcapng, record, black_box] =
             [&self.candump, &self.pcapng, &self.record, &self.black_box].map(Option::as_deref);
@@ -332,7 +332,8 @@ pub(super) fn view(rig: &config::Rig, place: &str, duration_s: f64) -> Arc<Mutex
     Arc::new(Mutex::new(View::new(&rig.rig.name, names, place, duration_s)))
 }
 
-/// Whether the rig's own loop is stable with enough margin, and with the hand of its scene where that is on the tool; its margins.
+/// Checks that the rig's own loop is stable with enough margin, also with the hand of its scene if that is on the tool. Returns its
+/// margins.
 pub(super) fn check_loop(rig: &Loaded<config::Rig>, has_hand: bool, output: &mut Output) -> Result<Margins, Failure> {
     let is_known = !(has_hand && has_other_inertia(rig));
     let margins = Margins::of(&rig.value);

@@ -287,7 +287,7 @@ impl Own {
     }
 }
 
-/// The failure that a socket is which cannot be made.
+/// Returns the failure to create a socket.
 fn no_socket(path: &Path, error: &io::Error) -> Failure {
     let help = match error.kind() {
         io::ErrorKind::AddrInUse => {
@@ -298,7 +298,7 @@ fn no_socket(path: &Path, error: &io::Error) -> Failure {
     Failure::new(Exit::Usage, format!("--plant {}: {error}", path.display()), help)
 }
 
-/// The failure that a device is which the arm does not keep.
+/// Returns the failure for a device that the arm does not accept.
 fn not_attached(path: &Path, error: &AttachError) -> Failure {
     let (exit, help) = match error {
         AttachError::NoArm(_) => (Exit::Usage, "start the process with --plant first"),

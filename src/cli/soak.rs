@@ -167,7 +167,7 @@ fn seeds(arguments: &Arguments) -> Range<u64> {
     arguments.seed.map_or(arguments.seeds.clone(), |seed| seed..seed.saturating_add(1))
 }
 
-/// The campaign as a job array.
+/// Returns the campaign as a job array.
 fn array<'a>(arguments: &Arguments, out: &'a Path) -> Array<'a> {
     let Range { start, end } = seeds(arguments);
     let words = ["soak", "--seeds", &format!("{start}..{end}"), "--cycles", &arguments.cycles.to_string()];
@@ -186,7 +186,7 @@ fn array<'a>(arguments: &Arguments, out: &'a Path) -> Array<'a> {
     }
 }
 
-/// All outcomes of the campaign, from the parts that are kept.
+/// Returns all outcomes of the campaign, from the parts that are kept.
 fn merge(folder: &Path, campaign: &Campaign) -> Result<Vec<SeedResult>, Failure> {
     let mut known = Store::read(folder, campaign.cycles).map_err(store_failure)?;
     let missing = campaign.missing(&known);
@@ -202,7 +202,7 @@ fn merge(folder: &Path, campaign: &Campaign) -> Result<Vec<SeedResult>, Failure>
     Ok(known.into_values().collect())
 }
 
-/// A part judges nothing: it says where it is.
+/// Reports the place of a part, which judges nothing.
 fn kept(folder: &Path, shard: Shard, outcomes: &BTreeMap<u64, SeedResult>, output: &mut Output) -> Result<(), Failure> {
     let failed = outcomes.values().filter(|outcome| !outcome.violations.is_empty()).count();
     if output.is_json() {

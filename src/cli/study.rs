@@ -109,7 +109,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     if is_all && output.is_json() { output.report(json!({ "studies": documents })) } else { Ok(()) }
 }
 
-/// A machine of the user's own, for the study that takes one.
+/// Returns a machine of the user's own, for the study that takes one.
 fn own(name: &str, file: &str, output: &mut Output) -> Result<Arc<Subject>, Failure> {
     if name != NEED {
         let message = format!("the study {name} takes no file, and {file} is given");

@@ -73,7 +73,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     document.map_or(Ok(()), |document| output.report(document))
 }
 
-/// A key with its values, as they are given.
+/// Returns a key with its values, as they were given.
 fn text(values: &[SetValue]) -> String {
     let key = values.first().map_or(String::new(), SetValue::key);
     format!("{key}={}", values.iter().map(SetValue::value).collect::<Vec<_>>().join(","))

@@ -31,7 +31,7 @@ const OUTPUTS: &str = "the master sets the watchdog of its sync manager (0420h):
 const OPERATIONAL: &str = "the drive was asked for SAFE-OP and kept its torque: look in its manual for what it does when it leaves OP (6007h as a rule), \
                            and set it to stop";
 
-/// A drive in torque mode that stops too late.
+/// Describes a drive in torque mode that stops too late.
 fn too_slow(rig: &Rig) -> String {
     let period_us = rig.cycle.period_us;
     let most_ms = TORQUE_LIMIT.as_millis() / u128::from(HEARTBEAT_PERIODS);
@@ -175,7 +175,7 @@ mod tests {
     use yieldwall_config as config;
     use yieldwall_run::Finding;
 
-    /// What is advised where nothing stops drives with these profiles.
+    /// Returns the advice if nothing stops drives with these profiles.
     fn advice(profile: &str, mode: CommandMode, goes_on: &[Watchdog], after_ms: u64) -> String {
         advice_at(1000, profile, mode, goes_on, after_ms)
     }

@@ -12,7 +12,7 @@ use yieldwall_config::nearest_word;
 const LISTS: [(&str, &str); 3] =
     [("--nodes", "1,2,10"), ("--links", "0.3,0.4"), ("--drives", "simulated-servo,simulated-servo")];
 
-/// The error with tips, where any are known.
+/// Adds tips to the error, if any are known.
 pub(super) fn with_tip(mut error: Error, program: &Command, arguments: &[OsString]) -> Error {
     let words: Vec<String> = arguments.iter().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
     let tips = tips(&error, program, &words).unwrap_or_default();
@@ -23,7 +23,7 @@ pub(super) fn with_tip(mut error: Error, program: &Command, arguments: &[OsStrin
     error
 }
 
-/// The subcommand that words come to, and its name: `od read`.
+/// Returns the subcommand for these words, and its name: `od read`.
 fn reached<'a>(program: &'a Command, words: &[String]) -> (&'a Command, String) {
     let (mut command, mut names) = (program, Vec::new());
     for word in words {
@@ -116,7 +116,7 @@ mod tests {
     use super::super::Arguments;
     use super::*;
 
-    /// What is printed of a line that is refused.
+    /// Returns the printed form of a refused line.
     fn told(line: &str) -> String {
         let words: Vec<OsString> = line.split(' ').map(OsString::from).collect();
         let error = Arguments::try_parse_from(&words).unwrap_err();

@@ -38,7 +38,7 @@ pub(super) struct Folders {
 }
 
 impl Content {
-    /// Its bytes without names.
+    /// Returns its bytes without names.
     pub(super) fn bytes(&self, stripper: &Stripper) -> Result<Vec<u8>, String> {
         match self {
             Content::Text(text) => Ok(stripper.text(text).into_bytes()),
@@ -96,7 +96,7 @@ pub(super) fn contents(rig: Option<&str>, messages: Option<String>, folders: &Fo
     entries
 }
 
-/// The program.
+/// Returns the description of the program.
 fn version() -> String {
     let known = |word: &'static str| if word.is_empty() { "unknown" } else { word };
     format!(
@@ -128,7 +128,7 @@ fn files_of(rig: &Loaded<Rig>) -> Vec<(String, String)> {
     files
 }
 
-/// The files in which a rig that is refused has something wrong, and the rig itself.
+/// Returns the files in which a refused rig has an error, and the rig itself.
 fn named_in(source: &Source, report: &Report) -> Vec<(String, String)> {
     let mut files = file(source);
     for finding in &report.diagnostics {
@@ -153,13 +153,13 @@ fn newest(folder: &Path, ending: &str) -> Vec<PathBuf> {
     files.into_iter().rev().map(|(_, path)| path).collect()
 }
 
-/// The last black box of a rig.
+/// Returns the last black box of a rig.
 fn black_box(rig: &Rig, folder: &Path) -> Option<Entry> {
     let found = BlackBox::files_of(folder, &rig.rig.name).into_iter().next()?;
     Some(Entry { name: "black-box.mcap".to_owned(), content: Content::Recording(found) })
 }
 
-/// A recording of a rig, its last cycles, with a description that has no names.
+/// Returns a recording of a rig: its last cycles, with a description without names.
 fn recording(path: &Path, stripper: &Stripper) -> Result<Vec<u8>, String> {
     let mut reader: Reader<_, CycleRecord> = Reader::open(path).map_err(|error| error.to_string())?;
     let mut about = reader.about().clone();

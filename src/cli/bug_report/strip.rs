@@ -28,7 +28,7 @@ pub(super) struct Stripper {
 }
 
 impl Stripper {
-    /// The user and the computer of this process, and the serial numbers that stand in the entries.
+    /// Returns a stripper for the user and the computer of this process, and for the serial numbers in the entries.
     pub(super) fn of_this_computer(with_serials: bool, entries: &[Entry]) -> Self {
         let variables = ["USER", "LOGNAME", "USERNAME", "SUDO_USER"].map(std::env::var);
         let mut users: Vec<String> = variables.into_iter().flatten().collect();
@@ -40,7 +40,7 @@ impl Stripper {
         Self::new(&users, &hosts, &homes, with_serials, entries)
     }
 
-    /// These names, and the serial numbers that stand in the entries.
+    /// Returns a stripper for these names, and for the serial numbers in the entries.
     pub(super) fn new(
         users: &[String],
         hosts: &[String],
@@ -81,7 +81,7 @@ impl Stripper {
         stripper
     }
 
-    /// A text without names.
+    /// Returns a text without names.
     pub(super) fn text(&self, text: &str) -> String {
         let mut text = text.to_owned();
         for (path, by) in &self.paths {
@@ -104,7 +104,7 @@ impl Stripper {
         text
     }
 
-    /// A name of a file without names.
+    /// Returns a file's name without personal names.
     pub(super) fn name(&self, name: &str) -> String {
         self.text(name).replace('~', "home")
     }
@@ -130,7 +130,7 @@ fn is_of_word(one: char) -> bool {
     one.is_alphanumeric()
 }
 
-/// A text in which a word, in capitals or not, is another one. Where it is part of a longer word it stays, as `ann` in `channel`.
+/// Replaces a word in a text, in capitals or not. The word stays where it is part of a longer one, as `ann` in `channel`.
 fn without_word(text: &str, word: &str, by: &str) -> String {
     let mut whole = String::with_capacity(text.len());
     let mut rest = text;

@@ -25,12 +25,12 @@ impl CanPlan<'_> {
         !self.rig.frames_take_time()
     }
 
-    /// Whether every frame is always in time, or takes none.
+    /// Whether every frame is always in time, or takes no time.
     pub(crate) fn is_kept(&self) -> bool {
         self.is_ideal() || self.budget.is_schedulable()
     }
 
-    /// The least change with which everything is in time.
+    /// Returns the smallest change with which every frame is in time.
     pub(crate) fn advice(&self) -> Option<Advice> {
         advise(&self.setup, self.budget.conditions, &self.others).ok().flatten()
     }
@@ -42,7 +42,7 @@ impl CanPlan<'_> {
         format!("bus{} load at most {load:.1} %{nearest}", called(self.rig, " ", self.name))
     }
 
-    /// For a person to read in 80 columns.
+    /// Returns the text for a person in 80 columns.
     pub(super) fn text(&self) -> String {
         let budget = &self.budget;
         let Conditions { bit_rate, compute_at, .. } = budget.conditions;
@@ -118,7 +118,7 @@ impl CanPlan<'_> {
         }
     }
 
-    /// The key that the help is about.
+    /// Returns the key that the advice is about.
     fn key(&self) -> String {
         match self.advice() {
             Some(advice) if advice.bit_rate != self.budget.conditions.bit_rate => {
@@ -151,7 +151,7 @@ impl CanPlan<'_> {
         Some(file.finding(severity, &key, format!("{where_to}: {}", verdict(latest)), help, &see))
     }
 
-    /// For a program to read.
+    /// Returns the data for a program.
     pub(super) fn to_json(&self) -> Value {
         let budget = &self.budget;
         let Conditions { bit_rate, compute_at, device_delay, has_release_jitter, has_fifo, .. } = budget.conditions;

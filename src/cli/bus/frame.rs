@@ -7,7 +7,7 @@ use yieldwall_bus::budget::{FrameBudget, Moment, Use};
 /// Longest name of a frame that the table shows whole.
 pub(super) const NAME_WIDTH: usize = 22;
 
-/// The longest time in whole us, rounded up.
+/// Returns the longest time in whole us, rounded up.
 fn response_us(frame: &FrameBudget) -> Option<u64> {
     frame.response_ns.map(|response| response.div_ceil(1000))
 }

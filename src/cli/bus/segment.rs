@@ -96,7 +96,7 @@ impl<'a> SegmentPlan<'a> {
         Some(file.finding(severity, key, message, help, &[see]))
     }
 
-    /// For a person to read in 80 columns.
+    /// Returns the text for a person in 80 columns.
     pub(super) fn text(&self) -> String {
         let budget = &self.budget;
         let mut lines = vec![
@@ -140,7 +140,7 @@ impl<'a> SegmentPlan<'a> {
         lines.join("\n") + "\n"
     }
 
-    /// For a program to read.
+    /// Returns the data for a program.
     pub(super) fn to_json(&self) -> Value {
         let budget = &self.budget;
         let mut document = json!({
@@ -166,7 +166,7 @@ impl<'a> SegmentPlan<'a> {
     }
 }
 
-/// Whole and hundredths of us.
+/// Formats a time as us with two decimals.
 fn us(time_ns: u64) -> String {
     format!("{:.2}", time_ns as f64 * 1e-3)
 }
@@ -186,7 +186,7 @@ fn row(each: &FrameBudget) -> String {
     )
 }
 
-/// The datagrams of a frame with their bytes of data, those of a device in a line.
+/// Returns the datagrams of a frame with their bytes of data, those of a device in a line.
 fn datagrams(purpose: Purpose, all: &[PlannedDatagram]) -> Vec<String> {
     let mut lines: Vec<(Option<&str>, Vec<String>)> = Vec::new();
     for PlannedDatagram { command, device, len } in all {
@@ -230,7 +230,7 @@ mod tests {
     use super::*;
     use yieldwall_config::{Source, builtin, load_rig};
 
-    /// The shipped rig on EtherCAT with another cycle.
+    /// Returns the shipped rig on EtherCAT with another cycle.
     fn rig(period_us: u32, compute_at_us: u32) -> Loaded<Rig> {
         let shipped = builtin("paper-ethercat.yaml").read().unwrap().replace("like: ", "like: builtin:");
         let cycle = format!("\ncycle: {{period_us: {period_us}, compute_at_us: {compute_at_us}}}\n");

@@ -66,7 +66,7 @@ fn identity(drive: &DriveIdentity, name: &str) -> String {
     )
 }
 
-/// A moment of the calendar.
+/// Formats a time as a calendar date.
 fn utc(unix_s: u64) -> String {
     let moment = i64::try_from(unix_s).ok().and_then(|seconds| DateTime::from_timestamp(seconds, 0));
     moment.map_or("a day that the clock does not know".to_owned(), |moment| {

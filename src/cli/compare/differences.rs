@@ -17,14 +17,14 @@ pub(super) struct Difference {
 }
 
 impl Difference {
-    /// The key and the values as texts.
+    /// Returns the key and the values as texts.
     pub(super) fn cells(&self) -> Vec<String> {
         let shown = |value: &Option<Value>| value.as_ref().map_or("-".to_owned(), shown);
         std::iter::once(self.key.clone()).chain(self.values.iter().map(shown)).collect()
     }
 }
 
-/// All keys at which the documents differ, in the order of their names.
+/// Returns all keys at which the documents differ, sorted by name.
 pub(super) fn differences(documents: &[Value]) -> Vec<Difference> {
     let mut found = Vec::new();
     visit(String::new(), &documents.iter().map(Some).collect::<Vec<_>>(), &mut found);

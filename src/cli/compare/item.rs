@@ -104,7 +104,7 @@ impl Item {
         Ok(Self { label, name: name.to_owned(), what, trace, measures, period_s, document })
     }
 
-    /// Its letter and the name of its machine.
+    /// Returns its letter and the name of its machine.
     pub(super) fn short_name(&self) -> String {
         format!("{} {}", self.label, self.trace.title)
     }
@@ -120,7 +120,7 @@ impl Item {
         self.trace.rows.iter().filter(is_held).count() as f64 * self.period_s
     }
 
-    /// The fault that stopped it.
+    /// Returns the fault that stopped it.
     fn stopped_by(&self) -> Option<&FaultMark> {
         self.trace.faults.last().filter(|_| !self.trace.after.is_empty())
     }
@@ -159,7 +159,7 @@ fn is_recording(path: &Path) -> bool {
     File::open(&file).and_then(|mut file| file.read_exact(&mut head)).is_ok() && head == MCAP
 }
 
-/// All that was run, as one document.
+/// Returns the full definition of the run, as one document.
 fn document(about: &About) -> Result<Value, Failure> {
     let value = match about.machine {
         Machine::Rig(_) => serde_json::to_value(replay::rig(about)?),

@@ -17,7 +17,7 @@ impl Table {
         self.0.push(row);
     }
 
-    /// A line for each row: the first column to the left, the others to the right.
+    /// Returns a line for each row: the first column to the left, the others to the right.
     pub(super) fn lines(&self) -> Vec<String> {
         let columns = self.0.iter().map(Vec::len).max().unwrap_or_default();
         let width = |column: usize| {
@@ -70,7 +70,7 @@ const ROWS: [(&str, Take); 23] = [
     ("at the torque limit, but for impacts, s", |item| item.measures.torque_limit_apart_s),
 ];
 
-/// All measures that one of the items has.
+/// Returns all measures that one of the items has.
 pub(super) fn measures_table(items: &[Item]) -> Table {
     let head = std::iter::once("measure".to_owned()).chain(items.iter().map(|item| item.label.to_string()));
     let mut table = Table::new(head.collect());
@@ -84,7 +84,7 @@ pub(super) fn measures_table(items: &[Item]) -> Table {
     table
 }
 
-/// A number with four digits, or all of its whole ones.
+/// Formats a number with four digits, or all digits of its whole part.
 fn number(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return if value.is_finite() { "0".to_owned() } else { "none".to_owned() };

@@ -109,7 +109,7 @@ fn numbers(value: &Value, pointer: &str, found: &mut Vec<String>) {
     }
 }
 
-/// The number after a change; `None` if that is the same, or no whole number where one is wanted.
+/// Returns the number after a change; `None` if it stays the same, or is no whole number where one is required.
 fn changed(number: &Value, what: usize) -> Option<Value> {
     let before = number.as_f64()?;
     let after = CHANGES[what].1(before);
@@ -163,7 +163,7 @@ fn attempt(bases: &[Base], change: &Change) -> ChangeEffect {
     ChangeEffect { is_refused, told, is_unstable, ends, is_as_before, is_false }
 }
 
-/// Whether nothing ended or held a run, and the tool traces as in the other one.
+/// Whether nothing ended or held a run, and the tool traces as in the other run.
 fn traces_as(before: &Rehearsal, after: &Rehearsal) -> bool {
     after.finding.is_none()
         && after.held_s == 0.0
@@ -190,7 +190,7 @@ fn without_friction(machine: &Value) -> Value {
     machine
 }
 
-/// JSON is YAML.
+/// Returns the files as a source: JSON is YAML.
 fn files(machine: &Value, scene: &Value) -> Source {
     let files = [("machine.yaml", machine), ("scene.yaml", scene)];
     Source::among("machine.yaml", files.map(|(name, value)| (name.into(), value.to_string().into())))

@@ -74,7 +74,7 @@ impl Checked {
             .chain(self.rehearsal.iter().filter_map(Rehearsal::line))
     }
 
-    /// All of it, for a program to read.
+    /// Returns the file and its findings as data.
     pub(crate) fn to_json(&self, file: &str, is_ok: bool) -> Value {
         let kind = self.result.as_ref().ok().map(|document| document.kind().to_string());
         let mut entry = json!({ "file": file, "ok": is_ok, "kind": kind, "diagnostics": self.findings });

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::checked::Checked;
 use yieldwall_config::{Diagnostic, Source};
 
-/// Links of 0.25 and 0.35 m, an ellipse through points whose inside is forbidden, 12 N, 500 Hz.
+/// Returns a rig: links of 0.25 and 0.35 m, an ellipse through points whose inside is forbidden, 12 N, 500 Hz.
 fn rig() -> Value {
     let point = |part: u32| {
         let (sine, cosine) = yieldwall_motion::elementary::sin_cos(std::f64::consts::TAU * f64::from(part) / 12.0);
@@ -25,7 +25,7 @@ fn rig() -> Value {
     })
 }
 
-/// A stiff hand that comes to the ellipse, goes along it and leans on it.
+/// Returns the scene of a stiff hand that approaches the ellipse, moves along it and leans on it.
 fn scene() -> Value {
     json!({
         "duration_s": 8.0,

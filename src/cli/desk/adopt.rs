@@ -61,7 +61,7 @@ pub(crate) struct Arguments {
     place: BusArguments,
 }
 
-/// A slot and the word for its module.
+/// Parses a slot and the word for its module.
 fn slot_module(text: &str) -> Result<(u32, String), String> {
     let slot = text.split_once('=').and_then(|(slot, module)| Some((slot.trim().parse().ok()?, module.trim())));
     let slot = slot.filter(|(_, module)| !module.is_empty());
@@ -250,7 +250,7 @@ impl Description {
     }
 }
 
-/// The device of a device description that a drive says it is.
+/// Returns the device in a device description that matches the drive's identity.
 fn described<'a>(esi: &'a Esi, path: &Path, reached: &mut DeviceHandle) -> Result<&'a EsiDevice, Failure> {
     let mut identity = |sub| reached.number_of(Address::new(VENDOR_ID.index, sub), "asking who it is");
     let [vendor, product, revision] = [identity(1)?, identity(2)?, identity(3)?];
@@ -269,7 +269,7 @@ fn described<'a>(esi: &'a Esi, path: &Path, reached: &mut DeviceHandle) -> Resul
     })
 }
 
-/// Time from SYNC0 to SYNC1 by the first mode of its clock that synchronises it, us; `None` without SYNC1.
+/// Returns the time from SYNC0 to SYNC1 by the first mode of its clock that synchronises it, us; `None` without SYNC1.
 fn sync1_us(device: &EsiDevice) -> Option<u32> {
     let mode = device.op_modes.iter().find(|mode| mode.assign_activate != 0)?;
     let shift_ns = u32::try_from(mode.sync1_shift_ns).unwrap_or(0);
@@ -317,18 +317,18 @@ fn refused(reached: &DeviceHandle, refusal: Refusal) -> Failure {
 /// Suffix of a profile's name that another profile already has.
 const ADOPTED: &str = "-adopted";
 
-/// Whether a profile that comes with the program is called so.
+/// Whether a shipped profile has this name.
 fn is_shipped(name: &str) -> bool {
     ProfileName::shipped().any(|(shipped, _)| shipped == name)
 }
 
-/// A line of a list, not wider than a terminal.
+/// Returns a line of a list, not wider than a terminal.
 fn item(line: &str) -> String {
     let options = textwrap::Options::new(WIDTH).initial_indent("  - ").subsequent_indent("    ");
     textwrap::fill(line, options) + "\n"
 }
 
-/// A name as profiles have it.
+/// Returns a name as profiles have it.
 fn kebab(name: &str) -> String {
     let lower: String =
         name.chars().map(|one| if one.is_ascii_alphanumeric() { one.to_ascii_lowercase() } else { '-' }).collect();

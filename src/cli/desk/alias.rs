@@ -41,7 +41,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     overwrite(&mut desk, &device, &image, arguments.asking, output)
 }
 
-/// The image of a device with another alias, which no other device may have.
+/// Returns the image of a device with another alias, which no other device may have.
 pub(super) fn with_alias(desk: &mut SegmentSession, device: &Device, alias: u16) -> Result<Vec<u8>, Failure> {
     let failed = |desk: &SegmentSession, error| desk.failure(device, "reading its SII", error);
     let mut image = desk.service.sii_image(device.position).map_err(|error| failed(desk, error))?;

@@ -161,7 +161,7 @@ fn around(
     }
 }
 
-/// The bit rate of the simulated bus in bit/s.
+/// Returns the bit rate of the simulated bus in bit/s.
 fn simulated_bit_rate(desk: &DeviceSession) -> Result<Option<u32>, Failure> {
     let Some(rig) = &desk.rig else { return Ok(None) };
     let rig = config::load_rig(Source::named(rig))?.value;
@@ -169,7 +169,7 @@ fn simulated_bit_rate(desk: &DeviceSession) -> Result<Option<u32>, Failure> {
     Ok(name.and_then(|name| rig.buses.get(name)?.canopen()).map(|bus| bus.bit_rate_bit_per_s))
 }
 
-/// The bit rate of the rig's bus in bit/s, where there is a rig.
+/// Returns the bit rate of the rig's bus in bit/s, if there is a rig.
 fn of_rig(place: &BusArguments) -> Result<Option<u32>, Failure> {
     let (Some(rig), Some(bus)) = (&place.rig, &place.bus) else { return Ok(None) };
     // Its warnings are printed when the devices are read.
@@ -241,7 +241,7 @@ pub(crate) fn devices(argument: &str, rig: Option<&Rig>, commands: &str) -> Resu
     Ok(checks)
 }
 
-/// Whether a device answers, as everyone does but in Stopped.
+/// Whether a device answers, as every device does except in Stopped.
 fn is_answering(found: &FoundDevice) -> bool {
     found.device_type.is_some() || found.identity != [None; 4]
 }
@@ -263,7 +263,7 @@ fn of_found(desk: &DeviceSession, found: &[FoundDevice], commands: &str) -> Chec
     Check::ok("devices", format!("{nodes} {} heard", if nodes.len() == 1 { "is" } else { "are" }))
 }
 
-/// The devices that do not answer, those of the rig that are not there among them.
+/// Returns the devices that do not answer, including missing devices of the rig.
 fn missing(desk: &DeviceSession, found: &[FoundDevice], commands: &str) -> Vec<Check> {
     let answering: NodeSet = found.iter().filter(|found| is_answering(found)).map(|found| found.node).collect();
     let of_rig = desk.entries.iter().filter(|entry| entry.bus == desk.service.bus()).map(|entry| entry.node);

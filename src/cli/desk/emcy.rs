@@ -96,7 +96,7 @@ pub(super) fn text(words: &str, errors: Option<&[PastError]>, explained: impl Fn
     lines
 }
 
-/// The errors that a device has stored, the latest first; `None` if it stores none.
+/// Returns the errors that a device has stored, the latest first; `None` if it stores none.
 pub(super) fn history(read: &mut dyn FnMut(Address) -> Result<Bytes, Error>) -> Result<Option<Vec<PastError>>, Error> {
     let count = match read(HISTORY) {
         Ok(bytes) => number(&bytes) as u8,

@@ -99,7 +99,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     output.result(&format!("{}\n{}", node.words(), table(&rows)))
 }
 
-/// The line that says how many axes a device of several has.
+/// Returns the line with the number of axes of a multi-axis device.
 pub(super) fn axes_row(axes: u8) -> Option<[String; 2]> {
     (axes > 1).then(|| ["axes".to_owned(), axes.to_string()])
 }

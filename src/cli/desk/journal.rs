@@ -15,12 +15,12 @@ use yieldwall_run::host::OpenError;
 use yieldwall_service::journal::{DeviceError, JournalError, Journals, Restored, Unrestored};
 use yieldwall_service::{ConnectError, SegmentError, titled};
 
-/// The journals of this user, for a command.
+/// Returns the journals of this user, for a command.
 pub(crate) fn journals(command: &str) -> Journals {
     Journals { folder: state_folder("journals"), command: command.to_owned(), now_unix_s: now_unix_s() }
 }
 
-/// The failure that a rig was not opened.
+/// Returns the failure to open a rig.
 pub(crate) fn not_opened(error: &OpenError, rig: &Rig, file: &str, interfaces: &Interfaces) -> Failure {
     match error {
         OpenError::Journal(JournalError::Left(journal)) => {
@@ -113,7 +113,7 @@ fn device_failure(error: &DeviceError) -> Failure {
     }
 }
 
-/// The failure that an interface was not connected.
+/// Returns the failure to connect an interface.
 pub(super) fn connect_failure(error: &ConnectError) -> Failure {
     let message = error.to_string();
     match error {

@@ -34,7 +34,7 @@ impl Named {
         }
     }
 
-    /// Its node id; 0 on EtherCAT.
+    /// Returns its node id; 0 on EtherCAT.
     pub(super) fn node_id(self) -> u8 {
         match self {
             Self::Node(id) => id.raw(),
@@ -42,7 +42,7 @@ impl Named {
         }
     }
 
-    /// The key of the number in a document.
+    /// Returns the key of the number in a document.
     pub(super) fn key(self) -> &'static str {
         match self {
             Self::Node(_) => "node_id",
@@ -73,7 +73,7 @@ pub(super) fn back_up(
     keep_file(device, "dcf", text.as_bytes()).map(Some)
 }
 
-/// Keeps the SII image of a device in a file that `sii write` takes; its path.
+/// Saves the SII image of a device to a file that `sii write` takes, and returns its path.
 pub(super) fn keep_image(position: u16, image: &[u8]) -> Result<PathBuf, Failure> {
     keep_file(Named::Position(position), "sii", image)
 }
@@ -93,7 +93,7 @@ fn keep_file(device: Named, extension: &str, bytes: &[u8]) -> Result<PathBuf, Fa
     Ok(path)
 }
 
-/// The answer of a device for 1010h:1, if it does not say that it stores on command. It may do so all the same.
+/// Returns the answer of a device for 1010h:1, if it does not say that it stores on command. It may do so all the same.
 ///
 /// # Source
 /// CiA 301, 1010h: bit 0, the device stores on command; bit 1, it stores by itself.

@@ -59,7 +59,7 @@ fn ask(desk: &mut DeviceSession, request: LssRequest, timeout: Duration) -> Resu
     desk.service.lss(request, timeout).map_err(|error| desk.bus_failure(error))
 }
 
-/// The device without a node id, now in configuration.
+/// Returns the device without a node id, now in configuration.
 fn unconfigured(desk: &mut DeviceSession) -> Result<Option<LssAddress>, Failure> {
     ask(desk, LssRequest::SwitchAll { to_configuration: false }, ANSWER)?;
     match ask(desk, LssRequest::Fastscan, SEARCH)? {
@@ -176,7 +176,7 @@ fn set_id(arguments: &SetId, output: &mut Output) -> Result<(), Failure> {
     output.result(&text)
 }
 
-/// The failure that another device has the node id.
+/// Returns the failure for a node id that another device has.
 fn taken(
     desk: &mut DeviceSession,
     arguments: &SetId,

@@ -90,7 +90,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     })
 }
 
-/// SYNC, TIME and PDOs.
+/// Whether a frame is SYNC, TIME or a PDO.
 fn is_process_data(frame: &Frame) -> bool {
     let id = frame.id();
     id == cob::SYNC || id == cob::TIME || (0x180..0x580).contains(&id)
@@ -175,7 +175,7 @@ fn process_data(frame: &Frame, entry: Option<&Entry>, who: &str) -> String {
     format!("{direction} {number} of {who}: {}", fields.unwrap_or(bytes))
 }
 
-/// The values of a PDO by its profile, in the mode of the rig.
+/// Returns the values of a PDO by its profile, in the mode of the rig.
 fn fields(frame: &Frame, entry: &Entry, number: u8, is_tpdo: bool) -> Option<String> {
     let profile = entry.profile.as_deref()?;
     let [rpdo, tpdo] = profile.mapped(entry.mode)?;

@@ -180,7 +180,7 @@ fn about_file(path: &Path, exit: Exit, message: String, help: &str) -> Failure {
     Failure::about_file(exit, path, format!("{}: {message}", path.display()), help)
 }
 
-/// The bytes of a file that is no larger than a data sheet may be.
+/// Returns the bytes of a file that is no larger than a data sheet may be.
 fn bytes_of(path: &Path) -> Result<Vec<u8>, Failure> {
     let about = |exit: Exit, message: String, help: &str| about_file(path, exit, message, help);
     let unread = |error: std::io::Error| about(Exit::Usage, format!("cannot be read: {error}"), "name an EDS or a DCF");

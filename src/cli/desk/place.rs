@@ -85,20 +85,20 @@ pub(super) struct DeviceSession {
 }
 
 impl Entry {
-    /// The axis of its device that it is; 0 of a device of one.
+    /// Returns its axis of the device; 0 on a device with one axis.
     pub(super) fn axis(&self) -> u8 {
         self.profile.as_ref().and_then(|profile| profile.axis()).unwrap_or_default()
     }
 }
 
 impl Node {
-    /// A node, as the axis that its entry is.
+    /// Returns a node, for the axis of its entry.
     pub(super) fn of(id: NodeId, entry: Option<Entry>) -> Self {
         let axis = entry.as_ref().and_then(|entry| Some(entry.profile.as_ref()?.offset())).unwrap_or_default();
         Self { id, entry, axis }
     }
 
-    /// `node 1 (left)`.
+    /// Returns the name in messages: `node 1 (left)`.
     pub(super) fn words(&self) -> String {
         match &self.entry {
             Some(entry) => format!("node {} ({})", self.id.raw(), entry.name),
@@ -112,17 +112,17 @@ impl Node {
 }
 
 impl DeviceSession {
-    /// A bus on which something will be sent: no master is on it. Or the simulation.
+    /// Opens a bus without a master, or the simulation, for a command that sends.
     pub(super) fn open(place: &BusArguments, output: &mut Output) -> Result<Self, Failure> {
         Self::of(place, false, output)
     }
 
-    /// A bus on which nothing will be sent.
+    /// Opens a bus for a command that sends nothing.
     pub(super) fn only_listening(place: &BusArguments, output: &mut Output) -> Result<Self, Failure> {
         Self::of(place, true, output)
     }
 
-    /// The devices of an interface on which something will be sent, and the rig that they may belong to.
+    /// Opens the devices of an interface for a command that sends, with the rig that they may belong to.
     pub(super) fn on_bus(argument: &str, rig: Option<&Rig>, is_over: Arc<AtomicBool>) -> Result<Self, Failure> {
         let entries = rig.map_or(Ok(Vec::new()), entries)?;
         let desk = Self::on_interface(argument, rig, entries, false, is_over)?;
@@ -237,7 +237,7 @@ impl DeviceSession {
         Err(Failure::new(Exit::Usage, "this system has no CAN interfaces", "leave --bus away"))
     }
 
-    /// The node that a word means: a node id, or the name of a device in the rig. Turns to its bus.
+    /// Returns the node for a word: a node id, or the name of a device in the rig. Selects its bus.
     pub(super) fn node(&mut self, word: &str) -> Result<Node, Failure> {
         let by_name = self.entries.iter().find(|entry| entry.name == word);
         let number = word.parse::<u8>().ok().and_then(|raw| node_id(raw).ok());
@@ -270,7 +270,7 @@ impl DeviceSession {
         Ok(node)
     }
 
-    /// The entry of the rig for a node on the bus that is turned to.
+    /// Returns the rig's entry for a node on the selected bus.
     pub(super) fn entry(&self, node: NodeId) -> Option<&Entry> {
         let bus = self.service.bus();
         self.entries.iter().find(|entry| (entry.bus, entry.node) == (bus, node))
@@ -289,7 +289,7 @@ impl DeviceSession {
         node_failure(format!("{}: {doing}: {error}", node.words()), error, &self.command("doctor node", node))
     }
 
-    /// A command about a node of this place, in back quotes: `yieldwall doctor node 5 --bus can0`.
+    /// Returns a command about a node of this place, in back quotes: `yieldwall doctor node 5 --bus can0`.
     pub(super) fn command(&self, words: &str, node: &Node) -> String {
         format!("`yieldwall {words} {}{}`", node.id.raw(), self.arguments)
     }
@@ -300,7 +300,7 @@ impl DeviceSession {
         self.placed(node, explanation::error_code(code, codes))
     }
 
-    /// An explanation of something that a node shows, with advice for this place.
+    /// Returns an explanation of something that a node shows, with advice for this place.
     pub(super) fn placed(&self, node: &Node, explanation: Explanation) -> Explanation {
         placed(explanation, node.id.raw().into(), &self.arguments, self.rig.as_deref())
     }
@@ -380,7 +380,7 @@ fn link_down(message: String) -> Failure {
     Failure::new(Exit::BusUnavailable, message, help)
 }
 
-/// The CANopen devices of a rig.
+/// Returns the CANopen devices of a rig.
 fn entries(rig: &Rig) -> Result<Vec<Entry>, Failure> {
     let mut entries = Vec::new();
     let place = |bus: &str, raw: u8| {

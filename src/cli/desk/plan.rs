@@ -65,7 +65,7 @@ impl Owner {
         Self { place: Place::Node(id), name: name.to_owned() }
     }
 
-    /// `node 1 (left)`, `left (position 0)`.
+    /// Returns the name in messages: `node 1 (left)`, `left (position 0)`.
     fn words(&self) -> String {
         match self.place {
             Place::Node(id) => format!("node {id} ({})", self.name),
@@ -303,7 +303,7 @@ fn heading(line: &Line, rig: &Rig, sender: Sender) -> String {
 }
 
 impl Line {
-    /// The scaling of the drive that it is for.
+    /// Returns the scaling of the drive that it is for.
     fn scaling<'a>(&self, scalings: &'a Scalings) -> Option<&'a AxisScaling> {
         let name = &self.owner.as_ref()?.name;
         scalings.iter().find(|(known, _)| known == name).map(|(_, scaling)| scaling)
@@ -407,7 +407,7 @@ fn data_type(at: Address, bytes: &[u8]) -> Option<u16> {
 /// Objects that hold the indices of other objects.
 const ASSIGNMENTS: std::ops::Range<u16> = 0x1c10..0x1c30;
 
-/// A value in few letters: identifiers, mappings and watched nodes as 32 bits in hexadecimal, all else as a number.
+/// Formats a value briefly: identifiers, mappings and monitored nodes as 32 bits in hexadecimal, all else as a number.
 fn short(at: Address, bytes: Option<&[u8]>) -> String {
     let Some(bytes) = bytes else { return "?".to_owned() };
     match data_type(at, bytes).map(|data_type| Value::from_bytes(data_type, bytes)) {

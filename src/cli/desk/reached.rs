@@ -41,7 +41,7 @@ impl DeviceHandle {
         }
     }
 
-    /// A device on EtherCAT.
+    /// Returns a device on EtherCAT.
     pub(super) fn on_segment(mut desk: SegmentSession, word: &str, output: &Output) -> Result<Self, Failure> {
         let device = desk.device(word)?;
         desk.reach(&device, output)?;
@@ -52,7 +52,7 @@ impl DeviceHandle {
         matches!(self, Self::Node(..))
     }
 
-    /// Another device at the same place.
+    /// Selects another device at the same place.
     pub(super) fn turn_to(&mut self, word: &str, output: &Output) -> Result<(), Failure> {
         match self {
             Self::Node(desk, node) => *node = desk.node(word)?,
@@ -75,7 +75,7 @@ impl DeviceHandle {
         }
     }
 
-    /// Its objects.
+    /// Returns its objects.
     pub(super) fn objects(&mut self) -> Result<Box<dyn ObjectAccess + '_>, Failure> {
         match self {
             Self::Node(desk, node) => Ok(Box::new(desk.service.objects(node.id))),
@@ -83,7 +83,7 @@ impl DeviceHandle {
         }
     }
 
-    /// As a device that is tried out.
+    /// Returns the access for tests of the device.
     pub(super) fn tried(&mut self) -> Result<Box<dyn TrialAccess + '_>, Failure> {
         match self {
             Self::Node(desk, node) => Ok(Box::new(desk.service.objects(node.id))),
@@ -98,7 +98,7 @@ impl DeviceHandle {
         }
     }
 
-    /// An object as a number; `None` if the device has none.
+    /// Returns an object as a number; `None` if the device has none.
     pub(super) fn number_of(&mut self, at: Address, doing: &str) -> Result<Option<u32>, Failure> {
         match self.read(at) {
             Ok(bytes) => Ok(Some(number(&bytes))),
@@ -154,7 +154,7 @@ impl DeviceHandle {
         }
     }
 
-    /// Its name in the rig.
+    /// Returns its name in the rig.
     pub(super) fn name(&self) -> Option<&str> {
         match self {
             Self::Node(_, node) => node.entry.as_ref().map(|entry| entry.name.as_str()),
@@ -203,7 +203,7 @@ impl DeviceHandle {
         }
     }
 
-    /// A document with the place and the device in it.
+    /// Returns a document with the place and the device in it.
     pub(super) fn document(&self, mut document: Json) -> Json {
         if let Json::Object(keys) = &mut document {
             keys.insert("place".to_owned(), self.place().into());
@@ -220,7 +220,7 @@ impl DeviceHandle {
         }
     }
 
-    /// An explanation of something that it shows, with advice for this place.
+    /// Returns an explanation of something that it shows, with advice for this place.
     pub(super) fn placed(&self, explanation: Explanation) -> Explanation {
         match self {
             Self::Node(desk, node) => desk.placed(node, explanation),
@@ -236,7 +236,7 @@ impl DeviceHandle {
         }
     }
 
-    /// A command about it, in back quotes.
+    /// Returns a command about it, in back quotes.
     pub(super) fn command(&self, words: &str) -> String {
         format!("`yieldwall {words} {}{}`", self.number(), self.arguments())
     }

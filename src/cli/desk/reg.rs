@@ -70,7 +70,7 @@ pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     }
 }
 
-/// The register that a word means.
+/// Returns the register for a word.
 pub(super) fn meant(word: &str, length: Option<u16>) -> Result<Register, Failure> {
     let lower = word.to_ascii_lowercase();
     let by_name = NAMED.iter().find(|(_, _, name)| *name == lower);
@@ -197,7 +197,7 @@ fn text(device: &Device, read: &[(Register, Bytes)]) -> String {
     format!("{}\n{}", device.words(), table(&rows))
 }
 
-/// Up to eight bytes as a number, more of them as they are.
+/// Formats up to eight bytes as a number, and more bytes as they are.
 pub(super) fn value(bytes: &[u8]) -> String {
     if matches!(bytes.len(), 1 | 2 | 4 | 8) {
         let number: String = bytes.iter().rev().map(|byte| format!("{byte:02X}")).collect();

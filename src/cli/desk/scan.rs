@@ -154,7 +154,7 @@ pub(super) fn identity_words(identity: [Option<u32>; 4]) -> Option<String> {
     (!parts.is_empty()).then(|| parts.join(" "))
 }
 
-/// The rig's entry for a node, and whether the device is one; without an entry the profile that it fits.
+/// Returns the rig's entry for a node, and whether the device is one; without an entry the profile that it fits.
 pub(super) fn fit(desk: &DeviceSession, found: &FoundDevice) -> String {
     let names = desk.names(found.node).unwrap_or_default();
     let entry = desk.entry(found.node);

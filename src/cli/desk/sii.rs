@@ -215,7 +215,7 @@ fn content_of(path: &Path, is_forced: bool) -> Result<Content, Failure> {
 
 const ASK: &str = "ask the vendor for the SII image of this device, a binary file, or its device description (ESI); or keep the image of a \
                    device of its kind: `yieldwall sii read NODE --out FILE`";
-/// The kind of text, and the way from it to an image; `None` if it is no text.
+/// Returns the kind of text, and the way from it to an image; `None` if it is no text.
 fn text_kind(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
     const FROM_HEX: &str =
         "`objcopy -I ihex -O binary FILE IMAGE` makes an image of it, which `yieldwall sii write` takes";
@@ -469,7 +469,7 @@ pub(super) fn checked(desk: &mut SegmentSession, word: Option<&str>) -> Result<V
     Ok(checked)
 }
 
-/// A fault of the SII of a device: it is empty, or names another device.
+/// Returns a fault of the SII of a device: it is empty, or names another device.
 pub(super) fn wrong(device: &Device, present: &Present) -> Vec<String> {
     if let Err(failure) = &present.sii {
         return vec![failure.to_string()];

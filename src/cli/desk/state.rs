@@ -126,7 +126,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     output.result(&format!("{}\n{}{why}", reached.words(), rows.collect::<String>()))
 }
 
-/// The statusword of a drive.
+/// Returns the statusword of a drive.
 pub(super) fn statusword(reached: &mut DeviceHandle) -> Result<u16, Failure> {
     match reached.read(reached.at(STATUSWORD)) {
         Ok(bytes) => Ok(number(&bytes) as u16),
@@ -158,7 +158,7 @@ pub(super) fn refuse_powered(reached: &mut DeviceHandle) -> Result<(), Failure> 
     Ok(())
 }
 
-/// The failure that the power stage of a drive is on.
+/// Returns the failure that the power stage of a drive is on.
 pub(super) fn powered(words: &str, number: u16, (axis, arguments): (u8, &str), word: u16) -> Failure {
     let (of_axis, option) = match axis {
         0 => (String::new(), String::new()),

@@ -34,7 +34,7 @@ const COUNTS_PER_S: [u16; 3] = [0x606c, 0x60b1, 0x60ff];
 const COUNTS_PER_S2: [u16; 3] = [0x6083, 0x6084, 0x6085];
 const PER_MILLE: [u16; 7] = [0x6071, 0x6072, 0x6074, 0x6077, 0x60b2, 0x60e0, 0x60e1];
 
-/// The object that a word means: `6041h`, `0x1018:2`, `1018h:2` or `1018sub2`, or a name. `0x` or `h` may be left out.
+/// Returns the object for a word: `6041h`, `0x1018:2`, `1018h:2` or `1018sub2`, or a name. `0x` or `h` may be left out.
 pub(super) fn object(word: &str, eds: Option<&Eds>) -> Result<Address, Failure> {
     if let Some(at) = address(word) {
         return Ok(at);
@@ -62,7 +62,7 @@ pub(super) fn object(word: &str, eds: Option<&Eds>) -> Result<Address, Failure> 
     }
 }
 
-/// The object that an address means: `6041h`, `0x1018:2`, `1018h:2` or `1018sub2`.
+/// Returns the object for an address: `6041h`, `0x1018:2`, `1018h:2` or `1018sub2`.
 pub(crate) fn address(word: &str) -> Option<Address> {
     let lower = word.to_ascii_lowercase();
     let (index, sub) = match lower.split_once(':').or_else(|| lower.split_once("sub")) {
@@ -80,7 +80,7 @@ pub(super) fn hexadecimal(word: &str) -> Option<u32> {
     is_number.then(|| u32::from_str_radix(digits, 16).ok()).flatten()
 }
 
-/// The name of an object; its address where it has none.
+/// Returns the name of an object, or its address if it has no name.
 pub(super) fn name(at: Address, eds: Option<&Eds>) -> String {
     known(at, eds).map_or_else(String::new, |known| known.name)
 }
@@ -101,7 +101,7 @@ pub(super) fn range(at: Address, data_type: u16, node_id: u8, eds: Option<&Eds>)
     Some(format!("{} to {}{by}", low.unwrap_or(of_type.start), high.unwrap_or(of_type.end - 1)))
 }
 
-/// The value of an object.
+/// Returns the value of an object.
 pub(super) fn value(at: Address, data_type: Option<u16>, bytes: &[u8], scaling: Option<&AxisScaling>) -> Shown {
     let data_type = data_type.or_else(|| type_by_length(bytes.len()));
     let value = data_type.map_or_else(|| Value::Bytes(bytes.to_vec()), |data_type| Value::from_bytes(data_type, bytes));
@@ -168,7 +168,7 @@ pub(crate) fn mapped(entry: u32) -> String {
     format!("{}, {} bits", titled(at, &name(at, None)), entry & 0xff)
 }
 
-/// The state in a statusword, in words.
+/// Returns the state in a statusword, in words.
 pub(crate) fn state_words(word: u16) -> String {
     let status = Statusword(word);
     let mut words = state_name(status.state()).to_owned();
@@ -180,7 +180,7 @@ pub(crate) fn state_words(word: u16) -> String {
     words
 }
 
-/// A state of network management as the standard writes it.
+/// Returns a state of network management as the standard writes it.
 pub(super) fn nmt_words(state: NmtState) -> &'static str {
     match state {
         NmtState::Initialising => "Initialising",
@@ -212,7 +212,7 @@ pub(super) fn mode_code_words(code: i8) -> String {
     }
 }
 
-/// A mode of operation as people call it.
+/// Returns a mode of operation as people call it.
 pub(super) fn mode_words(mode: OperationMode) -> &'static str {
     match mode {
         OperationMode::ProfilePosition => "profile position",
@@ -228,7 +228,7 @@ pub(super) fn mode_words(mode: OperationMode) -> &'static str {
     }
 }
 
-/// An object with its value for a program.
+/// Returns an object with its value for a program.
 pub(super) fn document(at: Address, name: &str, bytes: &[u8], shown: &Shown) -> Json {
     let hexadecimal: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
     json!({ "object": at.to_string(), "name": name, "bytes": hexadecimal, "value": shown.raw, "means": shown.means })
@@ -252,7 +252,8 @@ pub(super) fn change(old: &str, new: &str) -> String {
     if line.chars().count() <= COLUMNS { format!("{line}\n") } else { format!("    {old}\n    -> {new}\n") }
 }
 
-/// A table: columns as wide as their widest cell, the last as long as it is. A cell stays in its row, whatever characters it has.
+/// Returns a table: columns as wide as their widest cell, the last as long as it is. A cell stays in its row, whatever characters
+/// it has.
 pub(super) fn table<const N: usize>(rows: &[[String; N]]) -> String {
     let mut widths = [0; N];
     let rows: Vec<[Cow<'_, str>; N]> = rows.iter().map(|row| row.each_ref().map(|cell| one_line(cell))).collect();

@@ -90,7 +90,7 @@ struct Aside<T> {
 }
 
 impl<T> Aside<T> {
-    /// The next one that came before this cycle.
+    /// Returns the next one that came before this cycle.
     fn next_before(&mut self, cycle: u64) -> Option<T> {
         match self.waiting.take().or_else(|| self.outlet.next())? {
             (before, item) if before <= cycle => Some(item),

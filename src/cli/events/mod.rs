@@ -173,7 +173,7 @@ impl Events {
         self.lock().form = Form::Screen(Arc::clone(view));
     }
 
-    /// The screen, if there is one.
+    /// Returns the screen, if there is one.
     fn view(&self) -> Option<Arc<Mutex<View>>> {
         match &self.lock().form {
             Form::Screen(view) => Some(Arc::clone(view)),

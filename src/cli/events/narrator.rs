@@ -179,7 +179,7 @@ impl Narrator {
         }
     }
 
-    /// The rig's device with this node id on a bus.
+    /// Returns the rig's device with this node id on a bus.
     fn device(&self, bus: usize, node: u8) -> Option<Device> {
         let is_there = |name: &str| self.buses.iter().position(|known| known == name) == Some(bus);
         let mut drives = Device::DRIVES.into_iter().zip(&self.rig.drives);

@@ -10,7 +10,7 @@ use yieldwall_service::known;
 /// The first bytes of the abort codes that the standards and the makers of drives use.
 const ABORT_CLASSES: [u32; 4] = [0x05, 0x06, 0x08, 0x0f];
 
-/// An object of the dictionary.
+/// Returns an object of the dictionary.
 pub(super) fn object(at: Address) -> Explanation {
     let listed = objects::ALL.iter().find(|object| (object.index, object.sub) == (at.index, at.sub));
     let is_of_vendor = (0x2000..0x6000).contains(&at.index);

@@ -36,7 +36,7 @@ pub(crate) fn evidence(
     Ok(Evidence::InVirtualTime(drilled))
 }
 
-/// The failure that drives are whose watchdogs nobody has tried, or that failed.
+/// Returns the failure for drives whose watchdogs nobody has tested, or that failed.
 pub(super) fn unproven(error: &Unproven, buses: &str, file: &str) -> Failure {
     let help = format!("nothing was enabled; `yieldwall drill {file} {buses}` tries them");
     let exit = match error {
@@ -46,7 +46,7 @@ pub(super) fn unproven(error: &Unproven, buses: &str, file: &str) -> Failure {
     Failure::new(exit, error.to_string(), help)
 }
 
-/// The failure that a computer is that has not proved the timing which the rig asks for.
+/// Returns the failure for a computer that has not proved the timing that the rig requires.
 pub(super) fn untimely(error: &Untimely, rig: &config::Rig) -> Failure {
     let period_us = rig.cycle.period_us;
     // Long enough for tier B, with a reserve.
@@ -73,7 +73,7 @@ pub(crate) fn loops() -> Result<PathBuf, Failure> {
     })
 }
 
-/// Whether the gains of a rig leave enough margin with the delay and the inertia that were measured of it on a bus, if they were.
+/// Checks that the gains of a rig leave enough margin with the delay and the inertia that were measured on a bus, if they were.
 pub(super) fn check_measured_loop(
     rig: &config::Loaded<config::Rig>,
     folder: &Path,

@@ -35,7 +35,7 @@ impl Measured {
         format!("by what `tune loop` has measured on a bus: inertia, a delay of {delay_cycles:.2} cycles{force}")
     }
 
-    /// For a program to read.
+    /// Returns the data for a program.
     pub(super) fn to_json(self) -> Value {
         json!({ "delay_cycles": self.delay_cycles, "force_later_s": self.force_later_s })
     }

@@ -237,7 +237,7 @@ fn is_file(name: &str) -> bool {
     name.ends_with(".yaml") || name.ends_with(".yml")
 }
 
-/// Whether a name is that of a profile of a drive.
+/// Checks that a name is that of a drive profile.
 fn known_profile(name: &str, names: &[&str]) -> Result<(), String> {
     if is_file(name) {
         let profile = load_profile(Source::disk(name));
@@ -300,7 +300,7 @@ struct Asking<'a> {
 }
 
 impl Asking<'_> {
-    /// A word of several.
+    /// Asks for a word out of several.
     fn word<T: ValueEnum>(&mut self, question: &str, given: Option<T>, usual: T) -> Result<T, Failure> {
         let name = |word: &T| word.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default();
         let all: Vec<String> = T::value_variants().iter().map(name).collect();
@@ -310,7 +310,7 @@ impl Asking<'_> {
         })
     }
 
-    /// A value: as given, or as answered, or the usual one.
+    /// Returns a value: given, answered, or the default.
     fn value<T>(
         &mut self,
         question: &str,

@@ -31,7 +31,7 @@ pub(super) struct Geometry {
 }
 
 impl Geometry {
-    /// The place of the base line at which the working disc is greatest.
+    /// Returns the place of the base line at which the working disc is largest.
     pub(super) fn of(links_m: [f64; 2], base_m: f64) -> Result<Self, Failure> {
         let [proximal_m, distal_m] = links_m;
         let half_base_m = base_m / 2.0;
@@ -76,7 +76,7 @@ fn greatest_disc_m([proximal_m, distal_m]: [f64; 2], half_base_m: f64, below_m: 
     Some(low)
 }
 
-/// Whole centimetres, down.
+/// Rounds down to whole centimetres.
 fn two_digits(value: f64) -> f64 {
     (value * 100.0 + 1e-9).floor() / 100.0
 }

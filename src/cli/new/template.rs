@@ -24,7 +24,7 @@ pub(super) struct Numbers {
 }
 
 impl Numbers {
-    /// Before anything was computed: a rig that can be read.
+    /// Returns the choice before any computation: a rig that can be read.
     pub(super) fn first(choice: &Choice) -> Self {
         let gains = Gains { stiffness: 1000.0, damping: 20.0, integral: 1000.0 };
         Self { compute_at_us: choice.period_us * 3 / 5, gains, mass_kg: 2.0 }
@@ -336,7 +336,7 @@ hand:
     )
 }
 
-/// A text as YAML takes it: as it is where that can mean nothing else, or in quotes.
+/// Quotes a text for YAML, unless it is unambiguous without quotes.
 fn quoted(text: &str) -> String {
     let is_plain = text.starts_with(|first: char| first.is_ascii_alphabetic())
         && text.bytes().all(|one| one.is_ascii_alphanumeric() || matches!(one, b'-' | b'_' | b'.' | b'/'))

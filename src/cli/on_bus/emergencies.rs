@@ -127,7 +127,8 @@ pub(crate) fn drive_error_json(error: &DriveError, rig: &config::Rig) -> Value {
     document
 }
 
-/// The emergencies that may explain why a rig with this cause stopped: those that were not withdrawn, and those that have stopped it.
+/// Returns the emergencies that may explain why a rig with this cause stopped: those that were not withdrawn, and those that have
+/// stopped it.
 pub(crate) fn standing(emergencies: &[EmergencyReport], cause: Option<Cause>) -> Vec<EmergencyReport> {
     let stopped_by =
         cause.filter(|cause| cause.fault == Fault::Emergency).map_or(DeviceSet::NONE, |cause| cause.devices);
@@ -135,7 +136,7 @@ pub(crate) fn standing(emergencies: &[EmergencyReport], cause: Option<Cause>) ->
     emergencies.iter().copied().filter(counts).collect()
 }
 
-/// The emergencies that may explain why a rig did not run.
+/// Returns the emergencies that may explain why a rig did not run.
 pub(crate) fn told_before(error: &RunError, known: &[EmergencyReport], rig: &config::Rig) -> Vec<EmergencyReport> {
     match error {
         RunError::Boot(error) => told_at_boot(error, known, rig),
@@ -205,7 +206,7 @@ pub(crate) fn with_told(
     failure
 }
 
-/// Whether a drive is in Fault, by its last word.
+/// Whether a drive is in Fault, by its last report.
 fn is_in_fault(error: &DriveError) -> bool {
     error.statusword.is_some_and(|word| Statusword(word).state() == Some(State::Fault))
 }
@@ -234,7 +235,7 @@ pub(crate) fn with_resets(
     failure
 }
 
-/// Node id of a device, or its position on a segment.
+/// Returns the node id of a device, or its position on a segment.
 fn address(device: Device, rig: &config::Rig) -> (Option<u8>, Option<u16>) {
     let [left, right] = &rig.drives;
     let drive = match device {
@@ -245,7 +246,7 @@ fn address(device: Device, rig: &config::Rig) -> (Option<u8>, Option<u16>) {
     (drive.address.node_id(), drive.address.position())
 }
 
-/// The names in the rig's file of all that a device is: an emergency names no axis.
+/// Returns the rig's names for all axes of a device: an emergency names no axis.
 fn names(device: Device, rig: &config::Rig) -> String {
     let [left, right] = &rig.drives;
     match device != Device::Sensor && rig.has_one_device() {
@@ -254,7 +255,7 @@ fn names(device: Device, rig: &config::Rig) -> String {
     }
 }
 
-/// The name of a device in the rig's file.
+/// Returns the name of a device in the rig's file.
 fn name(device: Device, rig: &config::Rig) -> &str {
     let [left, right] = &rig.drives;
     match device {

@@ -38,7 +38,7 @@ pub(crate) fn not_in_time(fault: Fault, standstill: Option<Standstill>, rig: &co
     }
 }
 
-/// Cause and next step with `why` in front of the cause.
+/// Returns cause and next step, with `why` before the cause.
 pub(crate) fn said_first(why: Option<String>, mut words: Vec<(&'static str, String)>) -> Vec<(&'static str, String)> {
     let Some(why) = why else { return words };
     for (key, text) in &mut words {
@@ -50,7 +50,7 @@ pub(crate) fn said_first(why: Option<String>, mut words: Vec<(&'static str, Stri
     words
 }
 
-/// The failure as a consequence of a computer that did not run in time, which it names first.
+/// Returns the failure as a consequence of a computer that did not run in time, which it names first.
 pub(crate) fn after_standstill(mut failure: Failure, why: Option<String>) -> Failure {
     if let (Some(first), Some(why)) = (failure.report.diagnostics.first_mut(), why) {
         first.message = format!("{why}, and this may follow from it: {}", first.message);

@@ -46,7 +46,7 @@ pub(super) fn open(address: &str, port: u16, output: &Output) -> Option<LeadingF
 }
 
 impl LeadingFile {
-    /// A file in the state folder of this user.
+    /// Returns a file in the state folder of this user.
     fn new(address: &str, port: u16) -> io::Result<Self> {
         let folder = state_folder("page").ok_or_else(|| io::Error::other("there is no HOME"))?;
         fs::DirBuilder::new().recursive(true).mode(0o700).create(&folder)?;

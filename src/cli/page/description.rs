@@ -17,7 +17,7 @@ const MARGIN_M: f64 = 0.03;
 /// Share of the length of a stretched arm that is shown.
 const REACHED: f64 = 0.95;
 
-/// The machine of a recording.
+/// Returns the machine of a recording.
 ///
 /// # Errors
 /// If its document is not one of this version.
@@ -28,7 +28,7 @@ pub(super) fn of_recording(about: &About) -> Result<Description, Failure> {
     })
 }
 
-/// A rig.
+/// Returns the machine of a rig.
 pub(super) fn of_rig(rig: &config::Rig) -> Description {
     let (trace, _) = measured(rig, &rig.fixture, RunLog::default());
     let geometry = rig.linkage.geometry();
@@ -126,8 +126,8 @@ fn of_fixture(fixture: &config::Fixture, trace: &Trace) -> Fixture {
     }
 }
 
-/// Part of the plane in which an arm works, m: smallest x, smallest y, largest x, largest y. It reaches sideways to the elbows, and
-/// to the side of the wrist almost as far as a stretched arm.
+/// Returns the part of the plane in which an arm works, m: smallest x, smallest y, largest x, largest y. It reaches sideways to the
+/// elbows, and to the side of the wrist almost as far as a stretched arm.
 fn arm_window_m(geometry: &Geometry) -> [f64; 4] {
     let [left, right] = geometry.base_m;
     let [dx, dy] = [right[0] - left[0], right[1] - left[1]];

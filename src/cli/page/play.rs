@@ -124,7 +124,7 @@ impl Table {
         Play { settings: self.settings(), laws: LAWS.to_vec(), law: self.law(), faults: faults.collect() }
     }
 
-    /// The usual injection of this kind, if it can be made on this rig.
+    /// Returns the usual injection of this kind, if it can be made on this rig.
     fn injection(&self, kind: Kind) -> Option<Injection> {
         at_first_target(Injection::new(kind, 0.0), &self.rig)
     }
@@ -195,7 +195,7 @@ impl Table {
         self.rig.fixture.hold_steps = if self.law() == "plastic" { self.hold_steps } else { 0 };
     }
 
-    /// Rig and scene, checked as files are.
+    /// Returns rig and scene, checked as files are.
     fn checked(&self) -> Result<(config::Rig, config::Scene), Failure> {
         let about = described(replay::about(&self.rig, Some(&self.scene), &Overrides::default()))?;
         let scene = replay::scene(&about)?.unwrap_or_else(|| self.scene.clone());

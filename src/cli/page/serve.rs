@@ -146,7 +146,7 @@ pub(super) fn announce(server: &Server, no_open: bool, output: &mut Output) -> R
     Ok(browser::open(&address, server.address().port(), output))
 }
 
-/// The greatest load of each bus of a rig.
+/// Returns the greatest load of each bus of a rig.
 pub(super) fn loads(rig: &config::Rig) -> Vec<BusLoad> {
     // A rig that is refused later has no budget.
     let plans = plans(rig).unwrap_or_default();

@@ -92,7 +92,7 @@ fn check(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// For a person to read, a line each.
+/// Returns the text for a person, a line each.
 fn text(device: &ImpedanceDevice, report: &RunReport, figure: Option<&Path>, seed: u64, wall_s: f64) -> Vec<String> {
     let (trace, simulated) = (&report.trace, report.simulated_s());
     let mut lines = vec![

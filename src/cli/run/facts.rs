@@ -39,7 +39,7 @@ impl Facts<'_> {
         if is_other { self.drilled.settled(self.rig) } else { Vec::new() }
     }
 
-    /// For a program to read.
+    /// Returns the data for a program.
     pub(super) fn json(&self, arguments: &Arguments) -> Value {
         json!({
             "rig": self.rig.rig.name,
@@ -72,7 +72,7 @@ impl Facts<'_> {
         })
     }
 
-    /// For a person to read, a line each.
+    /// Returns the text for a person, a line each.
     pub(super) fn text(&self, arguments: &Arguments) -> String {
         let mut lines = Vec::new();
         let period_ms = self.report.period_s * 1e3;

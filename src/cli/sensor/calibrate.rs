@@ -93,7 +93,7 @@ pub(super) fn run(arguments: &Calibrate, rig: &Loaded<config::Rig>, output: &mut
     judged
 }
 
-/// The first two rows of a calibration with which forces are felt as they are; none where the map has no inverse.
+/// Returns the first two rows of a calibration that makes the readings correct; `None` if the map has no inverse.
 fn corrected(calibration: &[[config::Finite; 6]; 6], map: &ForceMap) -> Option<[[f64; 6]; 2]> {
     let inverse = map.inverse()?;
     let [along_x, along_y, ..] = calibration.map(|row| row.map(config::Finite::get));
@@ -137,17 +137,17 @@ fn text(rig: &config::Rig, pulled: &[Pulled], map: Option<&ForceMap>, rows: Opti
     text
 }
 
-/// A force in N that is read with three decimals, without the sign of nothing.
+/// Returns a force in N rounded to three decimals, without the sign of a zero.
 fn unsigned_zero(force_n: f64) -> f64 {
     if force_n.abs() < 5e-4 { 0.0 } else { force_n }
 }
 
-/// A number of a calibration, as YAML reads it.
+/// Returns a number of a calibration, as YAML reads it.
 fn number(value: f64) -> String {
     if value == 0.0 { "0.0".to_owned() } else { format!("{value:.6e}") }
 }
 
-/// The failure of pulls of which next to nothing is felt.
+/// Returns the failure for pulls that the sensor hardly felt.
 fn unfelt(force_n: f64, map: &ForceMap) -> Failure {
     let [x, y] = map.gains().map(|gain| force_n * gain);
     let message = format!("of pulls of {force_n} N it feels {x:.2} N along x and {y:.2} N along y: next to nothing");
@@ -156,7 +156,7 @@ fn unfelt(force_n: f64, map: &ForceMap) -> Failure {
     Failure::new(Exit::OutOfTolerance, message, help)
 }
 
-/// The failure of pulls that say nothing.
+/// Returns the failure for inconclusive pulls.
 fn unclear(force_n: f64, noise_n: f64, map: &ForceMap) -> Failure {
     let message = format!(
         "pulls of {force_n} N tell nothing: the noise is {noise_n:.3} N, a map of them leaves {:.3} N, and no sample may be at the end of the range",

@@ -121,7 +121,7 @@ fn refuse(arguments: &Arguments, faults: &[Injection]) -> Result<(), Failure> {
     faults.iter().try_for_each(|fault| fault.check_on(Medium::Ethercat).map_err(|error| no_fault(&error)))
 }
 
-/// The failure that a fault is which cannot be brought about.
+/// Returns the failure for a fault that cannot be injected.
 fn no_fault(error: &dyn std::error::Error) -> Failure {
     Failure::new(Exit::Usage, format!("--fault {error}"), "`yieldwall faults NAME` says where it acts")
 }

@@ -27,13 +27,13 @@ impl Pace {
         self.runs as f64 / self.wall_s
     }
 
-    /// Share of the wall clock for which a thread had a core. It is below one if the computer has other work, or if the last points
-    /// keep few threads busy. It is no comparison with another number of jobs.
+    /// Returns the share of the wall clock for which a thread had a core. It is below one if the computer has other work, or if the
+    /// last points keep few threads busy. It is no comparison with another number of jobs.
     fn busy_share(&self) -> f64 {
         self.busy_s / (self.wall_s * self.jobs as f64)
     }
 
-    /// A line for people.
+    /// Returns a line for people.
     pub(super) fn line(&self) -> String {
         let Self { table, runs, wall_s, jobs, .. } = self;
         let (rate, busy) = (self.runs_per_s(), 100.0 * self.busy_share());
@@ -63,7 +63,7 @@ pub(super) struct Origin<'a> {
     pub(super) computed: &'a [Pace],
 }
 
-/// Tables, document and charts on disk.
+/// Writes tables, document and charts to disk.
 pub(super) fn write(
     folder: &Path,
     study: &dyn Study,
@@ -91,7 +91,7 @@ pub(super) fn write(
     Ok(files)
 }
 
-/// All in one.
+/// Returns the study as one document.
 pub(super) fn document(study: &dyn Study, tables: &[Table], report: &Report, origin: &Origin<'_>) -> Value {
     let others: Map<_, _> = tables.iter().skip(1).map(|table| (table.name.clone(), table.json())).collect();
     json!({

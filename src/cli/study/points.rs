@@ -65,7 +65,7 @@ fn parse_point(text: &str) -> Result<(String, u64), String> {
 }
 
 impl Origin {
-    /// The command that computes all points.
+    /// Returns the command that computes all points.
     pub(super) fn command(&self) -> String {
         format!("yieldwall {}", line(&self.words))
     }
@@ -119,8 +119,8 @@ impl Points {
         self.parts.print_missing(missing, output)
     }
 
-    /// Computes and draws a study; the JSON document of that, if it is asked for and not printed yet. Once `is_interrupted` is set, the
-    /// points that are being computed are finished and kept, and no other is begun.
+    /// Computes and draws a study, and returns its JSON document, if that is requested and not printed yet. Once `is_interrupted`
+    /// is set, the function finishes and keeps the points in progress, and begins no other.
     pub(crate) fn compute_or_draw(
         &self,
         study: &dyn Study,

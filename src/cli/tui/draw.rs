@@ -123,7 +123,7 @@ fn motion_lines(view: &View) -> Vec<Line<'static>> {
     ]
 }
 
-/// A row for each class in which a cycle was; of many, neighbours are put together.
+/// Returns a row for each class with cycles; it combines neighbours if there are many.
 fn late_lines(view: &View) -> Vec<Line<'static>> {
     let last = view.late.iter().rposition(|count| *count > 0).unwrap_or(0);
     let first = view.late.iter().position(|count| *count > 0).unwrap_or(0).max((last + 1).saturating_sub(BARS));
@@ -138,7 +138,7 @@ fn late_lines(view: &View) -> Vec<Line<'static>> {
     most.chain(rows).map(Line::from).collect()
 }
 
-/// The latest events that fit, each over as many rows as it takes.
+/// Returns the latest events that fit, with all rows of each.
 fn log_lines(view: &View, width: usize, rows: usize, in_color: bool) -> Vec<Line<'static>> {
     let mut lines: Vec<Line<'static>> = Vec::new();
     for event in view.log.iter().rev() {

@@ -17,7 +17,7 @@ pub(super) enum Act {
 }
 
 impl Act {
-    /// From its number; 0 is none.
+    /// Returns the act of a number; 0 is none.
     pub(super) fn of(number: u8) -> Option<Self> {
         [Self::Stop, Self::Reset, Self::Enable].into_iter().find(|act| *act as u8 == number)
     }

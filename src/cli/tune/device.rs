@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use yieldwall_config::{Coupling, Diagnostic, ImpedanceDevice, Loaded, Severity};
 use yieldwall_rig::analysis::Coupled;
 
-/// A number to four significant digits.
+/// Rounds a number to four significant digits.
 fn four_digits(value: f64) -> f64 {
     format!("{value:.3e}").parse().unwrap_or(value)
 }

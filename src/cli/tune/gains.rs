@@ -67,14 +67,14 @@ pub(super) struct Proposal {
 }
 
 impl Proposal {
-    /// The gains of `tuned` for `rig`, with the margins before and after.
+    /// Returns the gains of `tuned` for `rig`, with the margins before and after.
     pub(super) fn new(rig: &Loaded<Rig>, tuned: Loaded<Rig>, margins: [Margins; 2]) -> Self {
         let changes = changes(&rig.value.control.gains, &tuned.value.control.gains);
         let place = file::place(rig, &changes);
         Self { tuned, changes, place, margins }
     }
 
-    /// The rig with these gains.
+    /// Returns the rig with these gains.
     pub(super) fn tuned(&self) -> &Loaded<Rig> {
         &self.tuned
     }
@@ -113,20 +113,20 @@ impl Proposal {
         }
     }
 
-    /// For a person to read.
+    /// Returns the text for a person.
     pub(super) fn text(&self, rig: &Rig) -> String {
         let [before, after] = &self.margins;
         text(rig, &self.changes, [before, after])
     }
 
-    /// For a program to read.
+    /// Returns the data for a program.
     pub(super) fn document(&self, rig: &Rig, written: Option<&Path>) -> Value {
         let [before, after] = &self.margins;
         document(rig, &self.changes, [before, after], &self.place, written)
     }
 }
 
-/// The rig with gains that have their margins at every pose.
+/// Returns the rig with gains that have their margins at every pose.
 fn tuned(rig: &Loaded<Rig>) -> Result<Loaded<Rig>, Failure> {
     let mut tuned = rig.clone();
     match rig.value.rig.command_mode {
@@ -183,7 +183,7 @@ pub(super) fn set(gains: &mut ControlGains, new: Gains) {
     }
 }
 
-/// Each gain by its key.
+/// Returns each gain by its key.
 fn keyed(gains: &ControlGains) -> Vec<(String, f64)> {
     let (group, each) = match *gains {
         ControlGains::Joint { stiffness_n_m_per_rad: k, damping_n_m_s_per_rad: b, integral_n_m_per_rad_s: l } => (

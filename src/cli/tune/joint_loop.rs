@@ -288,7 +288,7 @@ fn failure(traced: &LoopTraced, joint: usize, name: &str, rig: &Rig) -> Failure 
     }
 }
 
-/// Whether all was identified.
+/// Checks that all values were identified.
 fn judge(found: &[&JointLoop], rig: &Rig) -> Result<(), Failure> {
     for joint in found {
         let name = rig.drives.get(joint.joint).map_or("", |drive| drive.name.as_str());

@@ -94,7 +94,7 @@ struct Difference {
 /// Text for a side without a value.
 const NONE: &str = "(none)";
 
-/// The differences, a line each; where that is too long, values stand below.
+/// Returns the differences, a line each; where that is too long, values stand below.
 fn lines(differences: &[Difference]) -> String {
     let titles: Vec<String> = differences.iter().map(|difference| titled(difference.at, &difference.name)).collect();
     let width = titles.iter().map(|title| title.chars().count()).max().unwrap_or_default();
@@ -106,7 +106,7 @@ fn lines(differences: &[Difference]) -> String {
     each.collect()
 }
 
-/// The objects that have a value on both sides, and not the same; or on one side alone.
+/// Returns the objects whose values differ between the two sides, and those that only one side has.
 fn differences(first: &Eds, second: &Eds, eds: Option<&Eds>, all: bool) -> Vec<Difference> {
     let mut found = Vec::new();
     let mut addresses: Vec<(u16, u8)> =
@@ -147,8 +147,8 @@ fn differences(first: &Eds, second: &Eds, eds: Option<&Eds>, all: bool) -> Vec<D
     found
 }
 
-/// The data type in which both sides are compared: of the data sheet or the standards, or else of the first side whose type has a place for
-/// both values.
+/// Returns the data type in which both sides are compared: of the data sheet or the standards, or else of the first side whose type
+/// has a place for both values.
 fn common_type(at: Address, sides: &[Option<&Entry>; 2], eds: Option<&Eds>) -> Option<u16> {
     let fits = |data_type: u16| {
         let mut values = sides.iter().flatten().filter_map(|entry| entry.value.as_ref());

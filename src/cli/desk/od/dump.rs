@@ -99,7 +99,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     end
 }
 
-/// An error if the inventory cannot vouch for each value that the device gives.
+/// Fails if the inventory cannot vouch for each value of the device.
 fn certain(missed: &[UnreadObject], device: &str) -> Result<(), Failure> {
     let uncertain: Vec<_> = missed.iter().filter(|missed| missed.why.is_uncertain()).collect();
     if uncertain.is_empty() {
@@ -116,7 +116,7 @@ fn certain(missed: &[UnreadObject], device: &str) -> Result<(), Failure> {
     Err(Failure::new(Exit::OutOfTolerance, message, help))
 }
 
-/// All objects of a device with their values.
+/// Returns all objects of a device with their values.
 pub(super) fn objects(
     reached: &mut DeviceHandle,
     eds: Option<&Eds>,
@@ -128,7 +128,7 @@ pub(super) fn objects(
     }
 }
 
-/// On CAN.
+/// Reads the objects on CAN.
 fn on_can(
     desk: &mut DeviceSession,
     node: &Node,
@@ -146,7 +146,7 @@ fn on_can(
     read.map_err(|error| desk.failure(node, "reading all its objects", error))
 }
 
-/// On EtherCAT: by the device's own list of objects, where it has one.
+/// Reads the objects on EtherCAT: by the device's own list of objects, if it has one.
 fn on_segment(
     desk: &mut SegmentSession,
     device: &Device,

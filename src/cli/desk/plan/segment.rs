@@ -75,7 +75,7 @@ pub(super) fn lines(rig: &Rig, desk: &mut SegmentSession) -> Result<(Vec<Line>, 
 /// The station address of the device at position 0.
 const FIRST_STATION: u16 = 0x1000;
 
-/// The registers of process data and clock.
+/// Returns the registers of process data and clock.
 fn process_data(station: &StationSetup, period: std::time::Duration) -> Vec<String> {
     let mut all = vec![
         format!("{} bytes of outputs, {} of inputs: SM 2 and 3, FMMUs", station.output_bytes(), station.input_bytes()),
@@ -88,7 +88,7 @@ fn process_data(station: &StationSetup, period: std::time::Duration) -> Vec<Stri
     all
 }
 
-/// The writes of the boot to one device; and that it does not answer, or would be refused.
+/// Returns the writes of the boot to one device, and whether it does not answer or would be refused.
 fn ask(
     station: &StationSetup,
     desk: &mut SegmentSession,

@@ -17,7 +17,7 @@ use yieldwall_service::{Counters, Present, number};
 const DEVICE_TYPE: Address = Address::new(0x1000, 0);
 const ERROR_CODE: Address = Address::new(0x603f, 0);
 
-/// A section for each device, and for each of the rig that is not there; of one alone if a word means it.
+/// Returns a section for each device, and for each of the rig that is not there; of one alone if a word means it.
 pub(in crate::desk) fn sections(desk: &mut SegmentSession, word: Option<&str>) -> Result<Vec<Section>, Failure> {
     let mut sections = Vec::new();
     let devices = desk.devices_of(word)?;
@@ -148,7 +148,7 @@ fn objects(desk: &mut SegmentSession, device: &Device, present: &Present, is_led
     Ok(checks)
 }
 
-/// The state of its objects.
+/// Returns the state of its objects.
 fn asked(desk: &mut SegmentSession, device: &Device) -> Vec<Check> {
     let mut read = |at| match desk.objects(device) {
         Ok(mut objects) => yieldwall_service::ObjectAccess::read(&mut objects, at).map_err(|error| error.to_string()),

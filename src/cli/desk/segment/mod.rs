@@ -83,14 +83,14 @@ struct Opening {
 }
 
 impl Entry {
-    /// The axis of its device that it is; 0 of a device of one.
+    /// Returns its axis of the device; 0 on a device with one axis.
     pub(super) fn axis(&self) -> u8 {
         self.profile.as_ref().and_then(|profile| profile.axis()).unwrap_or_default()
     }
 }
 
 impl Device {
-    /// A device, as the axis that its entry is.
+    /// Returns a device, for the axis of its entry.
     pub(super) fn of(position: u16, entry: Option<Entry>) -> Self {
         let axis = entry.as_ref().and_then(|entry| Some(entry.profile.as_ref()?.offset())).unwrap_or_default();
         Self { position, entry, axis }
@@ -104,7 +104,7 @@ impl Device {
         }
     }
 
-    /// Name and kind of its entry in the rig.
+    /// Returns name and kind of its entry in the rig.
     pub(super) fn of_rig(&self) -> Option<(&str, Option<DeviceKind<'_>>)> {
         let entry = self.entry.as_ref()?;
         Some((entry.name.as_str(), entry.profile.as_deref().map(DeviceKind::of)))
@@ -112,7 +112,7 @@ impl Device {
 }
 
 impl SegmentSession {
-    /// The devices of a segment, if the place is one: an Ethernet interface, or a rig on EtherCAT.
+    /// Returns the devices of a segment, if the place is one: an Ethernet interface, or a rig on EtherCAT.
     pub(super) fn open(place: &BusArguments, output: &mut Output) -> Result<Option<Self>, Failure> {
         Self::taking_over(place, false, output)
     }
@@ -273,7 +273,7 @@ impl SegmentSession {
         Ok(device)
     }
 
-    /// The device that a word means, or all that answer.
+    /// Returns the device for a word, or all that answer.
     pub(super) fn devices_of(&mut self, word: Option<&str>) -> Result<Vec<Device>, Failure> {
         match word {
             Some(word) => Ok(vec![self.device(word)?]),
@@ -306,7 +306,7 @@ impl SegmentSession {
         Ok(())
     }
 
-    /// The objects of a device.
+    /// Returns the objects of a device.
     pub(super) fn objects(&mut self, device: &Device) -> Result<DeviceObjects<'_, Box<dyn EthernetLink>>, Failure> {
         let (arguments, words) = (self.arguments.clone(), device.words());
         let objects = self.service.objects(device.position);
@@ -325,7 +325,7 @@ impl SegmentSession {
         placed(explanation::error_code(code, codes), device.position, &self.arguments, None)
     }
 
-    /// The device at a position.
+    /// Returns the device at a position.
     pub(super) fn at(&self, position: u16) -> Device {
         Device::of(position, self.entries.iter().find(|entry| entry.position == position).cloned())
     }
@@ -352,13 +352,13 @@ impl SegmentSession {
         segment_failure(error)
     }
 
-    /// The failure that another master is.
+    /// Returns the failure for another master.
     pub(super) fn other_master(&self, sign: SegmentSign) -> Failure {
         other_master(sign, &self.arguments)
     }
 }
 
-/// The failure that the objects of a device cannot be reached.
+/// Returns the failure that the objects of a device cannot be reached.
 pub(super) fn no_objects(words: &str, position: u16, arguments: &str, error: &SegmentError) -> Failure {
     let help = match error {
         SegmentError::NoMailbox { .. } => {
@@ -384,7 +384,7 @@ pub(super) fn state_failure(words: &str, doing: &str, error: SegmentError) -> Fa
     }
 }
 
-/// The failure of a segment where no single device is to blame.
+/// Returns the failure of a segment where no single device is to blame.
 pub(super) fn segment_failure(error: SegmentError) -> Failure {
     let message = error.to_string();
     match error {
@@ -396,7 +396,7 @@ pub(super) fn segment_failure(error: SegmentError) -> Failure {
     }
 }
 
-/// The failure that another master is.
+/// Returns the failure for another master.
 pub(super) fn other_master(sign: SegmentSign, arguments: &str) -> Failure {
     let failure = SegmentFailure::OtherMaster { sign, has_written: false };
     let help = match sign {
@@ -411,7 +411,7 @@ pub(super) fn other_master(sign: SegmentSign, arguments: &str) -> Failure {
     Failure::new(Exit::BusUnavailable, failure.to_string(), help)
 }
 
-/// The devices of a rig on its segment.
+/// Returns the devices of a rig on its segment.
 fn entries(rig: &Rig) -> Result<Vec<Entry>, Failure> {
     let mut entries = Vec::new();
     for drive in &rig.drives {

@@ -66,7 +66,7 @@ pub(super) fn text(desk: &SegmentSession, found: &[Present]) -> String {
     text
 }
 
-/// The first warning about its SII, and where the others are.
+/// Returns the first warning about its SII, and where the others are.
 pub(super) fn warned(desk: &SegmentSession, sii: &Sii, position: u16) -> Option<String> {
     let (first, others) = sii.warnings.split_first()?;
     Some(match others.len() {
@@ -75,13 +75,13 @@ pub(super) fn warned(desk: &SegmentSession, sii: &Sii, position: u16) -> Option<
     })
 }
 
-/// The name in its SII.
+/// Returns the name in its SII.
 pub(in crate::desk) fn name(present: &Present) -> Option<String> {
     let sii = present.sii.as_ref().ok()?;
     [&sii.name, &sii.order].into_iter().find(|name| !name.is_empty()).cloned()
 }
 
-/// The rig's entry at its position, and whether it is one; without an entry the profile that it fits.
+/// Returns the rig's entry at its position, and whether it is one; without an entry the profile that it fits.
 pub(super) fn fit(desk: &SegmentSession, present: &Present) -> String {
     let (device, names) = (desk.at(present.position), desk.names(present.position));
     let entry = device.of_rig().map(|(name, kind)| (names.as_deref().unwrap_or(name), kind));

@@ -57,7 +57,7 @@ pub(super) fn place(rig: &Loaded<Rig>, changes: &[Change]) -> GainsSource {
 }
 
 impl Edit {
-    /// The file with these changes; nothing is written yet.
+    /// Returns the file with these changes, and writes nothing yet.
     pub(super) fn of(
         rig: &Loaded<Rig>,
         wanted: &Rig,
@@ -103,7 +103,7 @@ impl Edit {
         Ok(Self { path, text, wanted: wanted.clone(), words })
     }
 
-    /// The file.
+    /// Returns the file.
     pub(super) fn path(&self) -> &Path {
         &self.path
     }
@@ -146,7 +146,7 @@ pub(in crate::tune) fn check_can_write(rig: &Loaded<Rig>) -> Result<(), Failure>
     })
 }
 
-/// The file of a rig.
+/// Returns the file of a rig.
 fn disk_path(rig: &Loaded<Rig>) -> Result<PathBuf, Failure> {
     if rig.source.is_shipped() {
         let message = format!("{} comes with the program, and stays as it is", rig.source);
@@ -158,7 +158,7 @@ fn disk_path(rig: &Loaded<Rig>) -> Result<PathBuf, Failure> {
     })
 }
 
-/// The group `control` with these gains alone.
+/// Returns the group `control` with these gains alone.
 fn lines(changes: &[Change], end: &str) -> String {
     let group = changes.first().and_then(|(key, _, _)| key.split('.').nth(2)).unwrap_or_default();
     let mut text = format!("control:{end}  gains:{end}    {group}:{end}");

@@ -17,7 +17,7 @@ const POINTS: u32 = 200;
 /// Lowest frequency of a plot, Hz.
 const LOWEST_HZ: f64 = 1.0;
 
-/// The page; `tuned` has the gains that are proposed.
+/// Returns the page; `tuned` has the gains that are proposed.
 pub(super) fn html(rig: &Rig, found: &[&JointLoop], tuned: Option<&Rig>) -> String {
     let name = escaped(&rig.rig.name);
     let sections: String = found.iter().map(|joint| section(rig, joint, tuned)).collect();
@@ -69,12 +69,12 @@ fn bode(title: &str, curves: &[Curve]) -> Chart {
     }
 }
 
-/// The gain at each frequency, dB.
+/// Returns the gain at each frequency, dB.
 fn gain_db(points: &Known) -> Vec<(f64, f64)> {
     points.iter().map(|(hz, z)| (*hz, 20.0 * elementary::log10(elementary::hypot(z.re, z.im)))).collect()
 }
 
-/// The phase at each frequency, less than half a turn from the one before; the first between -330 and 30 degrees.
+/// Returns the phase at each frequency, less than half a turn from the one before; the first between -330 and 30 degrees.
 fn phase_deg(points: &Known) -> Vec<(f64, f64)> {
     let mut last = -150.0;
     points

@@ -172,7 +172,7 @@ fn after<'a>(text: &'a str, key: &str) -> Option<&'a str> {
     text.split_once(key).map(|(_, rest)| rest)
 }
 
-/// The number with which a text begins.
+/// Returns the number with which a text begins.
 fn number<T: std::str::FromStr>(text: &str) -> Option<T> {
     text.split(|one: char| !one.is_ascii_digit()).next()?.parse().ok()
 }

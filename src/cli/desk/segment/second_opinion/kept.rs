@@ -25,7 +25,7 @@ pub(super) struct Kept {
 
 #[cfg(test)]
 impl Kept {
-    /// Its state and its registers, except the status bytes of sync managers, which the device writes.
+    /// Returns its state and its registers, except the status bytes of sync managers, which the device writes.
     pub(super) fn given(&self) -> (AlState, Vec<(u16, Bytes)>) {
         let mut registers = self.registers.clone();
         let managers = registers.iter_mut().filter(|(register, _)| is_sync_manager(*register));
@@ -38,7 +38,7 @@ fn is_sync_manager(register: u16) -> bool {
     (register::SYNC_MANAGER..register::DC_RECEIVE_TIME).contains(&register)
 }
 
-/// All devices of a segment. Refuses one that is not in INIT or PRE-OP, or has an error there.
+/// Returns all devices of a segment. Refuses one that is not in INIT or PRE-OP, or has an error there.
 pub(super) fn keep(desk: &mut SegmentSession) -> Result<Vec<Kept>, Failure> {
     let mut kept = Vec::new();
     for device in desk.devices_of(None)? {
@@ -53,7 +53,7 @@ pub(super) fn keep(desk: &mut SegmentSession) -> Result<Vec<Kept>, Failure> {
     Ok(kept)
 }
 
-/// The failure that a device is in another state.
+/// Returns the failure that a device is in another state.
 pub(super) fn refused(desk: &SegmentSession, device: &Device, status: AlStatus) -> Failure {
     let message = format!(
         "{} is in {status}: a second opinion takes each device through INIT, and starts only where all are in INIT or PRE-OP without an error",

@@ -46,7 +46,7 @@ pub(crate) fn consent(interfaces: &[&str], is_given: bool) -> Result<Consent, Fa
     ))
 }
 
-/// The differences, a section for each device, and both readings as a document.
+/// Returns the differences, a section for each device, and both readings as a document.
 pub(in crate::desk) fn sections(
     desk: &mut SegmentSession,
     interface: &str,
@@ -96,7 +96,7 @@ fn add_delays(desk: &mut SegmentSession, own: &mut [DeviceReading]) -> Result<()
     own::add_delays(desk, own)
 }
 
-/// The verdict on both readings.
+/// Returns the verdict on both readings.
 fn judged(
     about: &str,
     own: &[DeviceReading],
@@ -143,7 +143,7 @@ fn unread(about: &str, why: String, arguments: &str) -> Section {
     Section::new(about, Exit::DeviceMismatch, vec![check])
 }
 
-/// The compared values, and those that only one of both has.
+/// Returns the compared values, and those that only one of both has.
 fn compared(own: &DeviceReading, other: &DeviceReading, is_equal: bool) -> Vec<Check> {
     let (mut both, mut one) = (Vec::new(), Vec::new());
     for ((subject, own), (_, other)) in own.values().into_iter().zip(other.values()) {

@@ -17,7 +17,7 @@ const PROTOCOLS: [&str; 6] = ["AOE", "EOE", "COE", "FOE", "SOE", "VOE"];
 const UNUSED: u8 = 0xff;
 const DOING: &str = "reading it for the second opinion";
 
-/// All devices, without delays.
+/// Returns all devices, without delays.
 pub(super) fn read(desk: &mut SegmentSession) -> Result<Vec<DeviceReading>, Failure> {
     let all = desk.devices_of(None)?;
     let mut readings = Vec::new();

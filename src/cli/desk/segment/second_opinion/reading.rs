@@ -72,7 +72,7 @@ pub(super) struct Difference {
 }
 
 impl Subject {
-    /// Its word.
+    /// Returns its word.
     pub(super) fn word(self) -> &'static str {
         match self {
             Self::Devices => "devices",
@@ -95,7 +95,7 @@ impl Subject {
 }
 
 impl DeviceReading {
-    /// Its values as a person reads them. Two values are equal if their texts are, except delays.
+    /// Returns its values as a person reads them. Two values are equal if their texts are, except delays.
     pub(super) fn values(&self) -> [(Subject, Option<String>); 14] {
         let [vendor, product, revision, serial] = self.identity.map(|value| value.map(|value| format!("{value:08X}h")));
         let [mailbox_to, mailbox_from] = self.mailboxes.map(|area| area.map(Area::words));
@@ -130,7 +130,7 @@ impl Area {
     }
 }
 
-/// A name as every master can show it: some show a byte that is not ASCII as a question mark.
+/// Returns a name as every master can show it: some show a byte that is not ASCII as a question mark.
 fn shown(name: &str) -> String {
     let mut plain = String::new();
     for one in name.chars().map(|one| if one.is_ascii() { one } else { '?' }) {
