@@ -147,8 +147,8 @@ fn differences(first: &Eds, second: &Eds, eds: Option<&Eds>, all: bool) -> Vec<D
     found
 }
 
-/// Returns the data type in which both sides are compared: of the data sheet or the standards, or else of the first side whose type
-/// has a place for both values.
+/// Returns the data type in which both sides are compared. It comes from the data sheet or the standards, or else from the first side
+/// whose type has a place for both values.
 fn common_type(at: Address, sides: &[Option<&Entry>; 2], eds: Option<&Eds>) -> Option<u16> {
     let fits = |data_type: u16| {
         let mut values = sides.iter().flatten().filter_map(|entry| entry.value.as_ref());
