@@ -35,8 +35,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "INTERFACE")]
     card: Vec<String>,
     /// EtherCAT: compare this program's readings with those of another EtherCAT master, ethercrab. The command asks first, since
-    /// all devices go through INIT and get new station addresses; it restores state and address. Needs a build with `--features
-    /// ethercrab`
+    /// all devices go through INIT and get new station addresses; it restores state and address. Needs a build with
+    /// `--features ethercrab`
     #[arg(long, requires = "bus")]
     second_opinion: bool,
     /// Skip the question of --second-opinion

@@ -1,9 +1,9 @@
 //! Every number of every shipped rig, device and scene, falsified one at a time: the findings of the check, and the result of a
 //! run.
 //!
-//! Every test run tries a share of them, drawn by a seed. This command prints all of them as a table: `YIELDWALL_CHANGES=all cargo
-//! test --release --lib every_change -- --nocapture`. In place of `all`, the variable takes a number of changes and a seed, as in
-//! `300:7`.
+//! Every test run tries a share of them, drawn by a seed. This command prints all of them as a table:
+//! `YIELDWALL_CHANGES=all cargo test --release --lib every_change -- --nocapture`. In place of `all`, the variable takes a number of
+//! changes and a seed, as in `300:7`.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -30,8 +30,8 @@ pub(super) fn object(at: Address) -> Explanation {
     )
 }
 
-/// Returns the possible readings of a code of more than two bytes. They are an abort code, or else a value that `od read` and `od
-/// dump` show: a mapping, 1016h or a COB-ID.
+/// Returns the possible readings of a code of more than two bytes. They are an abort code, or else a value that `od read` and
+/// `od dump` show: a mapping, 1016h or a COB-ID.
 pub(super) fn readings(code: u32) -> Vec<Explanation> {
     let abort = explanation::abort(AbortCode(code));
     if AbortCode::ALL.contains(&AbortCode(code)) {
