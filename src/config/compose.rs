@@ -1,7 +1,7 @@
-//! A rig from several files: the one that it is like with its own keys put in place, and its simulation.
+//! Composition of a rig from several files: its base with the rig's own keys put in place, and its simulation.
 //!
-//! The files are put together value by value, written as one text and read as any other. Every value of that text knows
-//! the file and the place where it stands, so that a finding points there.
+//! The files are merged value by value, written as one text and read like any other. Every value of that text knows its file and
+//! its place there, so that a finding points there.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -16,13 +16,13 @@ use super::source::{SET, Source, rebase};
 use super::suggest::nearest;
 use super::yaml;
 
-/// The key of a rig that has its simulation, or names the file of it.
+/// Key of a rig that holds its simulation, or the name of its file.
 const SIMULATION: &str = "simulation";
 
-/// Files that a variant is like, one through the other, at most.
+/// Largest number of base files in a chain.
 const MOST_BASES: usize = 8;
 
-/// A value and where it is from.
+/// A value and its origin.
 struct Piece {
     key: Option<Spot>,
     value: Spot,
@@ -56,7 +56,7 @@ pub(super) fn open(source: &Source) -> Result<(Locator, Option<Source>), Report>
     Ok((parts.locate(&whole)?, like.map(|(base, _)| base)))
 }
 
-/// Reads a file, and where its values stand.
+/// Reads a file, and the places of its values.
 fn read_outline(source: &Source) -> Result<(File, Outline), Report> {
     let file = File { name: source.to_string(), text: source.read()? };
     let outline = yaml::outline(&file.text).map_err(|fault| explain_syntax(fault, &file.name, &file.text))?;
@@ -66,7 +66,7 @@ fn read_outline(source: &Source) -> Result<(File, Outline), Report> {
     }
 }
 
-/// The first character of a key or a text that does something to whatever shows it, and where the text stands.
+/// Returns the first character in a key or a text that would affect a display, and its place.
 fn first_unprintable(node: &Node) -> Option<(TextSpan, char)> {
     match &node.content {
         Content::Scalar(text) => text.chars().find(|one| is_unprintable(*one)).map(|one| (node.place(), one)),
@@ -79,7 +79,7 @@ fn first_unprintable(node: &Node) -> Option<(TextSpan, char)> {
     }
 }
 
-/// Control characters, and those that turn the direction of writing.
+/// Whether a character is a control character, or changes the direction of writing.
 fn is_unprintable(character: char) -> bool {
     character.is_control() || matches!(character, '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
@@ -91,7 +91,7 @@ fn unprintable(file: &File, outline: &Outline, place: TextSpan, character: char)
     file.finding(place, &key, message, help)
 }
 
-/// The path that a value is, unless it is nothing.
+/// Returns the path in a value, unless the value is null.
 fn names_file(node: &Node) -> Option<&str> {
     match &node.content {
         Content::Scalar(path)
@@ -103,7 +103,7 @@ fn names_file(node: &Node) -> Option<&str> {
     }
 }
 
-/// The file that a document is like, and the value that names it; `None` when it is no variant.
+/// Returns the base file of a document, and the value that names it; `None` if the document is no variant.
 fn base(file: &File, outline: &Outline, source: &Source) -> Result<Option<(Source, Node)>, Report> {
     let Some(Node { content: Content::Map(entries), .. }) = &outline.root else { return Ok(None) };
     let mut named = entries.iter().filter(|(key, _)| key == LIKE).map(|(_, node)| node);
@@ -129,7 +129,7 @@ struct Parts {
 }
 
 impl Parts {
-    /// The values of the file that was opened last.
+    /// Returns the values of the file that was opened last.
     fn expand(&self, outline: &Outline) -> Result<Piece, Report> {
         let number = self.files.len() - 1;
         let file = &self.files[number];
@@ -212,7 +212,7 @@ impl Parts {
         Ok((merger.merge("", piece, own)?, kind))
     }
 
-    /// Puts the simulation that a rig names in the place of its name.
+    /// Replaces the name of a simulation in a rig by the simulation.
     fn include_simulation(&mut self, rig: &mut Piece, source: &Source) -> Result<(), Report> {
         let Shape::Map(entries) = &mut rig.content else { return Ok(()) };
         let Some((_, named)) = entries.iter_mut().find(|(key, _)| key == SIMULATION) else { return Ok(()) };
@@ -239,7 +239,7 @@ impl Parts {
         Ok(())
     }
 
-    /// All of it as one text.
+    /// Joins all values into one text.
     fn locate(self, whole: &Piece) -> Result<Locator, Report> {
         let mut text = String::new();
         write(whole, 0, &mut text);
@@ -268,7 +268,7 @@ struct Expander<'a> {
 }
 
 impl<'a> Expander<'a> {
-    /// A value; within an alias all of it stands where the alias does.
+    /// Returns a value; everything within an alias has the place of the alias.
     fn piece(&mut self, node: &'a Node, within: Option<TextSpan>) -> Result<Piece, Report> {
         let file = self.file;
         let refuse = |message: String, help: &str| {
@@ -308,7 +308,7 @@ impl<'a> Expander<'a> {
     }
 }
 
-/// Paths in the base start from its folder; in the variant they start from that of the variant.
+/// Paths in the base start from its folder; paths in the variant start from the variant's folder.
 fn move_paths(piece: &mut Piece, at: &str, kind: Kind, like: &str) {
     match &mut piece.content {
         Shape::Scalar { text, .. } => {
@@ -427,7 +427,7 @@ impl Piece {
         }
     }
 
-    /// The name that an entry of a list has, and where it stands.
+    /// Returns the name of an entry of a list, and its place.
     fn name(&self) -> Option<(&str, TextSpan)> {
         let Shape::Map(entries) = &self.content else { return None };
         entries.iter().find_map(|(key, value)| match &value.content {
@@ -521,7 +521,7 @@ fn quote(text: &str) -> String {
     serde_json::Value::from(text).to_string()
 }
 
-/// Notes where the values of the text that was written stand in the files.
+/// Notes the places in the files for the values of the written text.
 fn note(written: &Node, piece: &Piece, origins: &mut Origins) {
     match (&written.content, &piece.content) {
         (Content::Map(entries), Shape::Map(pieces)) => {

@@ -9,9 +9,9 @@ use serde::Serialize;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// It cannot.
+    /// The configuration cannot be used.
     Error,
-    /// It can, but look at this.
+    /// The configuration can be used, but a person should look at it.
     Warning,
 }
 
@@ -60,10 +60,10 @@ fn lines(mut text: &str) -> impl Iterator<Item = &str> {
 /// Another place that explains a finding.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Related {
-    /// The file; empty, and left out of JSON, where it is that of the finding.
+    /// The file; empty, and left out of JSON, if it is the file of the finding.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub file: String,
-    /// Where.
+    /// Place in the file.
     pub place: TextSpan,
     /// Text at that place.
     pub label: String,
@@ -74,12 +74,12 @@ pub struct Related {
 pub struct Diagnostic {
     /// Whether the configuration can be used.
     pub severity: Severity,
-    /// The file, as it was named; empty, and left out of JSON, where it is about none.
+    /// The file, as it was named; empty, and left out of JSON, if the finding concerns no file.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub file: String,
-    /// Where in the file; `None` when it concerns the whole file.
+    /// Place in the file; `None` if the finding concerns the whole file.
     pub place: Option<TextSpan>,
-    /// The key that it concerns, such as `drives[0].profile`; empty, and left out of JSON, where it is about none.
+    /// The key that it concerns, such as `drives[0].profile`; empty, and left out of JSON, if it concerns none.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub key: String,
     /// The error or warning.
@@ -125,7 +125,7 @@ impl fmt::Display for Diagnostic {
     }
 }
 
-/// Why a configuration was refused: at least one error, perhaps warnings, in the order of the lines.
+/// Reason why a configuration was refused: at least one error, perhaps warnings, in the order of the lines.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(transparent)]
 pub struct Report {

@@ -1,4 +1,4 @@
-//! From a fault of reading to a finding that says what is wrong, where, and what to do.
+//! Conversion of a read error into a finding with message, place and remedy.
 
 use std::sync::Arc;
 
@@ -176,7 +176,7 @@ fn finding(
     }
 }
 
-/// Adds what the tree says of a key below the help.
+/// Adds the description of a key below the help.
 pub(super) fn with_description(help: String, guide: &Guide, path: &str) -> String {
     match (guide.description(path), path.rsplit('.').next()) {
         (Some(text), Some(key)) if !key.is_empty() => format!("{help}\n{key}: {text}"),
@@ -184,7 +184,7 @@ pub(super) fn with_description(help: String, guide: &Guide, path: &str) -> Strin
     }
 }
 
-/// How a path is called in a sentence.
+/// Returns the name of a path for a sentence.
 pub(super) fn name_of(path: &str) -> String {
     if path.is_empty() { "the document".to_owned() } else { format!("`{path}`") }
 }

@@ -1,4 +1,4 @@
-//! From a source to a checked document.
+//! Loading: from a source to a checked document.
 
 use std::sync::Arc;
 
@@ -27,14 +27,14 @@ use super::yaml;
 use yieldwall_drives::codes::ErrorCodes;
 use yieldwall_drives::profiles::DeviceProfile;
 
-/// A checked document, where it came from, and what its writer should look at.
+/// A checked document, its source, and warnings for its author.
 #[derive(Clone, Debug)]
 pub struct Loaded<T> {
     /// The document.
     pub value: T,
-    /// Where it came from; relative paths in it start there.
+    /// Source of the document; relative paths in it start there.
     pub source: Source,
-    /// The file that it is like, when it is a variant. The value has everything of it.
+    /// Base file, if the document is a variant. The value contains everything of it.
     pub like: Option<Source>,
     /// Warnings, also about the files that it names: the document can be used, but a person should look at them.
     pub warnings: Vec<Diagnostic>,
@@ -59,7 +59,7 @@ impl<T> Loaded<T> {
 }
 
 impl<T> Loaded<T> {
-    /// The files that the document is put together from, each with its text; the first is the document's own.
+    /// Returns the files that the document is composed from, each with its text; the first is the document's own.
     pub fn files(&self) -> impl Iterator<Item = (&str, &str)> {
         self.locator.files.iter().map(|file| (file.name.as_str(), &*file.text))
     }
@@ -77,10 +77,10 @@ impl Loaded<Rig> {
         }
     }
 
-    /// The rig, for what is done on CAN alone.
+    /// Returns the rig, for work that is only possible on CAN.
     ///
     /// # Errors
-    /// A rig on EtherCAT.
+    /// If the rig is on EtherCAT.
     pub fn on_can(self) -> Result<Self, Report> {
         match segment_key(&self.value) {
             Some(key) => {
@@ -141,7 +141,7 @@ impl Document {
         }
     }
 
-    /// Findings of its checks that keep nobody from using it.
+    /// Returns findings of its checks that do not prevent its use.
     pub fn warnings(&self) -> &[Diagnostic] {
         match self {
             Self::Rig(rig) => &rig.warnings,
@@ -241,7 +241,7 @@ fn load_profile_from(source: Source) -> Result<Loaded<DeviceProfile>, Report> {
     finish(profile, source, None, findings.locator(), [findings.into_sorted(), of_codes].concat())
 }
 
-/// A device model by its name, or by the file of its profile, with what its error codes mean.
+/// Returns a device model by its name, or by the file of its profile, with the meanings of its error codes.
 ///
 /// # Errors
 /// As [`load_rig`]; or no model of this name comes with the program.
@@ -342,7 +342,7 @@ fn load_figure_from(source: Source) -> Result<Loaded<Figure>, Report> {
     finish(figure, source, like, locator, all)
 }
 
-/// The document in normal form: every key, in the order of the tree, in YAML that loads again.
+/// Returns the document in normal form: every key, in the order of the tree, in YAML that loads again.
 ///
 /// # Errors
 /// When the writer refuses; no checked document makes it do so.
@@ -357,7 +357,7 @@ fn checked_scene(source: &Source) -> Result<(Scene, Findings, Option<Source>), R
     Ok((scene, findings, like))
 }
 
-/// Leaves each finding once.
+/// Keeps each finding once.
 fn keep_first(all: &mut Vec<Diagnostic>) {
     let mut seen: Vec<Diagnostic> = Vec::new();
     all.retain(|finding| {
@@ -408,8 +408,8 @@ fn checked_error_codes(source: &Source) -> Result<(ErrorCodes, Findings), Report
     Ok((codes, findings))
 }
 
-/// Reads the profiles that a document names by their files, and the findings in them. A name that is unknown, and a file that is no
-/// profile, are findings at the key that names it.
+/// Reads the profiles that a document names by their files, and returns the findings in them. An unknown name, or a file that is
+/// no profile, is a finding at the key that names it.
 fn linked_profiles(findings: &mut Findings, source: &Source, named: Vec<NamedProfile<'_>>) -> Vec<Diagnostic> {
     let mut found = Vec::new();
     for (key, name, fits) in named {
@@ -432,8 +432,8 @@ fn linked_profiles(findings: &mut Findings, source: &Source, named: Vec<NamedPro
     found
 }
 
-/// The findings in a scene that a document names by `path`, and with the machine that runs it where its numbers are in
-/// range. A file that is no scene is a finding at the key that names it.
+/// Returns the findings in a scene that a document names by `path`. If the numbers are in range, it also checks the scene with
+/// the machine that runs it. A file that is no scene is a finding at the key that names it.
 fn linked_scene(
     findings: &mut Findings,
     key: &str,
@@ -453,8 +453,8 @@ fn linked_scene(
 }
 
 impl Findings {
-    /// Takes over the findings about a linked file: what concerns the file as a whole is placed at the key that names
-    /// it, the rest is returned.
+    /// Takes over the findings about a linked file. A finding about the whole file goes to the key that names it; the other
+    /// findings are returned.
     fn link(&mut self, key: &str, report: Report) -> Vec<Diagnostic> {
         let (whole, inside): (Vec<_>, Vec<_>) =
             report.diagnostics.into_iter().partition(|finding| finding.place.is_none());

@@ -1,4 +1,4 @@
-//! Where the keys of a document stand, in one file or in several.
+//! Places of the keys of a document, in one file or in several.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -16,8 +16,7 @@ pub(super) struct File {
 /// A place in a file, by its number.
 pub(super) type Spot = (usize, TextSpan);
 
-/// Where the values of a text stand in the files that it was put together from, by their place in the text. Empty for
-/// the text of one file.
+/// Places in the files for the values of a composed text, by their place in the text. Empty for the text of one file.
 pub(super) type Origins = BTreeMap<usize, Spot>;
 
 impl File {
@@ -36,15 +35,15 @@ impl File {
     }
 }
 
-/// Where the keys of one document stand.
+/// Places of the keys of one document.
 #[derive(Debug)]
 pub(super) struct Locator {
-    /// The files that the document is put together from; the first names it.
+    /// Files that the document is composed from; the first file names it.
     pub(super) files: Vec<File>,
     /// The text that was read: the text of one file, or of all files together.
     pub(super) text: Arc<str>,
     pub(super) outline: Outline,
-    /// Where the values of the text stand in the files; empty where there is one file.
+    /// Places in the files for the values of the text; empty if there is one file.
     pub(super) origins: Origins,
 }
 
@@ -54,7 +53,7 @@ impl Locator {
         Self { text: file.text.clone(), files: vec![file], outline, origins: Origins::new() }
     }
 
-    /// The file that a place of the text is from, and its place there.
+    /// Returns the file that a place of the text is from, and its place there.
     fn origin(&self, place: TextSpan) -> Option<(&File, TextSpan)> {
         let nearest = self.origins.range(..=place.offset).next_back();
         let (file, place) = nearest.map_or((0, place), |(_, origin)| *origin);

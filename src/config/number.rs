@@ -15,7 +15,7 @@ pub(super) const TOO_LARGE: &str = "is larger than 1e12";
 
 /// Largest number of a configuration: no rig has one near it, and products of a few of them stay finite.
 const LARGEST: f64 = 1e12;
-/// Smallest number that has to be above zero: quotients stay finite.
+/// Smallest number for values above zero: quotients stay finite.
 const SMALLEST: f64 = 1e-12;
 
 macro_rules! number {

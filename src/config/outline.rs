@@ -1,4 +1,4 @@
-//! Where each key and value of a YAML text stands, by path.
+//! Places of each key and value of a YAML text, by path.
 
 use super::diagnostic::TextSpan;
 
@@ -12,15 +12,15 @@ pub(super) struct Outline {
 /// One value.
 #[derive(Clone, Debug)]
 pub(super) struct Node {
-    /// Where the key of the value stands, when it has one.
+    /// Place of the key of the value, if it has one.
     pub(super) key: Option<TextSpan>,
-    /// Where the value stands; for a list or mapping in block style only its start.
+    /// Place of the value; for a list or mapping in block style only its start.
     pub(super) value: TextSpan,
     pub(super) content: Content,
     pub(super) form: Form,
 }
 
-/// How a value is written, as far as it matters to whoever writes it again.
+/// Style of a value, as far as it matters for writing it again.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Form {
     /// The number of its anchor, from 1; 0 without one.
@@ -58,7 +58,7 @@ pub(super) fn steps(path: &str) -> impl Iterator<Item = Step<'_>> {
 }
 
 impl Node {
-    /// Where to point: at a value that can be seen as a whole, else at its key.
+    /// Returns the place to point at: a value that can be seen as a whole, else its key.
     pub(super) fn place(&self) -> TextSpan {
         match (&self.content, self.key) {
             (Content::List(_) | Content::Map(_), Some(key)) if self.value.length == 0 => key,
@@ -119,7 +119,7 @@ impl Outline {
         steps(path).try_fold(self.root.as_ref()?, |node, step| node.child(step))
     }
 
-    /// The value at a path, or what of the path exists.
+    /// Returns the value at a path, or the nearest existing part of the path.
     pub(super) fn nearest(&self, path: &str) -> Option<&Node> {
         let mut node = self.root.as_ref()?;
         for step in steps(path) {
@@ -146,7 +146,7 @@ impl Outline {
     }
 }
 
-/// Whether a word that is not quoted stands for nothing.
+/// Whether an unquoted word means null.
 pub(super) fn is_null(word: &str) -> bool {
     word.is_empty() || word == "~" || word.eq_ignore_ascii_case("null")
 }

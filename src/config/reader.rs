@@ -1,7 +1,7 @@
-//! From the outline of a text to a tree of types: the text itself is read once.
+//! Conversion of the outline of a text into a tree of types; the text itself is read once.
 //!
-//! The deserializer of the YAML crate is large, and was compiled again for each type of the tree. This one walks values
-//! that are there, knows the path of each, and so names the key that is wrong.
+//! The deserializer of the YAML crate is large, and was compiled again for each type of the tree. This reader walks existing
+//! values, knows the path of each, and so names the wrong key.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -32,7 +32,7 @@ pub(super) fn parse<T: DeserializeOwned>(text: &str) -> Result<T, Fault> {
 /// Reads an outline into a tree.
 ///
 /// # Errors
-/// The first value that the tree does not take, with its path.
+/// The first value that does not fit the tree, with its path.
 pub(super) fn read<T: DeserializeOwned>(outline: &Outline) -> Result<T, Fault> {
     let Some(root) = &outline.root else { return Err(Fault { cause: Cause::Empty, place: None, path: None }) };
     let mut anchors = BTreeMap::new();
@@ -134,7 +134,7 @@ struct Reader<'de> {
 }
 
 impl<'de> Reader<'de> {
-    /// The value, or the one that an alias repeats. An anchor that is not there was refused before.
+    /// Returns the value, or the value that an alias repeats. A missing anchor was refused before.
     fn content(self) -> (&'de Content, bool) {
         let mut node = self.node;
         while let Content::Alias(anchor) = &node.content {
@@ -345,7 +345,7 @@ impl<'de> Deserializer<'de> for Reader<'de> {
     forward_to_deserialize_any! { i128 u128 char bytes byte_buf unit_struct tuple_struct identifier }
 }
 
-/// A list of another length than was wanted.
+/// A list with a length other than the expected one.
 struct Length(usize);
 
 impl Expected for Length {
@@ -425,7 +425,7 @@ impl<'de> EnumAccess<'de> for Choice<'de> {
 }
 
 impl<'de> Choice<'de> {
-    /// Reads what stands behind the word.
+    /// Reads the value behind the word.
     fn read<T>(self, read: impl FnOnce(Reader<'de>) -> Result<T, Refusal>) -> Result<T, Refusal> {
         let Some(group) = self.group else { return Err(Refusal::wrong_type(&"a group with one key")) };
         read(group).map_err(|refusal| refusal.at(group.node.place()).within(self.word))

@@ -1,4 +1,4 @@
-//! The JSON Schema of all documents, and what it says about a key.
+//! The JSON Schema of all documents, and its information about keys.
 
 use std::sync::LazyLock;
 
@@ -42,7 +42,7 @@ pub fn schema() -> Value {
     })
 }
 
-/// The schema of a variant: the keys of its kind, none of which has to be there, and the file that it is like.
+/// Returns the schema of a variant: the keys of its kind, none of them required, and the base file.
 fn variant(kind: Kind, whole: &Value, definitions: &mut Map<String, Value>) -> Value {
     let mut schema = loosen(whole, definitions);
     schema["description"] =
@@ -98,7 +98,8 @@ fn loosen(schema: &Value, definitions: &mut Map<String, Value>) -> Value {
     loose
 }
 
-/// The schema as it is asked about: every file that is read asks, and to make it takes longer than to read a file.
+/// The schema for questions about keys, made once: every file that is read asks, and making the schema takes longer than reading
+/// a file.
 static ASKED: LazyLock<Value> = LazyLock::new(schema);
 
 /// Returns the description of a key, such as `fixture.yield_n`: of a rig, else of another kind of file that has it. `None` if none has.
@@ -133,7 +134,7 @@ impl Guide {
         self.find(path).is_some()
     }
 
-    /// Whether what stands at a path is a choice: a group with one of several keys.
+    /// Whether the value at a path is a choice: a group with one of several keys.
     pub(super) fn is_choice(&self, path: &str) -> bool {
         self.find(path).is_some_and(|schema| self.chooses(schema))
     }
@@ -262,12 +263,12 @@ fn alternatives(schema: &Value) -> impl Iterator<Item = &Value> {
     ["oneOf", "anyOf"].into_iter().filter_map(|key| schema.get(key)?.as_array()).flatten()
 }
 
-/// The name of the definition that stands for a schema.
+/// Returns the name of the definition that a schema refers to.
 fn reference(schema: &Value) -> Option<&str> {
     schema.get("$ref")?.as_str()?.strip_prefix("#/$defs/")
 }
 
-/// Whether a schema is that of a group with one key that has to be there.
+/// Whether a schema is the schema of a group with one required key.
 fn has_one_key(schema: &Value) -> bool {
     let count = |key: &str| match schema.get(key) {
         Some(Value::Object(keys)) => keys.len(),

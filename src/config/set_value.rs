@@ -1,4 +1,4 @@
-//! Values that stand over those of a file: a variant of it that needs no file of its own.
+//! Values that override values of a file: a variant without a file of its own.
 
 use std::str::FromStr;
 
@@ -8,7 +8,7 @@ use super::source::{Source, Values, like};
 
 /// The key of a list whose entries have names.
 const DRIVES: &str = "drives";
-/// Before the keys of the scene.
+/// Prefix of the keys of the scene.
 const SCENE: &str = "scene";
 
 /// A value and its key, as `fixture.yield_n=25`. Drives go by their names: `drives.left.direction=-1`. Keys of the scene begin with `scene.`:
@@ -19,30 +19,30 @@ pub struct SetValue {
     value: String,
 }
 
-/// Reason why a text sets no value, or why values do not go together.
+/// Reason why a text sets no value, or why values contradict each other.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum SetValueError {
     /// There is no `=`.
     #[error("{0} is no KEY=VALUE, such as fixture.yield_n=25")]
     NoValue(String),
-    /// A key is empty or has another character than letters, digits, `_` and `-`, or it is that of a whole drive.
+    /// A key is empty, has a character other than letters, digits, `_` and `-`, or names a whole drive.
     #[error(
         "{0} is no key: write the keys from the outermost one on, such as fixture.yield_n or drives.left.direction"
     )]
     NoKey(String),
-    /// The value does not stand on one line.
+    /// The value is longer than one line.
     #[error("the value of {0} has more than one line: write it on one, such as [1.0, 0.0]")]
     Lines(String),
     /// A value among several is missing.
     #[error("{0} has an empty value: write each one, such as {0}=1,2,3")]
     Empty(String),
-    /// Two of them set the same key, or one sets a group of which the other sets a part.
+    /// Two values set the same key, or one sets a group and the other a part of that group.
     #[error("{0} is set twice: once as a whole or in part is enough")]
     Twice(String),
 }
 
 impl SetValue {
-    /// Reads `KEY=a,b,c`: one for each of the values. Commas within brackets, braces and quotes are parts of a value.
+    /// Reads `KEY=a,b,c`: one result for each of the values. Commas within brackets, braces and quotes are parts of a value.
     ///
     /// # Errors
     /// As its [`FromStr`]; or a value is empty.
@@ -112,7 +112,7 @@ enum Entry {
 }
 
 impl Group {
-    /// Puts a value at its place; whether nothing else is there.
+    /// Puts a value at its place, and returns whether the place was free.
     fn put(&mut self, keys: &[String], value: &str) -> bool {
         let [key, rest @ ..] = keys else { return false };
         let place = self.0.iter_mut().find(|(known, _)| known == key).map(|(_, entry)| entry);
@@ -163,8 +163,8 @@ impl Group {
 }
 
 impl Source {
-    /// Returns a variant of this rig or impedance device in which `values` stand over its own and those of its scene; without any the
-    /// document itself.
+    /// Returns a variant of this rig or impedance device in which `values` override its own and those of its scene; without any,
+    /// the document itself.
     ///
     /// # Errors
     /// If a key is set twice.

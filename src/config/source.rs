@@ -1,4 +1,4 @@
-//! Where a document comes from: a file on disk, or the copy of a shipped file inside the program.
+//! Source of a document: a file on disk, or the copy of a shipped file inside the program.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -18,8 +18,8 @@ pub const MAX_FILE_BYTES: usize = 1 << 20;
 /// Folders of the shipped device profiles and tables of error codes among the shipped files.
 const OF_DRIVES: [(&str, &[(&str, &str)]); 2] = [("profiles", profiles::SHIPPED), ("codes", codes::SHIPPED)];
 
-/// Name of the text of values that stand over those of a file.
-pub(super) const SET: &str = "--set";
+/// Name of the text with values that override those of a file.
+const SET: &str = "--set";
 
 /// Prefix of the name of a shipped file.
 const BUILTIN_PREFIX: &str = "builtin:";
@@ -115,11 +115,11 @@ enum Origin {
     Builtin,
     /// Texts by name.
     Memory(Arc<BTreeMap<PathBuf, Arc<str>>>),
-    /// Values that stand over those of a document of another origin.
+    /// Values that override those of a document of another origin.
     Over(Arc<Values>, Box<Origin>),
 }
 
-/// Texts of values that stand over those of a machine and of its scene.
+/// Texts of values that override those of a machine and of its scene.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Values {
     /// The variant of the machine.
@@ -128,8 +128,8 @@ pub(super) struct Values {
     pub(super) scene: String,
 }
 
-/// The copy of a shipped file inside the program, by its path in `config/`, such as `figures/fig11.yaml`. Whether it
-/// exists shows when it is read.
+/// Returns the copy of a shipped file inside the program, by its path in `config/`, such as `figures/fig11.yaml`. Only a read
+/// shows whether it exists.
 pub fn builtin(path: impl AsRef<Path>) -> Source {
     Source { path: normalise(path.as_ref()), origin: Origin::Builtin }
 }
@@ -186,13 +186,13 @@ impl Source {
         self.path.file_name()?.to_str()
     }
 
-    /// Values over those of this document. Paths in them mean what they mean in it.
+    /// Adds values that override those of this document. Paths in them have the same meaning as in the document.
     pub(super) fn beneath(self, values: Values) -> Self {
         let path = self.path.with_file_name(SET);
         Self { path, origin: Origin::Over(Arc::new(values), Box::new(self.origin)) }
     }
 
-    /// The scene that `path`, written in this document, means, with the values that stand over it.
+    /// Returns the scene that `path` means in this document, with the values that override it.
     pub(super) fn scene(&self, path: &str) -> Self {
         let scene = self.relative(path);
         match (&self.origin, scene.file_name()) {
@@ -209,8 +209,8 @@ impl Source {
         self.origin == Origin::Builtin
     }
 
-    /// The document that `path`, written in this document, means: a file by its way from the folder of this one, or with
-    /// `builtin:` before it a shipped file.
+    /// Returns the document that `path` means in this document: a file by its path from the folder of this document, or with the
+    /// prefix `builtin:` a shipped file.
     pub fn relative(&self, path: &str) -> Self {
         if let Some(shipped) = path.strip_prefix(BUILTIN_PREFIX) {
             return builtin(shipped);
@@ -295,14 +295,14 @@ impl Source {
         }
     }
 
-    /// Help for a path that a file inside the program comes near to.
+    /// Returns help for a path similar to that of a file inside the program.
     fn meant_builtin(&self) -> Option<String> {
         let meant = nearest_file(&self.path.to_string_lossy(), builtin_names())?;
         Some(format!("did you mean `{BUILTIN_PREFIX}{meant}`?"))
     }
 
-    /// Help for a path that does not exist: the YAML file beside it whose name is nearest, or the file inside the program, or all those
-    /// beside it.
+    /// Returns help for a path that does not exist: the YAML file in the same folder with the nearest name, or the file inside
+    /// the program, or all YAML files in that folder.
     fn nearby(&self) -> String {
         let parent = match self.path.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-/// The known word nearest to `word`, when it is near enough to be worth asking about.
+/// Returns the known word nearest to `word`, if it is near enough for a suggestion.
 pub fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let word = word.to_lowercase();
     let near = |candidate: &&str| {
@@ -16,7 +16,8 @@ pub fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
     known.into_iter().filter_map(|candidate| Some((near(&candidate)?, candidate))).min().map(|(_, candidate)| candidate)
 }
 
-/// The file whose name is nearest to that of a path: folders and endings, in which names may be alike by chance, do not count.
+/// Returns the file whose name is nearest to that of a path. Folders and extensions do not count, since their names may be alike
+/// by chance.
 pub(super) fn nearest_file<'a>(path: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let stem = |path: &'a str| (Path::new(path).file_stem().and_then(|stem| stem.to_str()).unwrap_or(path), path);
     let known: Vec<(&str, &str)> = known.into_iter().map(stem).collect();
@@ -25,7 +26,7 @@ pub(super) fn nearest_file<'a>(path: &str, known: impl IntoIterator<Item = &'a s
     known.into_iter().find(|(stem, _)| *stem == meant).map(|(_, path)| path)
 }
 
-/// Fewest letters to insert, remove, replace or swap with their neighbour.
+/// Returns the smallest number of letters to insert, remove, replace or swap with their neighbour.
 fn edits(from: &str, to: &str) -> usize {
     let (from, to): (Vec<char>, Vec<char>) = (from.chars().collect(), to.chars().collect());
     let mut rows: Vec<Vec<usize>> = vec![(0..=to.len()).collect()];

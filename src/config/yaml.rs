@@ -1,4 +1,4 @@
-//! The YAML crates, and nothing else in the program knows them: limits, where the values of a text stand, and writing.
+//! The YAML crates: limits, places of the values of a text, and writing. Nothing else in the program uses these crates.
 
 use std::collections::BTreeMap;
 
@@ -15,12 +15,12 @@ pub(super) const MAX_NODES: usize = 20_000;
 /// Most aliases in a document.
 pub(super) const MAX_ALIASES: usize = 100;
 
-/// Why a text is not the wanted tree.
+/// Reason why a text is not the wanted tree.
 #[derive(Debug)]
 pub(super) struct Fault {
     pub(super) cause: Cause,
     pub(super) place: Option<TextSpan>,
-    /// Path of the value, where the text is YAML and the tree does not take it.
+    /// Path of the value, if the text is YAML but does not fit the tree.
     pub(super) path: Option<String>,
 }
 
@@ -30,7 +30,7 @@ impl Fault {
     }
 }
 
-/// The causes that have an answer of their own.
+/// Causes with their own message.
 #[derive(Debug)]
 pub(super) enum Cause {
     /// No document at all.
@@ -53,9 +53,9 @@ pub(super) enum Cause {
     TooBig { limit: String },
     /// More than one document in the file.
     SeveralDocuments,
-    /// A second key beside that of a choice.
+    /// A second key next to the key of a choice.
     SecondChoice,
-    /// Not YAML, or nothing that has an answer of its own.
+    /// Not YAML, or a cause without its own message.
     Syntax { message: String },
 }
 
@@ -154,7 +154,8 @@ pub(super) fn outline(text: &str) -> Result<Outline, Fault> {
     }
 }
 
-/// The number of values in a value, aliases expanded; `sizes` has that of each value with an anchor, by its number.
+/// Returns the number of values in a value, aliases expanded; `sizes` holds this number for each value with an anchor, by the
+/// anchor's number.
 fn size(node: &Node, sizes: &mut BTreeMap<usize, usize>) -> Result<usize, Fault> {
     let mut sum = 1;
     match &node.content {

@@ -1,4 +1,4 @@
-//! Drives that are axes of one device: what they have in common, and whether the device has them.
+//! Drives that are axes of one device: their common properties, and whether the device has these axes.
 
 use yieldwall_drives::profiles::Fieldbus;
 
@@ -8,12 +8,13 @@ use crate::tree::Rig;
 /// PDOs of a direction for which a node of CANopen has default identifiers.
 const IDENTIFIERS: usize = 4;
 
-/// Whether both drives are at one address and at least one of them says that it is an axis.
+/// Whether both drives are at one address and at least one of them is written as an axis.
 pub(super) fn are_axes(rig: &Rig) -> bool {
     rig.has_one_device() && rig.drives.iter().any(|drive| drive.address.axis().is_some())
 }
 
-/// Whether each axis is one that its device has, and both drives of one device agree on what the device has once.
+/// Checks that each axis exists in its device, and that both drives of one device agree on everything that the device has only
+/// once.
 pub(super) fn check_axes(findings: &mut Findings, rig: &Rig) {
     for index in 0..rig.drives.len() {
         check_axis(findings, rig, index);

@@ -1,4 +1,4 @@
-//! Nodes on their buses: names, numbers and how often they are heard.
+//! Nodes on their buses: names, numbers and heartbeat periods.
 
 use super::Findings;
 use super::axes::are_axes;
@@ -7,14 +7,14 @@ use crate::tree::{Bus, Rig};
 
 /// Bit rates of CiA 301, bit/s.
 const BIT_RATES: [u32; 8] = [10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000];
-/// Least heartbeat period in control periods: a node that is due in every cycle may come late in one.
+/// Smallest heartbeat period in control periods: a heartbeat that is due in every cycle may come late in one.
 pub const HEARTBEAT_CYCLES: u64 = 2;
 
-/// The ways out where two drives have one node-ID.
+/// Remedies if two drives have one node-ID.
 const AXIS_OR_NODE: &str = "give each node of a bus its own node-ID from 1 to 127, here and in the device; drives of one device of several axes \
                             write `axis: 0` and `axis: 1` beside it";
 
-/// Whether the buses exist and are in use, and every node of each has a number of its own.
+/// Checks that the buses exist and are in use, and that every node of a bus has its own number.
 pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {
     let [left, right] = &rig.drives;
     let used = [&left.bus, &right.bus, &rig.sensor.bus];

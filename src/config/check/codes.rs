@@ -33,7 +33,7 @@ pub(crate) fn check_error_codes(findings: &mut Findings, table: &ErrorCodes) {
     }
 }
 
-/// A table of error codes that nobody knows.
+/// Refuses an unknown table of error codes.
 pub(crate) fn refuse_error_codes(findings: &mut Findings, key: &str, name: &str) {
     let known = || codes::SHIPPED.iter().map(|(name, _)| *name);
     let help = match nearest(name, known()) {

@@ -1,4 +1,4 @@
-//! Fixtures, and the impedance device that has little else.
+//! Fixtures, and the impedance device, which has little else.
 
 use super::Findings;
 use super::words::{round, shorten_numbers};
@@ -9,7 +9,7 @@ use yieldwall_motion::fixture::{self, FixtureError};
 /// level or more. Measured errors: 0.25 F/kappa at 5, 0.97 at 2.
 const TANGENT_RADIUS_RATIO: f64 = 5.0;
 
-/// Share of the guard's speed limit that a capture may take: the way of the proxy itself comes on top of it.
+/// Share of the guard's speed limit that a capture may take; the motion of the proxy itself is added to it.
 const CAPTURE_SHARE: f64 = 0.5;
 
 /// Machine on which a fixture works.
@@ -82,7 +82,7 @@ pub(super) fn check_hold(findings: &mut Findings, at: &str, coupling: &Coupling,
     }
 }
 
-/// Refuses an automatic hold beside a fixed one, where there is no momentum, or out of its range.
+/// Refuses an automatic hold together with a fixed one, a hold without momentum, or a hold out of its range.
 fn check_automatic_hold(findings: &mut Findings, at: &str, fixture: &Fixture) {
     let Some(hold) = fixture.automatic_hold else { return };
     let key = format!("{at}.automatic_hold");
@@ -107,7 +107,7 @@ fn check_automatic_hold(findings: &mut Findings, at: &str, fixture: &Fixture) {
     }
 }
 
-/// Refuses a passivity controller where there is no mass to damp or the fixture itself gives energy, or out of its range.
+/// Refuses a passivity controller without a mass to damp, with a fixture that itself gives energy, or out of its range.
 fn check_passivity(findings: &mut Findings, at: &str, fixture: &Fixture) {
     let Some(passivity) = fixture.passivity else { return };
     let key = format!("{at}.passivity");
@@ -142,7 +142,7 @@ fn check_passivity(findings: &mut Findings, at: &str, fixture: &Fixture) {
     }
 }
 
-/// Refuses a passivity controller at `at` that would wait for more than the rig may give before the guard holds it.
+/// Refuses a passivity controller at `at` whose bound is above the energy at which the guard holds the rig.
 pub(super) fn check_passivity_beside_guard(findings: &mut Findings, at: &str, fixture: &Fixture, guard: &Guard) {
     // A bound that is out of its range has been found already.
     let Some(passivity) = fixture.passivity.filter(|&it| fixture::Passivity::from(it).checked().is_ok()) else {
@@ -164,7 +164,7 @@ pub(super) fn check_passivity_beside_guard(findings: &mut Findings, at: &str, fi
     }
 }
 
-/// Refuses a capture radius at `at` over which the proxy would come faster than the guard lets the reference move.
+/// Refuses a capture radius at `at` over which the proxy would move faster than the guard lets the reference move.
 pub(super) fn check_capture_beside_guard(
     findings: &mut Findings,
     at: &str,
@@ -190,7 +190,7 @@ pub(super) fn check_capture_beside_guard(
     }
 }
 
-/// Refuses a law that does not go with the rest of the fixture.
+/// Refuses a law that does not fit the rest of the fixture.
 fn check_law(findings: &mut Findings, at: &str, fixture: &Fixture) {
     let Some(law) = fixture.law else { return };
     let key = format!("{at}.law.{}", law.name());
@@ -294,7 +294,7 @@ fn check_directions(findings: &mut Findings, at: &str, surface: &Surface) {
     }
 }
 
-/// Refuses a wall that has no side to be kept out of.
+/// Refuses a wall without a side to forbid.
 fn check_sides(findings: &mut Findings, at: &str, fixture: &Fixture) {
     for (place, surface) in fixture.surfaces().filter(|(_, surface)| !surface.has_sides()) {
         let name = surface.name();
@@ -316,7 +316,7 @@ fn check_sides(findings: &mut Findings, at: &str, fixture: &Fixture) {
     }
 }
 
-/// Where the points of a chain are that make it no shape.
+/// Reports which points of a chain prevent a shape.
 fn shape_error(at: &str, surface: &Surface, error: FixtureError) -> (String, &'static str) {
     let key = format!("{at}.{}.{}", surface.name(), surface.size_key());
     match error {
@@ -342,7 +342,7 @@ fn check_curvature(findings: &mut Findings, at: &str, fixture: &Fixture, period_
     }
 }
 
-/// Whether one surface has a shape, with curvature that the fixture's reach leaves room for.
+/// Checks that one surface has a shape, with a curvature that leaves room for the fixture's reach.
 fn check_radius(findings: &mut Findings, at: &str, place: &str, surface: &Surface, fixture: &Fixture, period_s: f64) {
     let radius_m = match surface.smallest_radius_m() {
         Ok(radius_m) => radius_m,

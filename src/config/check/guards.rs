@@ -1,4 +1,4 @@
-//! Limits that nothing reaches, and numbers in another unit: each beside the most that this arm can do.
+//! Limits that the arm cannot reach, and numbers in a wrong unit: each is compared with the most that this arm can do.
 
 use std::f64::consts::TAU;
 
@@ -11,10 +11,10 @@ use crate::tree::{CommandMode, ControlGains, Coupling, Rig};
 pub(super) const LONGEST_STOP_S: f64 = 2.0;
 /// Smallest torque limit in per mille of the rated torque. Below it, the steps of the torque command are large enough to feel.
 const LEAST_TORQUE_STEPS: f64 = 50.0;
-/// Greatest share of the torque limit that one count of an encoder may ask for.
+/// Largest share of the torque limit that one count of an encoder may cause.
 const MOST_OF_A_COUNT: f64 = 0.25;
 
-/// Whether limits guard anything, and whether counts are fine enough.
+/// Checks that limits are effective, and that counts are fine enough.
 pub(super) fn check_guards(findings: &mut Findings, rig: &Rig) {
     check_limits(findings, rig);
     check_stop(findings, rig);
@@ -24,7 +24,7 @@ pub(super) fn check_guards(findings: &mut Findings, rig: &Rig) {
     check_turns(findings, rig);
 }
 
-/// A limit that the arm cannot reach is as good as none.
+/// Warns about a limit that the arm cannot reach: it has no effect.
 fn check_limits(findings: &mut Findings, rig: &Rig) {
     let Some(most) = Most::of(rig) else { return };
     let guard = &rig.guard;
@@ -109,7 +109,8 @@ fn check_limits(findings: &mut Findings, rig: &Rig) {
     }
 }
 
-/// Whether the rig comes to rest from its highest speed while somebody waits for it: a ramp from `v` takes `1.5 v / a`.
+/// Checks that the rig comes to rest from its highest speed in the time in which the program waits for it: a ramp from `v` takes
+/// `1.5 v / a`.
 fn check_stop(findings: &mut Findings, rig: &Rig) {
     let guard = &rig.guard;
     let (speed, deceleration) = (*guard.tool_speed_limit_m_per_s, *guard.stop_deceleration_m_per_s2);
@@ -127,7 +128,7 @@ fn check_stop(findings: &mut Findings, rig: &Rig) {
     }
 }
 
-/// Torques go to the drive in per mille of rated: those that the limit allows should be many.
+/// Checks the resolution of the torque: drives take it in per mille of rated, so that the limit should be many of these steps.
 fn check_torque_steps(findings: &mut Findings, rig: &Rig) {
     let limit = *rig.guard.torque_limit_n_m;
     for (index, drive) in rig.drives.iter().enumerate() {
@@ -148,7 +149,8 @@ fn check_torque_steps(findings: &mut Findings, rig: &Rig) {
     }
 }
 
-/// One count of an encoder changes the measured rate by a count per period: the damping must not make a blow of it.
+/// Checks the encoder resolution: one count changes the measured rate by a count per period, and the damping must not turn that
+/// into a jolt.
 fn check_angle_steps(findings: &mut Findings, rig: &Rig) {
     let ControlGains::Joint { stiffness_n_m_per_rad, damping_n_m_s_per_rad, .. } = rig.control.gains else { return };
     if rig.rig.command_mode != CommandMode::Torque {
@@ -189,7 +191,7 @@ fn check_force_steps(findings: &mut Findings, rig: &Rig) {
     }
 }
 
-/// Angles of more than a turn are most likely in degrees.
+/// Warns about angles of more than a turn: they are most likely in degrees.
 fn check_turns(findings: &mut Findings, rig: &Rig) {
     let offsets = rig.drives.iter().enumerate();
     let offsets = offsets.map(|(index, drive)| (format!("drives[{index}].zero_offset_rad"), *drive.zero_offset_rad));
@@ -202,7 +204,7 @@ fn check_turns(findings: &mut Findings, rig: &Rig) {
     }
 }
 
-/// Whether the mass of the handle, whose inertia is taken out of the force, leaves the virtual mass anything.
+/// Checks that the handle leaves some of the virtual mass; the program subtracts the handle's inertia from the force.
 pub(super) fn check_handle(findings: &mut Findings, rig: &Rig) {
     let Coupling::Admittance { mass_kg } = rig.fixture.coupling else { return };
     let handle = *rig.sensor.handle_mass_kg;

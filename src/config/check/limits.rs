@@ -1,18 +1,18 @@
-//! Control law and limits: whether they fit the command mode and the drives.
+//! Checks of control law and limits against the command mode and the drives.
 
 use super::Findings;
 use super::words::round;
 use crate::tree::{CommandMode, ControlGains, Rig};
 
-/// Product of rate gain and period above which an ideal drive overshoots, and that at which the loop is unstable, with
-/// the delay of one cycle.
+/// Product of rate gain and period above which an ideal drive overshoots, and the product at which the loop is unstable, with the
+/// delay of one cycle.
 const RATE_GAIN_BOUNDS: [f64; 2] = [0.25, 1.0];
 /// Largest set-point of a torque, per mille of rated (6071h is an `i16`).
 const MOST_PER_MILLE: f64 = i16::MAX as f64;
-/// Largest following error window, counts: 6065h is a `u32`, and its last value means that nothing is watched.
+/// Largest following error window, counts: 6065h is a `u32`, and its last value switches the monitoring off.
 const MOST_COUNTS: f64 = (u32::MAX - 1) as f64;
 
-/// Whether the gains are those of the command mode.
+/// Checks that the gains fit the command mode.
 pub(super) fn check_control(findings: &mut Findings, rig: &Rig) {
     let gains = &rig.control.gains;
     let (found, is_rate) = match gains {
@@ -52,7 +52,7 @@ pub(super) fn check_control(findings: &mut Findings, rig: &Rig) {
     }
 }
 
-/// Whether limits make sense beside the fixture and each other.
+/// Checks the limits against the fixture and against each other.
 pub(super) fn check_guard(findings: &mut Findings, rig: &Rig) {
     let guard = &rig.guard;
     if *guard.force_limit_n <= *rig.fixture.yield_n {

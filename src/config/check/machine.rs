@@ -6,10 +6,10 @@ use crate::tree::{CommandMode, Rig};
 use yieldwall_motion::linkage::{FiveBar, MassModel};
 use yieldwall_motion::quantity::{JointRates, TipPoint};
 
-/// How far the inertia of the feed-forward may be from that of the machine, as a factor.
+/// Largest factor between the inertia of the feed-forward and the inertia of the machine.
 const MOST_APART: f64 = 2.0;
 
-/// Whether the simulated machine can move, and is the one that the feed-forward is for.
+/// Checks that the simulated machine can move, and that the feed-forward is for this machine.
 pub(super) fn check_machine(findings: &mut Findings, rig: &Rig) {
     let Ok(simulation) = rig.simulated() else { return };
     let arm = &simulation.arm;
@@ -47,7 +47,8 @@ pub(super) fn check_machine(findings: &mut Findings, rig: &Rig) {
     }
 }
 
-/// How many times as heavy one arm is as the other, in the middle of the working disc and in the direction in which that differs most.
+/// Returns how many times heavier one arm is than the other, in the middle of the working disc and in the direction of the
+/// largest difference.
 fn apart(rig: &Rig, one: &MassModel, other: &MassModel) -> Option<f64> {
     let five_bar = FiveBar::new(rig.linkage.geometry()).ok()?;
     let angles = five_bar.inverse(TipPoint::default()).ok()?;

@@ -37,12 +37,12 @@ use super::explain::{name_of, with_description};
 use super::locator::Locator;
 use super::schema::Guide;
 
-/// The findings in one document, and what is needed to place them.
+/// Findings in one document, and the data to place them.
 pub(super) struct Findings {
     locator: Arc<Locator>,
     guide: Guide,
     found: Vec<Diagnostic>,
-    /// Where values are out of range: relations with them mean nothing.
+    /// Places of values out of range: relations with them mean nothing.
     out_of_range: Vec<(String, TextSpan)>,
 }
 
@@ -51,7 +51,7 @@ impl Findings {
         Self { locator: Arc::new(locator), guide, found: Vec::new(), out_of_range: Vec::new() }
     }
 
-    /// Where findings go that are made later.
+    /// Returns the place for findings that are made later.
     pub(super) fn locator(&self) -> Arc<Locator> {
         self.locator.clone()
     }
@@ -79,7 +79,7 @@ impl Findings {
         self
     }
 
-    /// Adds what garde found. Whether it found nothing.
+    /// Adds the findings of garde, and returns whether there are none.
     pub(super) fn check_ranges<T: garde::Validate<Context = ()>>(&mut self, value: &T) -> bool {
         let Err(report) = value.validate() else { return true };
         for (path, error) in report.iter() {
@@ -106,7 +106,7 @@ impl Findings {
         false
     }
 
-    /// All findings in the order of the files and of their lines, without those that follow from a value out of range.
+    /// Returns all findings in the order of the files and of their lines, without those that follow from a value out of range.
     pub(super) fn into_sorted(mut self) -> Vec<Diagnostic> {
         // The findings about ranges come first; each has one of these places as its own.
         let ranges = self.out_of_range.len();

@@ -1,4 +1,4 @@
-//! The device models that a rig names: whether they are known, and have what it asks of them.
+//! Device models that a rig names: whether they are known, and have the features that the rig needs.
 
 use std::f64::consts::PI;
 use std::time::Duration;
@@ -15,11 +15,11 @@ use crate::tree::{CommandMode, Drive, ProfileName, Rig, Simulation};
 use yieldwall_motion::linkage::FiveBar;
 use yieldwall_motion::quantity::{JointAngles, TipPoint};
 
-/// Least and greatest way and rate of a joint that homes, rad and rad/s.
+/// Smallest and largest travel and rate of a joint during homing, rad and rad/s.
 const WITHIN_RAD: [f64; 2] = [0.01, 1.5];
 const HOMING_RATE: [f64; 2] = [0.005, 0.5];
 
-/// Whether every device's model is known, is that of such a device, and has what the rig asks of it.
+/// Checks that every device's model is known, is a model of such a device, and has the features that the rig needs.
 pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
     let mode = rig.rig.command_mode.operation_mode();
     let word = match rig.rig.command_mode {
@@ -80,7 +80,7 @@ pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
     }
 }
 
-/// Whether the model of the simulated drives is one of a drive.
+/// Checks that the model of the simulated drives is a model of a drive.
 pub(crate) fn check_drive_model(findings: &mut Findings, key: &str, simulation: &Simulation) {
     let Some(model) = &simulation.drive_model else { return };
     if model.profile.get().is_some_and(|profile| profile.servo().is_none()) {
@@ -130,7 +130,7 @@ fn check_watchdogs(findings: &mut Findings, key: &str, rig: &Rig, name: &Profile
     }
 }
 
-/// Whether an encoder knows at power-on where its joint is: within a turn of the motor that is nothing.
+/// Whether an encoder knows the joint's angle at power-on. An angle within a turn of the motor does not suffice.
 fn knows_its_angle(drive: &Drive, servo: &Servo) -> bool {
     match drive.encoder.unwrap_or(servo.encoder.kind) {
         EncoderKind::MultiTurn => true,
@@ -139,7 +139,7 @@ fn knows_its_angle(drive: &Drive, servo: &Servo) -> bool {
     }
 }
 
-/// Whether the drive knows where its zero is when a run begins, or can be homed: each begins with a reset.
+/// Checks that the drive knows its zero when a run begins, or can be homed: each run begins with a reset.
 fn check_reference(findings: &mut Findings, key: &str, profile: &DeviceProfile, drive: &Drive, servo: &Servo) {
     if knows_its_angle(drive, servo) {
         return;
@@ -161,7 +161,7 @@ fn check_reference(findings: &mut Findings, key: &str, profile: &DeviceProfile, 
     findings.error(key, message, help);
 }
 
-/// Whether the drive can be homed as the rig says.
+/// Checks that the drive can do the homing of the rig.
 fn check_homing(findings: &mut Findings, key: &str, drive: &Drive, servo: &Servo) {
     let (Some(homing), name) = (drive.homing, drive.profile.as_str()) else { return };
     if knows_its_angle(drive, servo) {
@@ -232,7 +232,7 @@ fn check_homing(findings: &mut Findings, key: &str, drive: &Drive, servo: &Servo
     }
 }
 
-/// While one joint homes the other one holds, in homing mode too; and home is where the arm can be.
+/// Checks that the other joint holds in homing mode too while one joint homes, and that the arm can reach home.
 fn check_both_home(findings: &mut Findings, rig: &Rig) {
     let homing = rig.drives.each_ref().map(|drive| drive.homing);
     let [Some(left), Some(right)] = homing else {
@@ -279,7 +279,7 @@ pub(super) fn is_servo(role: &Role) -> bool {
     matches!(role, Role::Servo(_))
 }
 
-/// A profile that cannot stand at a key.
+/// Refuses a profile that cannot stand at a key.
 pub(crate) fn refuse_profile(findings: &mut Findings, key: &str, name: &str, why: &str, fits: fn(&Role) -> bool) {
     let known: Vec<&str> =
         ProfileName::shipped().filter(|(_, profile)| fits(&profile.device)).map(|(name, _)| name).collect();

@@ -8,7 +8,7 @@ use yieldwall_motion::elementary;
 use yieldwall_motion::linkage::FiveBar;
 use yieldwall_motion::quantity::{Force, JointAngles, JointRates, TipPoint};
 
-/// Places that are looked at: the middle of the disc, and so many around it on each of [`RINGS`].
+/// Number of examined places on each of [`RINGS`]; the middle of the disc is examined too.
 const PLACES: u32 = 24;
 /// Shares of the radius of the disc.
 const RINGS: [f64; 2] = [0.5, 1.0];
@@ -16,19 +16,19 @@ const RINGS: [f64; 2] = [0.5, 1.0];
 /// The most that an arm can do within its working disc when each joint has the torque limit, without friction.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Most {
-    /// How far a joint turns within the disc, rad.
+    /// Largest turn of a joint within the disc, rad.
     pub(super) turn_rad: f64,
     /// Acceleration of the tool, m/s^2.
     pub(super) acceleration_m_per_s2: f64,
-    /// Rate of a joint that the limit drives all through the disc, rad/s.
+    /// Rate of a joint if the limit drives it all through the disc, rad/s.
     pub(super) joint_speed_rad_per_s: f64,
-    /// Speed of the tool that the limit drives all across the disc, m/s.
+    /// Speed of the tool if the limit drives it all across the disc, m/s.
     pub(super) tool_speed_m_per_s: f64,
     /// Force at the tool, N.
     pub(super) force_n: f64,
-    /// The force that it has in every direction at every place, N.
+    /// Force that the tool has in every direction at every place, N.
     pub(super) sure_force_n: f64,
-    /// Work that it does all across the disc, J.
+    /// Work of the force all across the disc, J.
     pub(super) energy_j: f64,
     /// Torque of a joint per force at the tool, m.
     pub(super) lever_m: f64,
@@ -85,7 +85,7 @@ fn places(radius_m: f64) -> impl Iterator<Item = TipPoint> {
     std::iter::once(TipPoint::default()).chain(rings)
 }
 
-/// Angles without a jump by a turn from others.
+/// Returns angles without a jump by a turn from others.
 fn near(angles: JointAngles, others: JointAngles) -> [f64; 2] {
     let [left, right] = angles.to_array();
     let [other_left, other_right] = others.to_array();

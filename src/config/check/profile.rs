@@ -9,16 +9,16 @@ use yieldwall_drives::profiles::{
 use super::Findings;
 use crate::suggest::nearest;
 
-/// First index of an object; those before are types of data, and stand for gaps in a mapping.
+/// First index of an object; the indices before it are types of data, and stand for gaps in a mapping.
 const COMMUNICATION: u16 = 0x1000;
-/// Distance of the objects of two axes by CiA 402.
+/// Distance of the objects of two axes in CiA 402.
 const AXIS_STEP: u16 = 0x800;
-/// Bytes that a CAN frame carries, and PDOs of a direction that CANopen has identifiers for.
+/// Bytes of a CAN frame, and number of PDOs of a direction that have CANopen identifiers.
 const FRAME_BYTES: usize = 8;
 const CANOPEN_PDOS: u16 = 4;
-/// PDOs of a direction at most.
+/// Largest number of PDOs of a direction.
 const MOST_PDOS: u16 = 512;
-/// Bits of an object at most, of a value that the master reads or writes, and of a gap.
+/// Largest number of bits of an object, of a value that the master reads or writes, and of a gap.
 const OBJECT_BITS: u8 = 64;
 const VALUE_BITS: u8 = 32;
 /// Abort connection option code and quick stop option code of CiA 402.
@@ -224,7 +224,7 @@ impl Checked<'_> {
         }
     }
 
-    /// Whether the bits of the status are there.
+    /// Checks that the bits of the status exist.
     fn status_bits(&mut self, sensor: &ForceSensor) {
         let objects = &sensor.objects;
         let has =
@@ -418,7 +418,7 @@ impl Checked<'_> {
         }
     }
 
-    /// Whether each axis of a device of several has objects and PDOs of its own.
+    /// Checks that each axis of a device with several axes has its own objects and PDOs.
     fn axes(&mut self, servo: &Servo) {
         const KEY: &str = "device.servo.axes";
         let Some(axes) = &servo.axes else { return };
@@ -477,7 +477,7 @@ impl Checked<'_> {
         }
     }
 
-    /// PDOs of one direction, of which each may carry what is `known`.
+    /// Checks PDOs of one direction; each may carry the quantities in `known`.
     fn pdos(&mut self, key: &str, pdos: &[Pdo], known: &[Quantity]) {
         let mut carried: Vec<Quantity> = Vec::new();
         for (index, pdo) in pdos.iter().enumerate() {
@@ -517,7 +517,7 @@ impl Checked<'_> {
         }
     }
 
-    /// Whether CANopen has room and an identifier for a PDO.
+    /// Checks that CANopen has room and an identifier for a PDO.
     fn of_canopen(&mut self, at: &str, pdo: &Pdo) {
         let bytes = self.profile.mapped_pdo(pdo).bytes();
         const OTHERWISE: &str = "or write `buses: [ethercat]` in `profile` if that is its only bus";
@@ -531,7 +531,7 @@ impl Checked<'_> {
         }
     }
 
-    /// Whether a mapped quantity is nothing to the rig: its lengths are checked then.
+    /// Whether a mapped quantity has no meaning to the rig; checks its lengths in that case.
     fn fills(&mut self, at: &str, quantity: Quantity) -> bool {
         let (at, bits, most) = match quantity {
             Quantity::Gap(bits) => (format!("{at}.gap"), bits, u8::MAX),
@@ -546,7 +546,8 @@ impl Checked<'_> {
         true
     }
 
-    /// Objects whose value the boot computes from what the drive holds are not sent with process data unless the profile says their value.
+    /// Checks that process data do not carry objects whose value the boot computes from values of the drive, unless the profile
+    /// gives their value.
     fn computed(&mut self, key: &str, servo: &Servo, pdos: &[Pdo]) {
         let limits = [
             servo.limits.current.as_ref().map(|current| &current.limit),

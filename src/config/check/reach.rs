@@ -10,12 +10,12 @@ use yieldwall_motion::fixture::Shape2;
 use yieldwall_motion::linkage::FiveBar;
 use yieldwall_motion::quantity::TipPoint;
 
-/// Greatest disc that is advised, mm.
+/// Largest disc that the advice names, mm.
 const MOST_MM: f64 = 1e5;
-/// Points of a circle that are tried for reach.
+/// Points of a circle for the check of reach.
 const CIRCLE_SAMPLES: u32 = 96;
 
-/// Whether the arm exists and reaches its working disc and the surface of its fixture.
+/// Checks that the arm exists and reaches its working disc and the surface of its fixture.
 pub(super) fn check_linkage(findings: &mut Findings, rig: &Rig) {
     let five_bar = match FiveBar::new(rig.linkage.geometry()) {
         Ok(five_bar) => five_bar,
@@ -63,7 +63,7 @@ fn reach_help(five_bar: &FiveBar, radius_m: f64, margin_m: f64) -> String {
     }
 }
 
-/// Whether the tool can follow the surface. `at` is the key of the fixture.
+/// Checks that the tool can follow the surface. `at` is the key of the fixture.
 pub(super) fn check_surface_reach(findings: &mut Findings, at: &str, fixture: &Fixture, rig: &Rig) {
     let Ok(five_bar) = FiveBar::new(rig.linkage.geometry()) else { return };
     let margin_m = *rig.guard.singularity_margin_m;
@@ -116,7 +116,7 @@ fn check_reach(findings: &mut Findings, at: &str, surface: &Surface, rig: &Rig, 
     }
 }
 
-/// Places all along a bounded surface.
+/// Returns places all along a bounded surface.
 fn samples(surface: &Surface, shape: &Shape2) -> Vec<TipPoint> {
     match (surface, shape) {
         (Surface::Circle { center_m, radius_m, .. }, _) => (0..CIRCLE_SAMPLES)

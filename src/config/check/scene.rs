@@ -1,4 +1,4 @@
-//! Scenes, alone and with the machine that runs them.
+//! Checks of scenes, alone and with the machine that runs them.
 
 use super::Findings;
 use super::words::{round, shorten_numbers};
@@ -9,14 +9,13 @@ use yieldwall_motion::elementary;
 use yieldwall_motion::linkage::FiveBar;
 use yieldwall_motion::quantity::TipPoint;
 
-/// Longest run, s: every cycle of it is kept in memory.
+/// Longest run, s: the program keeps every cycle of it in memory.
 pub const MAX_DURATION_S: f64 = 3600.0;
-/// Highest upper edge of a tremor, Hz: the simulated one is drawn on a grid of 1 ms and carries a tenth of its rate.
+/// Highest upper edge of a tremor, Hz: the simulation draws it on a grid of 1 ms, and it carries a tenth of that rate.
 const MAX_TREMOR_HZ: f64 = 100.0;
-/// Highest corner of the error of an aim, Hz: half of that of a tremor.
+/// Highest corner of the error of an aim, Hz: half of the limit of a tremor.
 const MAX_AIM_HZ: f64 = 50.0;
-/// Greatest error of an aim, m RMS on each axis: a person who traces a line by eye errs by millimetres, in haste by some
-/// 20 mm.
+/// Largest error of an aim, m RMS on each axis: a person who traces a line by eye errs by millimetres, in haste by about 20 mm.
 const MAX_AIM_ERROR_M: f64 = 0.05;
 /// Damping ratio of human arms: mean and standard deviation over postures and torques.
 ///
@@ -24,7 +23,7 @@ const MAX_AIM_ERROR_M: f64 = 0.05;
 /// Perreault, Kirsch and Crago, *Multijoint dynamics and postural stability of the human arm*, Experimental Brain Research 157
 /// (2004).
 const ARM_DAMPING_RATIO: [f64; 2] = [0.26, 0.08];
-/// Hands with a damping ratio below this ring as no arm does.
+/// Smallest plausible damping ratio: a hand below it oscillates as no arm does.
 const LEAST_DAMPING_RATIO: f64 = 0.15;
 /// Least distance of the start of an arc from its centre, m.
 const MIN_ARC_RADIUS_M: f64 = 1e-9;
@@ -80,7 +79,7 @@ pub(crate) fn check_scene(findings: &mut Findings, scene: &Scene) {
     check_model(findings, scene);
 }
 
-/// Whether the hand is damped as arms are: one that rings makes rigs swing that no person would.
+/// Checks that the hand is damped like an arm: an undamped hand makes rigs oscillate that no person would.
 fn check_damping(findings: &mut Findings, scene: &Scene) {
     let hand = &scene.hand;
     let (stiffness, damping, mass) = (*hand.stiffness_n_per_m, *hand.damping_n_s_per_m, *hand.mass_kg);
@@ -130,7 +129,7 @@ fn check_noise(findings: &mut Findings, scene: &Scene) {
     }
 }
 
-/// Whether a scene has one model, and what that model needs of itself.
+/// Checks that a scene has one model, and the own rules of that model.
 fn check_model(findings: &mut Findings, scene: &Scene) {
     let help = "write `model` for a rig, whose hand moves in the plane, or `device_model: {plant_step_us: ..}` for an \
                 impedance device";
@@ -161,14 +160,14 @@ fn check_model(findings: &mut Findings, scene: &Scene) {
     }
 }
 
-/// A segment of a path in the plane that is no wait.
+/// A segment of a path in the plane, except a wait.
 struct Leg {
     /// Its key, without the last part.
     key: String,
     is_arc: bool,
     /// Radius of an arc, m.
     radius_m: f64,
-    /// Where it ends, m.
+    /// End of the segment, m.
     end_m: [f64; 2],
     length_m: f64,
     in_s: f64,
@@ -351,7 +350,7 @@ fn check_step(findings: &mut Findings, scene: &Scene, period_us: u32) {
     }
 }
 
-/// Whether the scene is for this machine; then also whether its model fits.
+/// Checks that the scene is for this machine, and then that its model fits.
 fn check_model_for(findings: &mut Findings, scene: &Scene, machine: Machine<'_>) -> bool {
     match (machine, &scene.model, &scene.device_model) {
         (Machine::Rig(_), None, Some(_)) => {

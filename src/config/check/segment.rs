@@ -1,4 +1,4 @@
-//! Devices on an EtherCAT segment: who is where.
+//! Devices on an EtherCAT segment and their positions.
 
 use yieldwall_drives::profiles::ForceSensor;
 
@@ -12,11 +12,11 @@ const MOST_ON_PLAIN_CAN: u32 = i16::MAX as u32;
 /// Least force or torque of a count of a simulated sensor on EtherCAT, in N or N m.
 const LEAST_PER_COUNT: f64 = 1e-9;
 
-/// The ways out where two drives have one position.
+/// Remedies if two drives have one position.
 const AXIS_OR_PLACE: &str = "give each device its own place, counted from 0 at the computer; drives of one device of several axes write `axis: 0` \
                              and `axis: 1` beside it";
 
-/// A device as it stands in the document: its key, the key of its address, its bus, and its place in a segment.
+/// A device in the document: its key, the key of its address, its bus, and its place in a segment.
 struct Device<'a> {
     key: &'static str,
     address: &'static str,
@@ -24,7 +24,7 @@ struct Device<'a> {
     position: Option<u16>,
 }
 
-/// Whether each device is addressed as its bus takes it, and the devices of a segment stand in a line without a gap.
+/// Checks that each device has an address of its bus, and that the devices of a segment stand in a line without a gap.
 pub(super) fn check_segment(findings: &mut Findings, rig: &Rig) {
     let ([left, right], sensor) = (&rig.drives, &rig.sensor);
     let device = |key, address, bus, position| Device { key, address, bus, position };
@@ -41,7 +41,7 @@ pub(super) fn check_segment(findings: &mut Findings, rig: &Rig) {
     check_profiles(findings, rig);
 }
 
-/// Whether a sensor on its bus can have such counts, and the simulated one on EtherCAT such a calibration.
+/// Checks that a sensor on its bus can have such counts, and the simulated sensor on EtherCAT such a calibration.
 fn check_counts(findings: &mut Findings, rig: &Rig) {
     let (key, counts) = ("sensor.range_counts", rig.sensor.range_counts);
     let model = rig.sensor.protocol.profile().and_then(|profile| profile.get()?.force_sensor());
@@ -100,7 +100,7 @@ fn check_profiles(findings: &mut Findings, rig: &Rig) {
     }
 }
 
-/// Whether the address of a device is one on its bus.
+/// Checks that the address of a device fits its bus.
 fn check_kind(findings: &mut Findings, rig: &Rig, device: &Device<'_>) {
     let Device { key, address, bus, position } = device;
     // A bus that is not there is told elsewhere.
@@ -123,7 +123,7 @@ fn check_kind(findings: &mut Findings, rig: &Rig, device: &Device<'_>) {
     findings.error(address, message, help).see(&format!("buses.{bus}"), "the bus");
 }
 
-/// Whether both drives are on one segment, and the sensor there or on CAN; each device on it in a place of its own.
+/// Checks that both drives are on one segment, and the sensor there or on CAN, and that each device on it has its own place.
 fn check_places(findings: &mut Findings, rig: &Rig, devices: &[Device<'_>; 3]) {
     let is_segment = |bus: &str| matches!(rig.buses.get(bus), Some(Bus::Ethercat(_)));
     let [first, second, sensor] = devices;

@@ -11,10 +11,10 @@ use crate::number::{Finite, Positive};
 use crate::tree::{ProfileName, Rig, SensorProtocol};
 use yieldwall_motion::sensing::{Calibration, SensingError};
 
-/// Least squared sine of the angle between the rows Fx and Fy of a calibration; below it they say the same.
+/// Smallest squared sine of the angle between the rows Fx and Fy of a calibration; below it the rows are equivalent.
 const LEAST_ROW_ANGLE: f64 = 1e-12;
 
-/// Whether what may be taken for the zero of the sensor is small enough.
+/// Checks that the largest force of a tare is small enough.
 fn check_tare(findings: &mut Findings, rig: &Rig) {
     let Some(most_n) = rig.sensor.tare_up_to_n.map(Positive::get) else { return };
     let (friction_n, limit_n) = (rig.fixture.friction_n.get(), rig.guard.force_limit_n.get());
@@ -31,7 +31,7 @@ fn check_tare(findings: &mut Findings, rig: &Rig) {
     }
 }
 
-/// Whether the force sensor suits its bus, the cycle and the forces that matter.
+/// Checks that the force sensor suits its bus, the cycle and the relevant forces.
 pub(super) fn check_sensor(findings: &mut Findings, rig: &Rig) {
     let sensor = &rig.sensor;
     let cycle_hz = 1e6 / f64::from(rig.cycle.period_us);
@@ -88,7 +88,7 @@ pub(super) fn check_sensor(findings: &mut Findings, rig: &Rig) {
     check_force_range(findings, rig);
 }
 
-/// Whether the device model is known, is that of a sensor, and has what the rig and its bus ask of it.
+/// Checks that the device model is known, is a model of a sensor, and has the features that the rig and its bus need.
 fn check_profile(findings: &mut Findings, rig: &Rig, name: &ProfileName, cycle_hz: f64) {
     let is_on_can = rig.sensor.protocol.position().is_none();
     let protocol = if is_on_can { "sensor.protocol.canopen" } else { "sensor.protocol.ethercat" };
@@ -120,7 +120,7 @@ fn check_profile(findings: &mut Findings, rig: &Rig, name: &ProfileName, cycle_h
     }
 }
 
-/// A sensor without a counter of samples does not show which ones are new.
+/// Warns about a sensor without a counter of samples: it does not show which samples are new.
 fn check_counter(findings: &mut Findings, rig: &Rig, key: &str, name: &str, model: &ForceSensor) {
     if model.objects.sample_counter.is_some() {
         return;
@@ -135,7 +135,7 @@ fn check_counter(findings: &mut Findings, rig: &Rig, key: &str, name: &str, mode
     findings.warning(key, message, help);
 }
 
-/// Whether `calibration` has about the counts per unit that the profile says.
+/// Checks that `calibration` has about the counts per unit of the profile.
 fn check_scaling(findings: &mut Findings, rig: &Rig, key: &str, name: &str, model: &ForceSensor) {
     let Some(Scaling::Constant { per_n, per_n_m }) = model.scaling else { return };
     let units = [("N", per_n), ("N m", per_n_m)];
@@ -157,7 +157,7 @@ fn is_sensor(role: &Role) -> bool {
     matches!(role, Role::ForceSensor(_))
 }
 
-/// Whether a sensor samples as often as it can without samples that no cycle sees.
+/// Checks that a sensor samples as often as possible, without samples that no cycle sees.
 fn check_sample_rate(findings: &mut Findings, rig: &Rig, sample_rates_hz: &[u32], cycle_hz: f64) {
     let sensor = &rig.sensor;
     let rates = sample_rates_hz.iter().map(|rate| f64::from(*rate));
@@ -178,7 +178,7 @@ fn check_sample_rate(findings: &mut Findings, rig: &Rig, sample_rates_hz: &[u32]
     .see("cycle.period_us", "period_us");
 }
 
-/// Whether the sensor can measure the forces that matter.
+/// Checks that the sensor can measure the relevant forces.
 fn check_force_range(findings: &mut Findings, rig: &Rig) {
     let sensor = &rig.sensor;
     let largest = |row: &[Finite; 6]| row.iter().map(|gain| gain.abs()).sum::<f64>() * f64::from(sensor.range_counts);

@@ -6,14 +6,14 @@ use crate::tree::{Bus, Rig, SensorProtocol};
 
 /// SYNC of CANopen.
 const SYNC: u16 = 0x080;
-/// Greatest sample rate of a sensor on plain CAN, Hz.
+/// Highest sample rate of a sensor on plain CAN, Hz.
 const MOST_HZ: f64 = 10_000.0;
-/// Least bits of a frame of eight bytes, interframe space included.
+/// Smallest number of bits of a frame with eight bytes, interframe space included.
 const BITS_OF_EIGHT_BYTES: u64 = 111;
-/// From the base to the identifiers of the answers of a polled sensor.
+/// Distance from the base to the identifiers of the answers of a polled sensor.
 const ANSWERS: [u16; 2] = [5, 6];
 
-/// Whether a sensor on plain CAN gets along with the nodes of its bus, and its samples can be put together.
+/// Checks that a sensor on plain CAN is compatible with the nodes of its bus, and that its samples can be assembled.
 pub(super) fn check_plain_can(findings: &mut Findings, rig: &Rig, cycle_hz: f64) {
     check_rate(findings, rig, cycle_hz);
     let (group, ids, gap_us) = match rig.sensor.protocol {
@@ -50,7 +50,7 @@ pub(super) fn check_plain_can(findings: &mut Findings, rig: &Rig, cycle_hz: f64)
     check_gap(findings, rig, &format!("{group}.pair_gap_us"), gap_us);
 }
 
-/// Whether the rate is one that a sensor can be set to.
+/// Checks that a sensor can be set to the rate.
 pub(super) fn check_rate(findings: &mut Findings, rig: &Rig, cycle_hz: f64) {
     let (key, rate) = ("sensor.sample_rate_hz", *rig.sensor.sample_rate_hz);
     if rate.fract() != 0.0 || !(1.0..=MOST_HZ).contains(&rate) {
@@ -68,7 +68,7 @@ pub(super) fn check_rate(findings: &mut Findings, rig: &Rig, cycle_hz: f64) {
     }
 }
 
-/// Whether the frames are nobody else's, and wait for SYNC.
+/// Checks that no other node uses the identifiers, and that the frames have a lower priority than SYNC.
 fn check_identifiers(findings: &mut Findings, rig: &Rig, ids: &[(String, u16)]) {
     for (key, id) in ids {
         if let Some(user) = user_of(*id, rig) {

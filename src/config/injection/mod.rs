@@ -1,4 +1,4 @@
-//! Fault injection as data: what can be broken on the embedded simulation and on devices that are served, and what has to follow.
+//! Fault injection as data: possible faults on the embedded simulation and on served devices, and the required reactions.
 //!
 //! [`Kind`] names a fault. [`CATALOGUE`] describes each fault: its effect, its place, its kind of bus, and the reaction that the
 //! rig must show. [`Injection`] is a fault at a moment. The rig in virtual time carries injections out, and so does the program
@@ -115,7 +115,7 @@ impl Kind {
     }
 }
 
-/// Where something is broken.
+/// Place of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Target {
     /// The left drive, its encoder or its joint.
@@ -152,7 +152,7 @@ impl Target {
         (Self::Operator, "operator"),
     ];
 
-    /// The name, as it stands in files and arguments.
+    /// Returns the name in files and arguments.
     pub fn name(self) -> &'static str {
         Self::NAMES.iter().find(|(target, _)| *target == self).map_or("", |(_, name)| name)
     }
@@ -188,7 +188,7 @@ pub enum Medium {
 }
 
 impl Medium {
-    /// The name, as messages have it.
+    /// Returns the name in messages.
     pub fn name(self) -> &'static str {
         match self {
             Self::Can => "CAN",
@@ -197,20 +197,20 @@ impl Medium {
     }
 }
 
-/// How long an injection lasts.
+/// Duration of an injection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Lasts {
     /// It happens once, in one cycle.
     Once,
-    /// So many seconds unless another duration is given.
+    /// This many seconds, unless another duration is given.
     For(f64),
-    /// To the end unless a duration is given.
+    /// To the end, unless a duration is given.
     Stays,
-    /// It is there from switching on, and is found while the rig is booted or enabled.
+    /// Present from power-on; found while the rig is booted or enabled.
     FromBoot,
 }
 
-/// A number that says how strong an injection is.
+/// A number that gives the strength of an injection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Size {
     /// Meaning of the number, with its unit.
@@ -223,16 +223,16 @@ pub struct Size {
     pub most: f64,
 }
 
-/// How a rig ends under an injection.
+/// End of a rig under an injection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// It runs, or holds and runs again by itself.
+    /// The rig runs, or holds and runs again by itself.
     GoesOn,
-    /// It latches in one of these states.
+    /// The rig latches in one of these states.
     Latched(&'static [State]),
-    /// It is never enabled.
+    /// The rig is never enabled.
     NotEnabled,
-    /// Nobody is there to stop it: the drives stop by their own watchdogs.
+    /// No master is left to stop the rig: the drives stop by their own watchdogs.
     DrivesStop,
 }
 
@@ -243,17 +243,16 @@ pub enum Recovery {
     None,
     /// Reset and enable.
     Reset,
-    /// Boot the network anew, reset and enable.
+    /// Reboot the network, reset and enable.
     Restart,
-    /// Start the program anew.
+    /// Restart the program.
     NewProcess,
 }
 
 /// Reaction that must follow an injection with the row's own target, duration and size, on a rig in motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Expected {
-    /// The faults that may show; one of them is the cause of a stop. Empty if nothing is to be noticed, or if the boot
-    /// refuses.
+    /// Faults that may show; one of them causes a stop. Empty if there is nothing to notice, or if the boot refuses.
     pub faults: &'static [Fault],
     /// The strongest reaction.
     pub reaction: Reaction,
@@ -263,22 +262,22 @@ pub struct Expected {
     pub recovery: Recovery,
 }
 
-/// One kind of injection with all that is known of it.
+/// A kind of injection and its properties.
 #[derive(Clone, Copy, Debug)]
 pub struct CatalogueRow {
     /// The kind.
     pub kind: Kind,
-    /// Short name, unique, as it stands in files and arguments.
+    /// Short, unique name in files and arguments.
     pub name: &'static str,
     /// Description of the effect.
     pub meaning: &'static str,
     /// The rows of the fault matrix that it covers.
     pub matrix: &'static [u8],
-    /// Where it can act; the first unless another is given.
+    /// Places where it can act; the first unless another is given.
     pub targets: &'static [Target],
-    /// On which kinds of bus.
+    /// Kinds of bus on which it acts.
     pub media: &'static [Medium],
-    /// How long.
+    /// Duration.
     pub lasts: Lasts,
     /// How strong, if that can be chosen.
     pub size: Option<Size>,
