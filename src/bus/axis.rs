@@ -1,4 +1,4 @@
-//! One axis, whatever its bus: the walk through the states of CiA 402, counts to radians and back.
+//! One axis on any bus: the walk through the states of CiA 402, and the conversion between counts and radians.
 
 use yieldwall_drives::cia402::{Command, Goal, OptionCodes, State, StateMachine, StateWalk, Statusword, controlword};
 use yieldwall_drives::profiles::Homing;
@@ -151,7 +151,7 @@ impl Axis {
         }
     }
 
-    /// Asks a drive in homing mode to home as long as it is in Operation Enabled, or no more.
+    /// Requests homing from a drive in homing mode while it is in Operation Enabled, or ends the request.
     ///
     /// Real-time: yes.
     pub(super) fn set_homing(&mut self, is_homing: bool) {
@@ -259,12 +259,12 @@ impl Axis {
         self.walk.request_fault_reset();
     }
 
-    /// Drops a reset that could not be sent: what fails in the meantime was not seen by the person who asked.
+    /// Drops a reset that could not be sent, because the person who asked for it did not see later faults.
     pub(super) fn cancel_fault_reset(&mut self) {
         self.walk.cancel_fault_reset();
     }
 
-    /// One step towards `goal`.
+    /// Returns the order for one step towards `goal`.
     fn order(&mut self, goal: Goal, target: i32, releases: bool) -> DriveOrders {
         self.walk.set_goal(goal);
         let mut word = self.walk.step(self.statusword).controlword;

@@ -374,7 +374,7 @@ pub struct BootError {
     pub failure: BootFailure,
 }
 
-/// ` is silent; 2 and 10 answered` of a node that nobody heard anything of; nothing of any other.
+/// Returns ` is silent; 2 and 10 answered` for a node that was never heard; an empty text for any other failure.
 fn silence(failure: &BootFailure) -> String {
     match failure {
         BootFailure::Missing { said, others, .. } if *said == Said::default() => format!(" is silent; {others}"),

@@ -109,7 +109,7 @@ impl Master {
         self.last.releases_brakes = false;
     }
 
-    /// Asks each drive in homing mode to home as long as it is enabled, or no more.
+    /// Requests homing from each drive in homing mode while it is enabled, or ends the request.
     ///
     /// Real-time: yes.
     pub fn set_homing(&mut self, are_homing: [bool; 2]) {

@@ -32,7 +32,7 @@ pub trait Network: Send + Sync {
     /// This rule ends with the exchange of process data: in operation such frames are a fault of the cycle.
     fn listen(&mut self) {}
 
-    /// Sends what disturbs nobody, before anything that does: two masters that begin at the same moment hear each other.
+    /// Sends harmless frames before any others, so that two masters that start at the same moment hear each other.
     fn announce(&mut self, _now: Time, _out: &mut dyn Outbox) {}
 
     /// Begins the boot. Nothing is remembered of what was before but the emergencies, and nothing is enabled.
@@ -47,7 +47,7 @@ pub trait Network: Send + Sync {
     /// The device that the boot waits for; of several, the one that it gives up first. `None` when no boot is under way.
     fn waiting(&self, now: Time) -> Option<Waiting<'_>>;
 
-    /// Leaves the network: the devices go to Pre-operational, where nobody waits for set-points. For a rig that was stopped.
+    /// Leaves the network: the devices go to Pre-operational, where no device waits for set-points. For a rig that was stopped.
     fn leave(&mut self, out: &mut dyn Outbox);
 
     /// Takes a frame from a bus, if it is of this network; own CAN frames go to [`Network::on_echo`].
@@ -63,7 +63,7 @@ pub trait Network: Send + Sync {
     /// Gives away the Ethernet frames that are to be sent, in their order, after each call that may have made some.
     fn drain(&mut self, _send: &mut dyn FnMut(BusId, &[u8])) {}
 
-    /// The begin of a cycle: SYNC, and behind it the request to a sensor that is polled; on a segment the input frame.
+    /// Begins a cycle: sends SYNC, and after it the request to a polled sensor; on a segment the input frame.
     ///
     /// At most one cycle is in flight. While set-points of an earlier cycle (or SYNC, on a bus without set-points) have not been
     /// seen on their bus, the master sends neither SYNC nor set-points on any bus. At the second such cycle in a row the master
@@ -84,7 +84,7 @@ pub trait Network: Send + Sync {
     /// Notes the decision of the cycle: the state of the rig, silence, a stop of the drives.
     fn heed(&mut self, state: State, directive: &Directive);
 
-    /// The end of a cycle: sends set-points, which the drives apply at the next SYNC, and behind them frames that can wait.
+    /// Ends a cycle: sends set-points, which the drives apply at the next SYNC, and after them frames that can wait.
     fn close(&mut self, now: Time, orders: &[DriveOrders; 2], out: &mut dyn Outbox);
 
     /// Lets set-points leave, whatever holds them back.
@@ -115,14 +115,15 @@ pub trait Network: Send + Sync {
     /// Sets the source address of Ethernet frames, as [`EthercatNetwork::set_source`].
     fn set_source(&mut self, _source: [u8; 6]) {}
 
-    /// Ignores lateness from now on: in lockstep time stands still between the cycles, and nobody can move the grid.
+    /// Ignores lateness from now on: in lockstep time stands still between the cycles, and nothing can move the grid.
     fn set_lockstep(&mut self) {}
 
     /// Notes by how much the next [`Network::open`] comes after its grid point. The reference clock of a segment follows the grid, not the
     /// moment at which this computer woke up.
     fn note_late(&mut self, _late: Duration) {}
 
-    /// Shift of the next grid point in ns, by which the cycles follow the reference clock of a segment: at most 1 % of a period.
+    /// Shift of the next grid point in ns, with which the cycles follow the reference clock of a segment: at most 1 % of a
+    /// period.
     fn grid_shift_ns(&self) -> i64 {
         0
     }
@@ -138,8 +139,8 @@ pub trait Network: Send + Sync {
         None
     }
 
-    /// Sends the outputs of this cycle once more to the devices that act on them later, so that those which somebody else has sent since do
-    /// not act.
+    /// Sends the outputs of this cycle once more to the devices that act on them later. They then replace outputs that a foreign
+    /// master has sent since.
     fn repeat(&mut self) {}
 
     /// Sends the frames of [`Network::open`] outside of any cycle; none while a drive may hold a foreign set-point.
@@ -199,7 +200,7 @@ pub trait Network: Send + Sync {
     /// The last emergency messages of the devices, the oldest first.
     fn told(&self) -> Vec<EmergencyReport>;
 
-    /// Forgets the emergency messages so far.
+    /// Forgets all emergency messages.
     fn forget_told(&mut self);
 
     /// The objects that the boot writes, of each device.
@@ -215,8 +216,8 @@ pub trait Network: Send + Sync {
         Vec::new()
     }
 
-    /// Number of foreign writes to devices that began. While the rig is enabled such a write is a fault, until the network starts anew;
-    /// otherwise the network counts it. A foreign read is harmless.
+    /// Number of foreign writes to devices that began. While the rig is enabled such a write is a fault, until the network
+    /// restarts; otherwise the network counts it. A foreign read is harmless.
     fn foreign_downloads(&self) -> u32 {
         0
     }

@@ -60,7 +60,7 @@ impl BrakeWords {
 pub struct DriveSetup {
     /// Name for messages.
     pub name: String,
-    /// The bus that it is on.
+    /// Bus of the drive.
     pub bus: BusId,
     /// Node id, 1 to 127.
     pub node_id: u8,
@@ -93,7 +93,7 @@ impl DriveSetup {
 pub struct SensorSetup {
     /// Name for messages.
     pub name: String,
-    /// The bus that it is on.
+    /// Bus of the sensor.
     pub bus: BusId,
     /// Protocol of the sensor.
     pub link: SensorLink,
@@ -121,11 +121,11 @@ pub struct SensorNode {
     pub profile: Arc<DeviceProfile>,
     /// Period of the node's heartbeat.
     pub heartbeat: Duration,
-    /// Steps of the boot beside its process data.
+    /// Steps of the boot besides its process data.
     pub start: SensorStart,
 }
 
-/// Steps of the boot for a force sensor beside its process data.
+/// Steps of the boot for a force sensor besides its process data.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SensorStart {
     /// Whether the sensor is commanded to zero itself, by the objects of its profile.
@@ -158,7 +158,7 @@ impl MasterSetup {
         BusId::all().filter(move |bus| used.contains(bus))
     }
 
-    /// Whether somebody on a bus hears SYNC: a drive, or a force sensor with synchronous process data.
+    /// Whether a device on a bus uses SYNC: a drive, or a force sensor with synchronous process data.
     pub(super) fn has_sync(&self, bus: BusId) -> bool {
         let is_synchronous = |node: &SensorNode| {
             node.profile.mapped(None).is_some_and(|[_, tpdo]| tpdo.iter().any(MappedPdo::is_synchronous))

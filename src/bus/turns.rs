@@ -54,7 +54,7 @@ impl Kept {
     }
 }
 
-/// Place of a drive; none of a sensor, which shares its device with nobody.
+/// Place of a drive; `None` for a sensor, which shares its device with no other.
 const fn place(device: Device) -> Option<usize> {
     match device {
         Device::LeftDrive => Some(0),
@@ -64,7 +64,7 @@ const fn place(device: Device) -> Option<usize> {
 }
 
 impl Turns {
-    /// Turns of drives whose objects are so far from those of a first axis.
+    /// Returns turns of drives whose objects have these offsets from the objects of the first axis.
     pub(super) fn new(offsets: [AxisOffset; 2]) -> Self {
         Self { offsets, ..Self::default() }
     }

@@ -1,4 +1,4 @@
-//! From a segment that nobody knows to devices in SAFE-OP: one datagram after the other, each asked anew when its frame is lost.
+//! Bring-up of an unknown segment to SAFE-OP: one datagram after the other, each repeated if its frame is lost.
 //!
 //! ```text
 //! look    BRD 0130h, then each device's state: nothing is written before it is certain that nobody else is the master
@@ -58,7 +58,7 @@ const RESETS: [(u16, &[u8]); 9] = [
     (register::SII_CONFIGURATION, &[0]),
 ];
 
-/// One thing to do; most with one device.
+/// One task; most tasks concern one device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Task {
     Count,
@@ -685,7 +685,7 @@ impl EthercatNetwork {
         Ok(())
     }
 
-    /// Registers of the memory chip have come: its data, or that it takes longer.
+    /// Takes the registers of the memory chip: its data, or the report that it needs more time.
     fn on_sii(&mut self, now: Time, place: usize, data: &[u8]) -> Step {
         let word = self.bring_up.image.len() / 2;
         if self.bring_up.progress == 0 {

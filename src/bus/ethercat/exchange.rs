@@ -1,4 +1,4 @@
-//! The two moments of a cycle, and what is asked beside it.
+//! The two moments of a cycle, and the service requests between them.
 //!
 //! ```text
 //! open   input frame:  FRMW 0910h | per device LRD inputs, FPRD 0130h      -> comes back filled
@@ -34,15 +34,16 @@ const CLOCKS: &str = "bring the clocks together";
 const TO_OP: &str = "go to OP";
 /// How long the clocks may take to come together.
 const SETTLING: Duration = Duration::from_secs(10);
-/// Frames beside the cycle after which a clock is compared whatever else waits: at 20 ms emergencies alone are looked for in each cycle.
+/// Number of service frames after which a clock is compared, whatever else waits. At a cycle of 20 ms every cycle otherwise only
+/// looks for emergencies.
 const COMPARED_AFTER: u32 = 8;
 /// Orders to drives that nobody has enabled; they do not bring a drive nearer to Operation Enabled.
 const REST: DriveOrders = DriveOrders { controlword: 0, target: 0, releases: false };
 
-/// The cycles that the network runs by itself from SAFE-OP until somebody else takes them over.
+/// Cycles that the network runs by itself from SAFE-OP until a caller takes them over.
 #[derive(Clone, Debug)]
 pub(super) struct Grid {
-    /// Grid point of the next cycle, [`Time::NEVER`] if somebody else runs them.
+    /// Grid point of the next cycle; [`Time::NEVER`] if a caller runs the cycles.
     next_open: Time,
     next_close: Time,
     /// Stations that were asked for OP.
@@ -216,7 +217,7 @@ impl EthercatNetwork {
         arrived
     }
 
-    /// The end of a cycle: the output frame, and behind it what is asked beside the cycle.
+    /// Ends a cycle: sends the output frame, and after it a service frame.
     ///
     /// Real-time: yes.
     pub(crate) fn close(&mut self, now: Time, orders: &[DriveOrders; 2], out: &mut impl EthernetOutbox) {
@@ -237,8 +238,8 @@ impl EthercatNetwork {
         if self.repeat.is_due() && !self.is_silent { self.repeat.before(copying) } else { None }
     }
 
-    /// Sends the outputs of this cycle once more to the devices that act on them at SYNC0, so that what somebody else has sent since does not
-    /// act. A device that acts on arrival would take them for a second set-point.
+    /// Sends the outputs of this cycle once more to the devices that act on them at SYNC0. They then replace outputs that a
+    /// foreign master has sent since. A device that acts on arrival would take them for a second set-point.
     ///
     /// Real-time: yes.
     pub(crate) fn repeat(&mut self, out: &mut impl EthernetOutbox) {
@@ -273,7 +274,7 @@ impl EthercatNetwork {
         if self.reference.is_some() { self.servo.shift_ns() } else { 0 }
     }
 
-    /// How far the input frame of the last cycle was behind its place after SYNC0, in ns.
+    /// Delay of the last cycle's input frame against its place after SYNC0, in ns.
     ///
     /// Real-time: yes.
     pub fn grid_error_ns(&self) -> i64 {
@@ -307,7 +308,7 @@ impl EthercatNetwork {
         Purpose::ALL.into_iter().any(|purpose| self.flight.is_out(purpose))
     }
 
-    /// At most one frame beside those of the cycle.
+    /// Sends at most one service frame besides the frames of the cycle.
     fn send_service(&mut self, now: Time, out: &mut impl EthernetOutbox) {
         let is_due = self.ports.is_due();
         if self.defend(now, out) || self.flight.is_out(Purpose::Service) {
@@ -504,7 +505,7 @@ impl EthercatNetwork {
         });
     }
 
-    /// Runs a cycle of its own when one is due.
+    /// Runs one of the network's own cycles when it is due.
     pub(super) fn poll_grid(&mut self, now: Time, out: &mut impl EthernetOutbox) {
         if now >= self.grid.next_open {
             let at = self.grid.next_open;

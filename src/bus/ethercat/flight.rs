@@ -12,7 +12,7 @@ pub enum Purpose {
     Outputs,
     /// The outputs of the cycle once more, before the devices act on them.
     Repeat,
-    /// Anything that is asked beside the cycle.
+    /// A service request besides the cycle.
     Service,
 }
 
@@ -46,13 +46,13 @@ pub struct SegmentCounts {
     pub repeated: u64,
     /// Own frames that came back without having passed a device.
     pub unprocessed: u64,
-    /// EtherCAT frames of somebody else: of another source, or with the own one if they write what was never sent.
+    /// Foreign EtherCAT frames: from another source, or with the own source if they write data that was never sent.
     pub foreign: u64,
 }
 
 /// So many of the frames that were given up last are known when they come late.
 const GIVEN_UP: usize = 256;
-/// So many of the frames beside the cycle that have come back last are known when they come once more.
+/// Number of returned service frames that are remembered, so that a second copy is recognised.
 const RETURNED: usize = 8;
 
 /// Digests of the last `N` frames.
@@ -82,11 +82,11 @@ impl<const N: usize> Remembered<N> {
 pub(super) enum Taken {
     /// The one that was sent for this.
     Reply(Purpose),
-    /// A frame with the own source that nobody waits for any more.
+    /// A frame with the own source that is no longer awaited.
     Late,
     /// An own one that has come before.
     Again,
-    /// A frame of somebody else, with its source.
+    /// A foreign frame, with its source.
     Foreign([u8; 6]),
     /// Nothing to do with EtherCAT, or a frame of ours that passed no device.
     Nothing,
@@ -276,8 +276,8 @@ impl Datagramer<'_> {
     }
 }
 
-/// Time after which a frame that is asked beside the cycle is given up and asked anew. Frames go round in microseconds; what takes time is
-/// a computer that does not look.
+/// Time after which a service frame is given up and repeated. Frames go round in microseconds; only a computer that does not look
+/// makes them late.
 pub(super) const FRAME_WAIT: Duration = Duration::from_millis(10);
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ pub(super) const MOST_ENTRIES: u8 = 254;
 /// One EtherCAT segment and the devices of a rig on it.
 #[derive(Clone, Debug)]
 pub struct SegmentSetup {
-    /// The bus of the rig that it is.
+    /// Bus of the segment in the rig.
     pub bus: BusId,
     /// Cycle time, which is that of SYNC0 too.
     pub period: Duration,
@@ -57,7 +57,7 @@ impl Acts {
 pub struct StationSetup {
     /// Name for messages.
     pub name: String,
-    /// Devices of the rig that it is: one, or drives that are axes of one device.
+    /// Devices of the rig at this position: one, or drives that are axes of one device.
     pub devices: DeviceSet,
     /// Position on the segment, 0 at the master.
     pub position: u16,
@@ -73,7 +73,7 @@ pub struct StationSetup {
     pub acts: Acts,
     /// Time from SYNC0 to SYNC1, of a device that wants both.
     pub sync1: Option<Duration>,
-    /// Process data that it is sent.
+    /// Process data that the master sends.
     pub outputs: Vec<ProcessData>,
     /// Process data that it sends.
     pub inputs: Vec<ProcessData>,
@@ -99,11 +99,11 @@ pub struct StationAxis {
 /// One process data object.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ProcessData {
-    /// The device of the rig that it is of.
+    /// Device of the rig that the PDO belongs to.
     pub device: Device,
     /// Index of its mapping, 1600h to 17FFh or 1A00h to 1BFFh.
     pub index: u16,
-    /// Whether the device lets nobody change the mapping: it is compared then.
+    /// Whether the mapping is fixed in the device: the master then only compares it.
     pub is_fixed: bool,
     /// Objects in the mapping.
     pub entries: Vec<Mapped>,
@@ -229,7 +229,7 @@ pub struct SegmentSensor {
     pub profile: Arc<DeviceProfile>,
     /// How long it is waited for.
     pub waits: Waits,
-    /// Steps of the boot beside its process data.
+    /// Steps of the boot besides its process data.
     pub start: SensorStart,
 }
 
@@ -303,7 +303,7 @@ impl StationSetup {
         self
     }
 
-    /// Bytes of process data that it is sent.
+    /// Bytes of process data that the master sends.
     pub fn output_bytes(&self) -> usize {
         bytes(&self.outputs)
     }

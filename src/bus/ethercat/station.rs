@@ -22,7 +22,7 @@ use yieldwall_motion::sensing::RawSample;
 
 /// Station addresses of devices: this and their position.
 pub(super) const FIRST_STATION: u16 = 0x1000;
-/// Logical addresses of devices are so far apart, and inputs from outputs half of that.
+/// Distance between the logical addresses of devices; inputs lie half of it from outputs.
 const STRIDE: u32 = 0x1000;
 const FIRST_LOGICAL: u32 = 0x1_0000;
 /// Time for which an answer stays for whoever has asked, before limits are asked for.
@@ -150,11 +150,11 @@ pub(super) struct Station {
     limits: Limits,
     /// Since when nothing that was asked is open.
     answered_at: Option<Time>,
-    /// The first register or object that somebody else has set since the network was started.
+    /// First register or object that a foreign master has set since the network was started.
     pub(super) altered: Option<Altered>,
     /// How far a drive was brought that keeps its torque in SAFE-OP.
     disarming: Disarming,
-    /// The state that it is asked for, since it shall take no outputs any more; `None` if it is there.
+    /// State that is requested from the device so that it takes no more outputs; `None` if it is there.
     pub(super) wanted: Option<AlState>,
     /// Whether it was asked for more than INIT since the network was started.
     pub(super) is_led: bool,
@@ -241,12 +241,12 @@ impl Station {
         self.begin_cycle();
     }
 
-    /// Counts anew what does not come or is not taken.
+    /// Restarts the counts of missing inputs and of outputs that were not taken.
     pub(super) fn forget_missed(&mut self) {
         (self.outputs_missed, self.inputs_missed) = (0, 0);
     }
 
-    /// Asks for an object or gives it a value, as somebody wishes.
+    /// Reads or writes an object for a caller.
     pub(super) fn ask(&mut self, now: Time, request: ObjectRequest<'_>) -> Result<(), ObjectError> {
         if std::mem::take(&mut self.limits.is_asked) {
             self.mailbox.forget();
@@ -258,7 +258,7 @@ impl Station {
         Ok(())
     }
 
-    /// Asks as one of its drives, or as the sensor that it is.
+    /// Sends a request for one of its drives, or for the sensor.
     pub(super) fn ask_as(&mut self, now: Time, device: Device, request: ObjectRequest<'_>) -> Result<(), ObjectError> {
         let mut turns = self.turns;
         let begun = turns.begin(device, self.answer());
@@ -310,7 +310,7 @@ impl Station {
         self.wanted = (self.disarming == Disarming::Leaves && !is_left).then_some(AlState::PreOperational);
     }
 
-    /// Disable Voltage for the drive of this controlword; behind the last one only PRE-OP is left.
+    /// Sends Disable Voltage to the drive of this controlword; after the last drive only PRE-OP is left.
     fn disable(&mut self, now: Time, axis: usize) {
         let Some(at) = self.controlwords.get(axis).copied() else {
             self.disarming = Disarming::Leaves;
@@ -322,7 +322,7 @@ impl Station {
         }
     }
 
-    /// Asks for one of its limits, if one is due and nobody has asked for anything.
+    /// Reads one of its limits, if one is due and no other request waits.
     ///
     /// Real-time: yes.
     pub(super) fn check_limits(&mut self, now: Time) {
@@ -364,7 +364,7 @@ impl Station {
         (self.words, self.sample) = (Default::default(), None);
     }
 
-    /// It did not take its outputs, or nobody knows whether it did; the drive that this is, if it is one.
+    /// Notes that the device did not take its outputs, or that this is unknown. Returns its drives, if any.
     ///
     /// Real-time: yes.
     pub(super) fn miss_outputs(&mut self) -> DeviceSet {

@@ -1,8 +1,8 @@
 //! Fault injection as data: possible faults on the embedded simulation and on served devices, and the required reactions.
 //!
-//! [`Kind`] names a fault. [`CATALOGUE`] describes each fault: its effect, its place, its kind of bus, and the reaction that the
-//! rig must show. [`Injection`] is a fault at a moment. The rig in virtual time carries injections out, and so does the program
-//! that serves a segment.
+//! [`Kind`] names a fault. [`CATALOGUE`] describes each fault: its effect, place and kind of bus, and the required reaction.
+//! [`Injection`] is a fault at a moment. The rig in virtual time carries injections out, and so does the program that serves a
+//! segment.
 
 mod catalogue;
 mod defect;

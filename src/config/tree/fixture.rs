@@ -209,8 +209,8 @@ impl From<AutomaticHold> for fixture::AutomaticHold {
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct Passivity {
-    /// Energy that the rig may give the hand beyond the kinetic energy of its proxy before damping takes it back, J. 0.0001 to
-    /// 10. Set it above the energy that the servo lag causes in a rig that does not oscillate, and below `guard.energy_limit_j`.
+    /// Energy that the rig may give the hand beyond the kinetic energy of its proxy before damping takes it back, J. From 0.0001
+    /// to 10, above the energy that the servo lag causes in a rig that does not oscillate, and below `guard.energy_limit_j`.
     #[garde(dive)]
     pub bound_j: Positive,
 }
