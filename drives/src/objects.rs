@@ -47,7 +47,7 @@ impl DataType {
     }
 }
 
-/// One object or sub-object: where it is, what type it has, what it means.
+/// An object or sub-object: its place, type and meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Object {
     /// Index in the object dictionary.

@@ -104,7 +104,7 @@ mod linux {
             }
         }
 
-        /// Opens a CAN interface beside a master that runs. Nothing may be sent.
+        /// Opens a CAN interface next to a running master. Nothing may be sent.
         ///
         /// # Errors
         /// If the interface cannot be used.

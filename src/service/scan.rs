@@ -33,7 +33,7 @@ pub struct FoundDevice {
     pub axes: Option<u8>,
 }
 
-/// Asks all nodes from 1 to 127 for their type, and those that answer who they are; in the order of the node ids.
+/// Reads the type of all nodes from 1 to 127, and the identity of those that answer, in the order of the node ids.
 ///
 /// # Errors
 /// [`Error::Link`], [`Error::Interrupted`].
@@ -89,7 +89,7 @@ fn axes_of<L: CanLink>(service: &mut Service<L>, mut drives: Vec<NodeId>) -> Res
 /// Vendor, product, revision and serial number of a device, and its name.
 pub type Identity = ([Option<u32>; 4], Option<String>);
 
-/// Asks nodes who they are.
+/// Reads the identity of nodes.
 ///
 /// # Errors
 /// [`Error::Link`], [`Error::Interrupted`].

@@ -118,8 +118,9 @@ impl StateMachine {
         }
     }
 
-    /// Takes a controlword, each time one arrives; the transition that it caused at once, if any. One controlword
-    /// causes at most one, but Enable Operation in Ready To Switch On, which causes 3 and 4. A fault reset is the rising edge of bit 7 against the controlword before.
+    /// Takes a controlword each time one arrives, and returns the transition that it caused at once, if any. One controlword
+    /// causes at most one transition, except Enable Operation in Ready To Switch On, which causes 3 and 4. A fault reset is the
+    /// rising edge of bit 7 against the controlword before.
     pub fn apply(&mut self, controlword: u16) -> Option<Transition> {
         let rising = controlword & !self.controlword & controlword::FAULT_RESET != 0;
         self.controlword = controlword;

@@ -89,7 +89,7 @@ pub(super) struct Device {
     pub(super) emergency: Option<u16>,
     pub(super) encoder_failed: bool,
     was_reset: bool,
-    /// Error code of the Fault of a power-on, and that of the Fault that nobody has reset since; 0 for none.
+    /// Error code of the Fault at power-on, and error code of the Fault that was not reset since; 0 for none.
     fault_code: u16,
     lasting_fault: u16,
     /// Time from a start until the power stage has voltage, and when that is.
@@ -344,7 +344,7 @@ impl Device {
         }
     }
 
-    /// Does what the drive does when something stays away that it watches for.
+    /// Reacts to a monitored message that stays away.
     fn miss(&mut self, now: Time, reaction: Missed, code: u16) {
         match reaction {
             Missed::Nothing | Missed::Unknown => {}
@@ -430,7 +430,8 @@ impl Device {
         is_new
     }
 
-    /// The master begins to send set-points, or ends; when it ends, 6007h says what the drive does, with this error code.
+    /// Notes that the master begins to send set-points, or ends. When the master ends, the drive reacts as 6007h says, with this
+    /// error code.
     pub(super) fn change_operational(&mut self, now: Time, is_operational: bool, code: u16) {
         self.wake(now);
         let was_operational = std::mem::replace(&mut self.is_operational, is_operational);

@@ -11,7 +11,7 @@ pub(super) const CHANNELS: usize = 6;
 #[derive(Clone, Debug)]
 pub(super) struct Sampler {
     range_counts: i32,
-    /// `None` if somebody else is the clock.
+    /// Period of its own clock; `None` if the caller is the clock.
     period: Option<Duration>,
     phase: Duration,
     next_tick: Time,
@@ -88,7 +88,7 @@ impl Sampler {
         self.is_invalid = is_invalid;
     }
 
-    /// Whether it has a clock of its own.
+    /// Whether it has its own clock.
     pub(super) fn has_clock(&self) -> bool {
         self.period.is_some()
     }
@@ -97,7 +97,7 @@ impl Sampler {
         self.next_tick
     }
 
-    /// A sample of its own clock, if one is due.
+    /// Returns a sample of its own clock, if one is due.
     pub(super) fn poll(&mut self, now: Time) -> Option<Conversion> {
         let period = self.period.filter(|_| self.next_tick <= now)?;
         self.next_tick = (self.next_tick + period).max(now + Duration::from_nanos(1));
