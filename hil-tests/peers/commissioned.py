@@ -121,8 +121,8 @@ def commissioned(programs, interface):
             for name, why in (
                 ("sensor-axes", "nobody is there who has a known force pull at the tool"),
                 ("rotation", "nobody said by how much"),
-                ("motor", "the drive left does not tell its torque (6077h)"),
-                ("friction", "the drive left does not tell its torque (6077h)"),
+                ("motor", "the drive left does not report its torque (6077h)"),
+                ("friction", "the drive left does not report its torque (6077h)"),
             ):
                 step = steps[name]
                 assert step["verdict"] == "skipped" and why in step["reason"], step

@@ -33,7 +33,7 @@ impl Stopwatch {
     }
 }
 
-/// Time in which the present thread has had a core since it began; where the system does not tell, the wall clock.
+/// Time in which the present thread has had a core since it began; where the system does not report, the wall clock.
 pub fn on_core() -> Duration {
     #[cfg(target_os = "linux")]
     {

@@ -219,7 +219,7 @@ fn timing(rig: &Rig, limits: &Limits) -> Check {
             .follows("`run --bus` asks for it by the wall clock, not in lockstep")
             .mend(measure),
         Err(error) => Check::wrong(subject, error.to_string())
-            .follows("mend what is named above, or take a slower cycle; then measure again")
+            .follows("fix what is named above, or take a slower cycle; then measure again")
             .mend(measure),
     }
 }

@@ -14,7 +14,7 @@ use yieldwall_run::explanation::{self, Explanation};
 
 /// Remedy for an impedance device that generates energy.
 pub(super) const SOFTER_COUPLING: &str =
-    "lower fixture.coupling's stiffness_n_per_m; `yieldwall tune fixture` tells what the device bears";
+    "lower fixture.coupling's stiffness_n_per_m; `yieldwall tune fixture` shows what the device bears";
 
 /// Returns the failure of a run that gave the hand more energy than a fixture without storage can; `help` is the remedy.
 pub(super) fn above_bound(measures: &Measures, what: &str, help: &str) -> Failure {
@@ -131,7 +131,7 @@ pub(super) fn rig_failure(error: &RigError) -> Failure {
         RigError::Boot(error) => (boot_exit(&error.failure), boot_help(&error.failure)),
         RigError::NotEnabled { cause: Some(cause), .. } => (exit_of(*cause), cause.fault.row().next),
         RigError::NotEnabled { .. } => {
-            (Exit::DeviceFault, "`yieldwall state DRIVE` tells a drive's error code (603Fh) and what it means")
+            (Exit::DeviceFault, "`yieldwall state DRIVE` shows a drive's error code (603Fh) and what it means")
         }
         RigError::NotStopped { .. } => (
             Exit::SafetyStop,
@@ -140,7 +140,7 @@ pub(super) fn rig_failure(error: &RigError) -> Failure {
         RigError::Arm(_) => (Exit::SafetyStop, "the scene leads the simulated arm where it cannot go"),
         _ => (
             Exit::ConfigInvalid,
-            "mend what is named; `yieldwall config check RIG.yaml` tells the line of what it finds too",
+            "fix what is named; `yieldwall config check RIG.yaml` also names the line of each finding",
         ),
     };
     Failure::new(exit, error.to_string(), help)
@@ -225,7 +225,7 @@ fn boot_help(failure: &BootFailure) -> &'static str {
             "check the device's supply, its cable and its bit rate, and compare the node ids with those in the rig file"
         }
         BootFailure::NotStarted { said, .. } if said.emergency.is_some() => {
-            "mend what its emergency names, and try again"
+            "fix what its emergency names, and try again"
         }
         BootFailure::NotStarted { said, .. } if said.sends_no_heartbeat() => {
             "the master knows the state by heartbeats alone: `yieldwall od read NODE 1017h` shows their period in ms, 0 for none, and `yieldwall \
@@ -243,7 +243,7 @@ fn boot_help(failure: &BootFailure) -> &'static str {
             SegmentFailure::Identity { fits_at: None, .. } => {
                 "compare the device at that position with its profile in the rig file: one of them is the wrong one"
             }
-            _ => "mend what the message names, and start again: nothing goes to OP by itself",
+            _ => "fix what the message names, and start again: nothing goes to OP by itself",
         },
         BootFailure::Keeps { .. } | BootFailure::FixedExponent { .. } | BootFailure::Synchronisation { .. } => {
             "`yieldwall od read` with the device and the object shows what it holds; then do what the message says"

@@ -202,7 +202,7 @@ fn end(
     }
     text.extend(shifts.iter().map(|shifts| shifts.lines(rig)));
     let torque = plan.bounds.torque_n_m.get();
-    text.push_str(&format!("torque    {torque:.1} N m at most, which both drives were told\n"));
+    text.push_str(&format!("torque    {torque:.1} N m at most, set in both drives\n"));
     let unknown: Vec<&str> = rig
         .drives
         .iter()
@@ -241,11 +241,11 @@ fn not_home(rig: &config::Rig, joint: usize, why: NotHome) -> Failure {
         NotHome::GaveUp => (
             Exit::DeviceFault,
             format!("the drive {joint_name} has given up homing (statusword, bit 13)"),
-            "`yieldwall state` tells its error code; look at its switches and at `homing.method`".to_owned(),
+            "`yieldwall state` shows its error code; look at its switches and at `homing.method`".to_owned(),
         ),
         NotHome::NotBegun => (
             Exit::DeviceFault,
-            format!("the drive {joint_name} has not begun to home: it still tells how it homed before"),
+            format!("the drive {joint_name} has not begun to home: it still reports the homing before"),
             "switch it off and on, and try again; look whether it has the method and the mode".to_owned(),
         ),
         NotHome::TooLong(longest_s) => (
@@ -277,7 +277,7 @@ fn not_home(rig: &config::Rig, joint: usize, why: NotHome) -> Failure {
         ),
         NotHome::Silent(silent) => (
             Exit::DeviceFault,
-            format!("the drive {} does not tell its torque (6077h) any more, by which a joint that is blocked is seen", name(silent)),
+            format!("the drive {} no longer reports its torque (6077h), by which a joint that is blocked is seen", name(silent)),
             "look at the cable and at the load of the bus".to_owned(),
         ),
         NotHome::Jumped(jumped) => (

@@ -54,6 +54,6 @@ mod tests {
         ] {
             assert_eq!(is_ignored(signal, &status(mask)), expected, "{mask} {signal}");
         }
-        assert!(!is_ignored(SIGHUP, ""), "a system that does not tell");
+        assert!(!is_ignored(SIGHUP, ""), "a system that does not report");
     }
 }

@@ -235,7 +235,7 @@ impl<'a> Plan<'a> {
             ));
         }
         text.push_str(&format!(
-            "torque    {:.1} N m at most, which both drives were told\n",
+            "torque    {:.1} N m at most, set in both drives\n",
             self.bounds.torque_n_m.get()
         ));
         output.result(&text)?;

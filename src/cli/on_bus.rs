@@ -130,7 +130,7 @@ pub(super) fn live_failure(error: &RunError) -> Failure {
         RunError::NotEnabled { cause, .. } | RunError::NotTried { cause, .. } => {
             let exit = cause.map_or(Exit::DeviceFault, exit_of);
             let help = cause
-                .map_or("`yieldwall state DRIVE` tells a drive's error code (603Fh) and what it means", |cause| {
+                .map_or("`yieldwall state DRIVE` shows a drive's error code (603Fh) and what it means", |cause| {
                     cause.fault.row().next
                 });
             Failure::new(exit, error.to_string(), help)

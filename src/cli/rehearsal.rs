@@ -103,7 +103,7 @@ fn told<T>(document: &Loaded<T>, at: &str, failure: &Failure, scene: &config::Sc
     // Advice to run the check helps nobody during the check, and neither does advice for a rig that has run.
     let advice =
         first.help.as_deref().filter(|help| !help.contains("config check") && !help.starts_with("start the run again"));
-    let help = advice.unwrap_or("look at what is told beside this, and at the scene");
+    let help = advice.unwrap_or("look at the other messages, and at the scene");
     document.finding(Severity::Warning, at, message, help, &[("simulation.scene", "the scene")])
 }
 

@@ -102,7 +102,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         }
         if let Some(run) = runs.iter().find(|run| !run.measures().is_within_bound()) {
             out_of_bound.get_or_insert_with(|| {
-                let help = "`yieldwall config check` tells of each machine that the figure names what its loop bears";
+                let help = "`yieldwall config check` shows the loop margins of each machine that the figure names";
                 above_bound(run.measures(), &format!("{figure} {}", run.mode), help)
             });
         }

@@ -161,7 +161,7 @@ fn without_heartbeat(drive: &Drive, servo: &Servo) -> String {
              `device.servo.option_codes.lost_master` (6007h) by its manual"
         ),
         (_, Some(setting)) => format!(
-            "{needed}; the drive was told to watch it, and {:04X}h = {} to stop then: compare both with its manual",
+            "{needed}; the drive was set to watch it, and {:04X}h = {} to stop then: compare both with its manual",
             setting.object.index, setting.value
         ),
     }

@@ -82,7 +82,7 @@ pub fn trajectory_and_time(trace: &Trace, options: &Options) -> Result<Drawing, 
     axes.draw(&mut page, Some("x (mm)"), "y (mm)");
     super::panel_letter(&mut page, (frame.left - LETTER_OFFSET, top - 15.0), 0);
     let (left, width, gap) = BESIDE_PLANE;
-    // Whether tool and proxy are on a surface that moves, or that is cut at many heights, the plane alone does not tell.
+    // Whether tool and proxy are on a surface that moves, or that is cut at many heights, the plane alone does not report.
     let positions = (places.moves || places.heights_mm.is_some()).then(|| Positions::new(trace, &excerpt));
     let shares: &[f64] = if positions.is_some() { &[0.4, 0.33, 0.27] } else { &[0.56, 0.44] };
     let height = side - gap * (shares.len() - 1) as f64;

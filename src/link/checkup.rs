@@ -1,4 +1,4 @@
-//! What was looked at, how it is, and what mends it: the lines of a check-up of a computer, an interface or a device.
+//! What was looked at, how it is, and what fixes it: the lines of a check-up of a computer, an interface or a device.
 //!
 //! Whoever gathers facts is apart from who judges them: a judgement takes facts and gives [`Check`]s, and looks at nothing itself.
 
@@ -40,7 +40,7 @@ pub struct Check {
     pub found: String,
     /// What follows from it, or what to look at; empty where nothing does.
     pub follows: String,
-    /// The command that mends it, as it is typed into a shell; `None` where no command does.
+    /// The command that fixes it, as it is typed into a shell; `None` where no command does.
     pub mend: Option<String>,
 }
 
@@ -76,7 +76,7 @@ impl Check {
         Self { follows: follows.into(), ..self }
     }
 
-    /// With the command that mends it.
+    /// With the command that fixes it.
     #[must_use]
     pub fn mend(self, command: impl Into<String>) -> Self {
         Self { mend: Some(command.into()), ..self }

@@ -124,7 +124,7 @@ pub enum RunError {
         most_n_m: f64,
     },
     /// A node does not report an object.
-    #[error("{which} does not tell object {index:04X}h:{sub}")]
+    #[error("{which} does not report object {index:04X}h:{sub}")]
     Unread {
         /// The device.
         which: Which,
@@ -193,7 +193,7 @@ pub enum RunError {
         by_rad: f64,
     },
     /// The linkage cannot be at the angles that the drives report.
-    #[error("the linkage cannot be at the angles that the drives tell")]
+    #[error("the linkage cannot be at the angles that the drives report")]
     NoPosture,
     /// The linkage cannot follow the commanded travel of the joints.
     #[error(

@@ -276,7 +276,7 @@ fn candump_sees_what_was_sent_and_writes_it_as_this_project_does() {
     let mut dump = Command::new("candump");
     dump.args(["-L", "-T", "20000", "-n", &frames.len().to_string(), own.0]).stdout(Stdio::piped());
     let dump = dump.spawn().expect("can-utils is installed");
-    // It is there when it has bound its socket, which it does not tell.
+    // It is there when it has bound its socket, which it does not report.
     let until = link.now() + PATIENCE;
     let is_bound = || {
         let list = std::fs::read_to_string("/proc/net/can/rcvlist_all").expect("CAN sockets");

@@ -67,7 +67,7 @@ const ROWS: [(&str, Take); 23] = [
     ("share of time with power to the hand, %", |item| Some(100.0 * item.measures.power_positive_fraction)),
     ("torque, most, N m", |item| item.measures.peak_torque_n_m),
     ("at the torque limit, s", |item| item.measures.torque_limit_s),
-    ("at the torque limit, but for impacts, s", |item| item.measures.torque_limit_apart_s),
+    ("at the torque limit, without impacts, s", |item| item.measures.torque_limit_apart_s),
 ];
 
 /// Returns all measures that one of the items has.

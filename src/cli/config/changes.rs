@@ -258,7 +258,7 @@ fn every_change_that_ends_a_run_is_told() {
             }
             (_, true, Some(_)) => {
                 run_alone += 1;
-                "told by a run"
+                "reported by a run"
             }
             _ => {
                 fine += 1;
@@ -276,7 +276,7 @@ fn every_change_that_ends_a_run_is_told() {
         }
     }
     println!(
-        "{} changes: {refused} refused, {told} told, {run_alone} told by a run alone, {fine} fine; of {unstable} said to be unstable {} run well by \
+        "{} changes: {refused} refused, {told} told, {run_alone} reported by a run alone, {fine} fine; of {unstable} said to be unstable {} run well by \
          their friction alone, and {} are so falsely\n{held_by_friction:#?}\n{false_ones:#?}",
         tried.len(),
         held_by_friction.len(),

@@ -114,7 +114,7 @@ fn set_id(arguments: &SetId, output: &mut Output) -> Result<(), Failure> {
         let (parts, _) = identity.into_iter().next().unwrap_or_default();
         let [Some(vendor_id), Some(product_code), Some(revision), Some(serial)] = parts else {
             let message =
-                format!("{} does not tell all of its identity (1018h:1 to 4), by which LSS finds it", node.words());
+                format!("{} does not report all of its identity (1018h:1 to 4), by which LSS finds it", node.words());
             return Err(Failure::new(
                 Exit::DeviceMismatch,
                 message,

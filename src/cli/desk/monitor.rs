@@ -100,7 +100,7 @@ fn words(arrival: &Arrival, entries: &[Entry]) -> String {
     match &arrival.what {
         Received::Frame(frame) | Received::Echo(frame) => of_frame(frame, entries),
         Received::Other(frame) => frame.to_string(),
-        Received::Error(error) => format!("the controller tells: {error:?}"),
+        Received::Error(error) => format!("the controller reports: {error:?}"),
         Received::Overflow { frames } => format!("{frames} frames were lost here"),
         Received::Down => "the interface went down".to_owned(),
         Received::Gone => "the interface is gone".to_owned(),

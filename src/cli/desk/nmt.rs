@@ -68,7 +68,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         if output.is_json() {
             return output.report(json!({ "place": desk.place, "dry_run": true, "node": who, "command": words }));
         }
-        return output.result(&format!("would tell {who}: {words}\n"));
+        return output.result(&format!("would send to {who}: {words}\n"));
     }
     let is_reset = matches!(arguments.command, Command::Reset | Command::ResetComm);
     // In Stopped it may answer nothing: who goes there is asked before.
@@ -98,20 +98,20 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         desk.service.listen(Duration::from_millis(20), |_| {}).map_err(|error| desk.bus_failure(error))?;
     }
     if is_reset && desk.service.heard(node.id).boot_ups == before {
-        let message = format!("{who} was told: {words}, and no boot-up message came within {} s", BOOT_UP.as_secs());
+        let message = format!("{words} was sent to {who}, and no boot-up message came within {} s", BOOT_UP.as_secs());
         return Err(Failure::new(Exit::DeviceMismatch, message, why_absent(&desk, &node)));
     }
     let presence = presence(&mut desk, &node)?;
     if presence.is_none() && !was_there {
-        let message = format!("{who} was told: {words}, and neither tells its state nor answers a request");
+        let message = format!("{words} was sent to {who}, which neither reports its state nor answers a request");
         return Err(Failure::new(Exit::DeviceMismatch, message, why_absent(&desk, &node)));
     }
     let state = presence.flatten().map(|state| nmt_words(state).to_owned());
     if output.is_json() {
         return output.report(json!({ "place": desk.place, "node": who, "command": words, "state": state }));
     }
-    let state = state.unwrap_or_else(|| "not told: it answers no node guarding and sends no heartbeat".to_owned());
-    output.result(&wrapped(&format!("told {who}: {words}; state {state}")))
+    let state = state.unwrap_or_else(|| "unknown: it answers no node guarding and sends no heartbeat".to_owned());
+    output.result(&wrapped(&format!("sent to {who}: {words}; state {state}")))
 }
 
 /// Returns whether a device is there, and its state if it reports one: by node guarding, a heartbeat, or an answer to a read of its

@@ -312,7 +312,7 @@ fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
 }
 
 fn no_type(at: Address) -> Failure {
-    let message = format!("{at}: neither the standards nor its length tell its data type");
+    let message = format!("{at}: neither the standards nor its length show its data type");
     Failure::new(Exit::Usage, message, "give the data sheet of the device with --eds")
 }
 

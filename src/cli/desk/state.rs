@@ -133,7 +133,7 @@ pub(super) fn statusword(reached: &mut DeviceHandle) -> Result<u16, Failure> {
         Err(error @ Error::Refused(_)) => {
             let at = reached.at(STATUSWORD).index;
             let message = format!("{} has no statusword ({at:04X}h): {error}", reached.words());
-            let help = format!("it is no drive of CiA 402; {} tells what it is", reached.command("info"));
+            let help = format!("it is no drive of CiA 402; {} shows what it is", reached.command("info"));
             Err(Failure::new(Exit::DeviceMismatch, message, help))
         }
         Err(error) => Err(reached.failure("reading its statusword", error)),

@@ -18,7 +18,7 @@ pub(super) fn object(at: Address) -> Explanation {
     let meaning = match (&known, listed.filter(|_| !is_of_vendor)) {
         (_, Some(object)) => object.meaning,
         (Some(_), None) => "an object of the standards",
-        (None, None) if is_of_vendor => "an object of the vendor: its data sheet (EDS) tells what it is",
+        (None, None) if is_of_vendor => "an object of the vendor: its data sheet (EDS) says what it is",
         (None, None) => "no object of the standards that this program knows",
     };
     explained(

@@ -98,7 +98,7 @@ fn words(cause: String, next: String) -> Vec<(&'static str, String)> {
 pub(crate) fn drive_error_text(error: &DriveError, rig: &config::Rig) -> String {
     let name = name(error.drive, rig);
     let code = match error.code {
-        None => "does not tell its error code (603Fh)".to_owned(),
+        None => "does not report its error code (603Fh)".to_owned(),
         Some(0) => "no error code".to_owned(),
         Some(code) => {
             let (meaning, _) = words_of_code(EmcyCode(code), Some(error.drive), rig);

@@ -159,7 +159,7 @@ fn unfelt(force_n: f64, map: &ForceMap) -> Failure {
 /// Returns the failure for inconclusive pulls.
 fn unclear(force_n: f64, noise_n: f64, map: &ForceMap) -> Failure {
     let message = format!(
-        "pulls of {force_n} N tell nothing: the noise is {noise_n:.3} N, a map of them leaves {:.3} N, and no sample may be at the end of the range",
+        "pulls of {force_n} N show nothing: the noise is {noise_n:.3} N, a map of them leaves {:.3} N, and no sample may be at the end of the range",
         map.residual_n
     );
     let help = "pull harder or more steadily, let the arm rest, and look at `yieldwall sensor monitor`";
@@ -186,7 +186,7 @@ fn judge(map: &ForceMap, has_rows: bool) -> Result<(), Failure> {
         );
         return refused(
             message,
-            "put the rows above into the rig file, or mend `mounting_angle_rad` where the direction alone is off",
+            "put the rows above into the rig file, or fix `mounting_angle_rad` where the direction alone is off",
         );
     }
     Ok(())

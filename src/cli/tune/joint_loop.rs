@@ -298,7 +298,7 @@ fn judge(found: &[&JointLoop], rig: &Rig) -> Result<(), Failure> {
         let Some((what, error)) = errors.into_iter().find_map(|(what, error)| Some((what, error?))) else { continue };
         let help = match error {
             NotIdentified::TooFew if joint.is_told => {
-                "the drive tells its torque (6077h) too seldom: look at its answers with `yieldwall commission`"
+                "the drive reports its torque (6077h) too seldom: look at its answers with `yieldwall commission`"
             }
             NotIdentified::Stands => "the joint sticks at 10 degrees in a second: look at its loop and at its friction",
             NotIdentified::NoDelay { .. } => {
@@ -394,7 +394,7 @@ fn joint_text(joint: &JointLoop, rig: &Rig) -> String {
         });
         lines.push(format!("step      {rise}, and goes {:.0} % beyond", 100.0 * step.overshoot));
     }
-    lines.push(format!("torque    {:.1} N m at most, which both drives were told", joint.torque_n_m));
+    lines.push(format!("torque    {:.1} N m at most, set in both drives", joint.torque_n_m));
     if joint.left_out > 0 {
         lines.push(format!("cycles    are missing in {} parts of the course, which were left out", joint.left_out));
     }

@@ -152,7 +152,7 @@ fn check_reference(findings: &mut Findings, key: &str, profile: &DeviceProfile, 
              profile with a reset that keeps the reference",
         ),
         None => (
-            "an incremental encoder, or one that counts turns of the motor, does not tell it at power-on",
+            "an incremental encoder, or one that counts turns of the motor, does not report it at power-on",
             "write `encoder: multi_turn` at the drive if its motor has such a one; or write `homing`, as docs/bringup.md says",
         ),
         Some(_) => return,

@@ -126,8 +126,8 @@ pub const DEFECTS: [DefectRow; 16] = [
         DefectKind::WeakMotor,
         "weak-motor",
         (true, FoundBy::Step("motor")),
-        size("share of the torque that the drive tells", 0.7, 0.5, 0.82),
-        "the motor makes less torque than the drive tells, as with a wrong torque constant or a demagnetised motor",
+        size("share of the torque that the drive reports", 0.7, 0.5, 0.82),
+        "the motor makes less torque than the drive reports, as with a wrong torque constant or a demagnetised motor",
     ),
     row(
         DefectKind::HighFriction,
@@ -365,15 +365,15 @@ mod tests {
             ("weak-moto", "there is no defect `weak-moto`"),
             (
                 "weak-motor=2",
-                "weak-motor has the size 2: share of the torque that the drive tells from 0.5 to 0.82 is wanted",
+                "weak-motor has the size 2: share of the torque that the drive reports from 0.5 to 0.82 is wanted",
             ),
             (
                 "weak-motor=NaN",
-                "weak-motor has the size NaN: share of the torque that the drive tells from 0.5 to 0.82 is wanted",
+                "weak-motor has the size NaN: share of the torque that the drive reports from 0.5 to 0.82 is wanted",
             ),
             (
                 "weak-motor=x",
-                "weak-motor has the size x: share of the torque that the drive tells from 0.5 to 0.82 is wanted",
+                "weak-motor has the size x: share of the torque that the drive reports from 0.5 to 0.82 is wanted",
             ),
             ("gear-sign=1", "gear-sign has the size 1: it takes none"),
             ("gear-sign:up", "gear-sign is not at `up`: left or right is wanted"),

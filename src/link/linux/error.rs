@@ -70,7 +70,7 @@ pub enum LinkError {
     },
     /// Nothing tells when a frame has left.
     #[error(
-        "the driver of `{interface}` ({}) does not tell when a frame has left, and without that a frame that is stuck cannot \
+        "the driver of `{interface}` ({}) does not report when a frame has left, and without that a frame that is stuck cannot \
          be told from one that was sent. No option changes that: take an adapter whose `ip -details link show` has ECHO among \
          its flags; docs/adapters.md",
         .driver.as_deref().unwrap_or("of unknown name")
@@ -130,7 +130,7 @@ impl LinkError {
         }
     }
 
-    /// What is wrong, apart from the command that mends it.
+    /// What is wrong, apart from the command that fixes it.
     pub fn check(&self) -> Check {
         match self {
             Self::NoCan => Check::wrong("CAN sockets", "this kernel has none")
@@ -166,7 +166,7 @@ impl LinkError {
             }
             Self::NoEcho { interface, driver } => {
                 let driver = driver.as_deref().unwrap_or("of unknown name");
-                Check::wrong("echo", format!("the driver of `{interface}` ({driver}) does not tell when a frame has left"))
+                Check::wrong("echo", format!("the driver of `{interface}` ({driver}) does not report when a frame has left"))
                     .follows("no option changes that: take another adapter; docs/adapters.md")
             }
             Self::BitRate { interface, has, wanted } => {

@@ -122,7 +122,7 @@ impl InterfaceFacts {
             format!(" (error counters: {transmit} transmitting, {receive} receiving)")
         });
         match self.state {
-            None => Check::unknown(subject, "the driver does not tell its error state"),
+            None => Check::unknown(subject, "the driver does not report its error state"),
             Some(ControllerState::ErrorActive) => Check::ok(subject, format!("error-active{counters}")),
             Some(ControllerState::BusOff) => LinkError::BusOff { interface: self.name.clone() }.check(),
             // Where the interface is down this is said of the interface.
@@ -155,7 +155,7 @@ impl InterfaceFacts {
     fn sample_point(&self) -> Check {
         let subject = "sample point";
         let Some(per_mille) = self.sample_point_per_mille.filter(|per_mille| *per_mille > 0) else {
-            return Check::unknown(subject, "the driver does not tell it");
+            return Check::unknown(subject, "the driver does not report it");
         };
         let found = format!("at {}.{} % of the bit", per_mille / 10, per_mille % 10);
         if SAMPLE_POINTS.contains(&per_mille) {
@@ -170,7 +170,7 @@ impl InterfaceFacts {
     fn restart(&self) -> Check {
         let name = &self.name;
         match self.restart_ms {
-            None => Check::unknown("restart", "the driver does not tell restart-ms"),
+            None => Check::unknown("restart", "the driver does not report restart-ms"),
             Some(0) => Check::ok("restart", "never by itself after bus-off (restart-ms 0)"),
             Some(wait) => Check::warning("restart", format!("`{name}` has restart-ms {wait}"))
                 .follows("it restarts by itself after bus-off and then sends what it still holds")
@@ -180,7 +180,7 @@ impl InterfaceFacts {
 
     fn one_shot(&self) -> Check {
         match self.is_one_shot {
-            None => Check::unknown("one-shot", "the driver does not tell"),
+            None => Check::unknown("one-shot", "the driver does not report"),
             Some(false) => Check::ok("one-shot", "off: frames are repeated after errors"),
             Some(true) => Check::warning("one-shot", format!("`{}` is in one-shot mode", self.name))
                 .follows("a frame that meets an error or a stronger one is lost")
@@ -190,7 +190,7 @@ impl InterfaceFacts {
 
     fn bus_errors(&self) -> Check {
         match self.reports_bus_errors {
-            None => Check::unknown("bus errors", "the driver does not tell"),
+            None => Check::unknown("bus errors", "the driver does not report"),
             Some(false) => Check::ok("bus errors", "not reported one by one (berr-reporting off)"),
             Some(true) => {
                 Check::warning("bus errors", format!("`{}` reports each error on the bus by a frame", self.name))

@@ -15,7 +15,7 @@ const FEWEST: u32 = 10;
 /// Most frames that it should hold: 17 ms at 1 Mbit/s. Whatever is in it leaves, however old it has become.
 const MOST: u32 = 128;
 
-/// Name of the queueing discipline of an interface, asked over netlink; `None` if the kernel does not tell it.
+/// Name of the queueing discipline of an interface, asked over netlink; `None` if the kernel does not report it.
 pub(super) fn discipline(index: u32) -> Option<String> {
     let socket = NlSocketHandle::connect(NlFamily::Route, None, Groups::empty()).ok()?;
     let about = IfinfomsgBuilder::default()
@@ -43,7 +43,7 @@ pub(super) fn checks(name: &str, is_virtual: bool, discipline: Option<&str>, len
     let kind = "queueing";
     let replaced = |check: Check| check.mend(format!("sudo tc qdisc replace dev {name} root pfifo_fast"));
     let discipline = match discipline {
-        None => Check::unknown(kind, "the kernel does not tell the queueing discipline"),
+        None => Check::unknown(kind, "the kernel does not report the queueing discipline"),
         Some(known @ ("pfifo_fast" | "prio" | "mq")) => Check::ok(kind, known),
         // Frames do not wait at all there.
         Some("noqueue") if is_virtual => return vec![Check::ok(kind, "noqueue, as of every virtual interface")],
@@ -59,7 +59,7 @@ pub(super) fn checks(name: &str, is_virtual: bool, discipline: Option<&str>, len
     let held = |len: u32| format!("the queue of `{name}` holds {len} frames");
     let set = |check: Check, len: u32| check.mend(format!("sudo ip link set {name} txqueuelen {len}"));
     let len = match len {
-        None => Check::unknown("queue", "the kernel does not tell how many frames the queue holds"),
+        None => Check::unknown("queue", "the kernel does not report how many frames the queue holds"),
         Some(len) if len < FEWEST => {
             set(Check::warning("queue", held(len)).follows("that is fewer than a cycle may bring"), FEWEST)
         }

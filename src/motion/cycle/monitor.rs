@@ -48,7 +48,7 @@ impl Cycle {
         let missed = DeviceSet::drives_where(self.missed.map(|missed| missed > 0)) | link.outputs_missed;
         self.faults.observe_on(Fault::PdoMissed, missed.only_if(!link.intruder));
         let is_known = self.missed.iter().all(|missed| *missed != u16::MAX);
-        // The closure alone does not tell on which sides the elbows lie.
+        // The closure alone does not report on which sides the elbows lie.
         let sides = self.linkage.geometry().elbows;
         self.posture = self.linkage.close(self.measured.angles).ok().map(|closure| self.linkage.posture(&closure));
         if !(is_known && self.posture.as_ref().is_some_and(|posture| posture.elbow_sides == sides)) {

@@ -48,10 +48,10 @@ pub enum NotIdentified {
     #[error("the joint did not turn one way all the time")]
     Stands,
     /// The drive closes the loop. What it makes of its torque between two set-points is not told, and has a large share of what accelerates.
-    #[error("the drive closes the loop, and does not tell what its torque is from one moment to the next")]
+    #[error("the drive closes the loop, and does not report what its torque is from one moment to the next")]
     InDrive,
-    /// What was seen does not tell the unknowns apart.
-    #[error("the motion does not tell inertia, friction and delay apart")]
+    /// What was seen does not report the unknowns apart.
+    #[error("the motion does not report inertia, friction and delay apart")]
     Indistinct,
     /// The points do not tell the lengths and zeros of an arm apart, or the arm cannot be at them.
     #[error("the points do not tell links and zeros apart, or no such arm is at them")]

@@ -157,7 +157,7 @@ pub fn al_status(code: AlStatusCode) -> Option<Explanation> {
         name: "al-status".into(),
         meaning: code.meaning().into(),
         cause: code.likely_cause().into(),
-        next: "mend what is named; the master then acknowledges the error and asks for the state again".into(),
+        next: "fix what is named; the master then acknowledges the error and asks for the state again".into(),
         source: None,
     })
 }

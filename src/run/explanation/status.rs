@@ -81,7 +81,7 @@ pub(super) fn row(state: Option<State>) -> StateText {
         Some(State::Fault) => row(
             "the drive has found a fault, and has no torque",
             "see its error code (603Fh)",
-            "mend what `yieldwall state NODE` names, then `yieldwall state NODE --reset-fault`",
+            "fix what `yieldwall state NODE` names, then `yieldwall state NODE --reset-fault`",
         ),
         None => row(
             "its bits are those of no state",

@@ -325,7 +325,7 @@ impl Probe<'_> {
                 }
                 Ok(bytes.get(..meant.min(bytes.len())).map(number))
             }
-            // It has it, and does not tell.
+            // It has it, and does not report.
             Err(Error::Refused(AbortCode::WRITE_ONLY)) => Ok(Some(0)),
             Err(Error::Refused(code)) => {
                 if matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX) {

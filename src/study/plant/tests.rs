@@ -53,7 +53,7 @@ fn errors_fall_with_the_order_of_the_method() {
         let fine_m = error_m(method, 0.5 * step_s, &reference);
         assert!(ratios.contains(&(coarse_m / fine_m)), "{method}, {step_s} s: {coarse_m} m, {fine_m} m");
     }
-    // Smooth friction is another model: no step mends it.
+    // Smooth friction is another model: no step fixes it.
     let smooth = Method::Smooth { scale_rad_per_s: 0.01 };
     let (coarse_m, fine_m) = (error_m(smooth, 2.5e-4, &reference), error_m(smooth, 5e-5, &reference));
     assert!(coarse_m > 4e-5 && (coarse_m / fine_m - 1.0).abs() < 0.02, "{coarse_m} m, {fine_m} m");

@@ -52,7 +52,7 @@ fn devices_are_found_asked_and_mended_while_one_is_broken() {
     assert!(message.contains("PRE-OP+ERR to SAFE-OP refused with 001"), "{message}");
     assert_eq!(well(rig, "state right ack")["devices"][0]["state"], "PRE-OP");
 
-    // The image of its twin mends it.
+    // The image of its twin fixes it.
     let image = std::env::temp_dir().join(format!("yieldwall-desk-{}.sii", std::process::id()));
     let image = image.display().to_string();
     well(rig, &format!("sii read right --out {image}"));

@@ -94,7 +94,7 @@ fn state(desk: &SegmentSession, present: &Present) -> Check {
         _ if status.has_error() => {
             let code = present.code;
             Check::wrong("AL state", format!("{status}: {:04X}h {}", code.0, code.meaning()))
-                .follows(format!("{}; mend that, then have the error acknowledged", code.likely_cause()))
+                .follows(format!("{}; fix that, then have the error acknowledged", code.likely_cause()))
                 .mend(command("ack"))
         }
         code if status.shows_master(code) => Check::new("AL state", Verdict::Warning, status.to_string())

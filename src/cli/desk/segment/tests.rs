@@ -317,7 +317,7 @@ fn an_alias_is_written_with_its_checksum_and_no_other_device_may_have_it() {
     assert!(taken.report.diagnostics[0].message.contains("left (position 0) has the alias 7 already"));
     let damaged = with_alias(&mut desk, &sensor, 8).unwrap_err();
     assert!(damaged.report.diagnostics[0].message.contains("its SII is damaged: word 0007h"));
-    // The image of a whole one of its kind mends it.
+    // The image of a whole one of its kind fixes it.
     let mut image = desk.service.sii_image(2).unwrap();
     let held = image.clone();
     yieldwall_fieldbus::ethercat::sii::seal(&mut image);

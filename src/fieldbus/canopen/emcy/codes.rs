@@ -11,7 +11,7 @@ pub(super) struct Texts {
 const OF_MAKER: &str = "the maker of the device gives it its own meaning";
 const LOOK_UP: &str = "look it up in the device's manual; `yieldwall emcy NODE` shows what else the device has stored";
 const SUPPLY: &str =
-    "measure the supply at the drive under load; `yieldwall info NODE` shows what the drive tells of itself";
+    "measure the supply at the drive under load; `yieldwall info NODE` shows what the drive reports of itself";
 const SHORT: &str =
     "switch off; measure the motor's windings and cable against each other and against earth before power comes back";
 const COOL: &str = "let it cool down; look at its mounting and fan, and lower torque_limit_n_m if it comes back";

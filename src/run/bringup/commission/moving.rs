@@ -259,7 +259,7 @@ impl Bench<'_> {
 
     fn check_torques(&self, joint: usize, travel: &Travel) -> Result<(), Halt> {
         if travel.torques.len() < LEAST_SAMPLES {
-            return Err(Halt::Skipped(format!("the drive {} does not tell its torque (6077h)", self.name(joint))));
+            return Err(Halt::Skipped(format!("the drive {} does not report its torque (6077h)", self.name(joint))));
         }
         Ok(())
     }
@@ -326,7 +326,7 @@ impl Bench<'_> {
             format!("{expected_n_m:.2} N m by the geometry, {told_n_m:.2} N m by the drive"),
         );
         found.measure(Figure {
-            what: "torque that the drive tells against the true one".into(),
+            what: "torque that the drive reports against the true one".into(),
             value: 100.0 * (told_n_m / expected_n_m - 1.0).abs(),
             limit: MOTOR_PERCENT,
             unit: "%".into(),
@@ -334,12 +334,12 @@ impl Bench<'_> {
         let share = expected_n_m / told_n_m;
         if found.is_bad() && share.is_finite() && share > 0.0 {
             return Err(Halt::Failed(format!(
-                "the motor of {name} makes {share:.2} of the torque that its drive tells: look at rated torque (6076h), torque constant and gear"
+                "the motor of {name} makes {share:.2} of the torque that its drive reports: look at rated torque (6076h), torque constant and gear"
             )));
         }
         if found.is_bad() {
             return Err(Halt::Failed(format!(
-                "the torque that {name} tells (6077h) does not follow the force at the tool, or has the wrong sign"
+                "the torque that {name} reports (6077h) does not follow the force at the tool, or has the wrong sign"
             )));
         }
         Ok(())
@@ -408,7 +408,7 @@ impl Bench<'_> {
             });
             if friction_n_m <= 0.0 {
                 return Err(Halt::Failed(format!(
-                    "the torque that {name} tells (6077h) does not turn round with the way: it is no torque, or has the wrong sign"
+                    "the torque that {name} reports (6077h) does not turn round with the way: it is no torque, or has the wrong sign"
                 )));
             }
             if fed_n_m > friction_n_m {

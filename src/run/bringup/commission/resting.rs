@@ -113,7 +113,7 @@ impl Bench<'_> {
         let of = |drive: &DriveIdentity| (drive.vendor_id, drive.product_code, drive.serial_number);
         let [left, right] = &drives;
         if of(left) == of(right) && left.serial_number != 0 && !self.rig.has_one_device() {
-            let message = "both drives tell the same serial number: one device answers to both addresses, or one was given another's memory";
+            let message = "both drives report the same serial number: one device answers to both addresses, or one was given another's memory";
             return Err(Halt::Failed(message.to_owned()));
         }
         let wanted = self.wanted.unwrap_or(drives);
@@ -148,7 +148,7 @@ impl Bench<'_> {
         for joint in 0..2 {
             let limits = [before, first, later].map(|limits| limits.get(joint).copied().flatten());
             if let [Some(before), Some(first), Some(later)] = limits {
-                let text = format!("{before} before, {first} told, {later} later");
+                let text = format!("{before} before, {first} written, {later} later");
                 found.note(format!("{}: torque limit", self.name(joint)), text);
             }
         }
@@ -221,7 +221,7 @@ impl Bench<'_> {
             let mut read = 0;
             for (object, is_limit, meaning) in NEUTRAL {
                 self.check_interrupt()?;
-                // One that does not tell an object does not have it.
+                // One that does not report an object does not have it.
                 let held = self.runner.read_bytes(device, Address::new(object.index, object.sub)).ok();
                 all[joint].push(held);
                 let Some(Some(held)) = all[joint].last() else { continue };

@@ -93,7 +93,7 @@ impl ComputerFacts {
     fn governor(&self) -> Check {
         let subject = "governor";
         if self.governors.is_empty() {
-            return Check::unknown(subject, "the kernel tells none: a virtual machine, or a fixed frequency");
+            return Check::unknown(subject, "the kernel reports none: a virtual machine, or a fixed frequency");
         }
         let each = self.governors.iter().map(|(name, count)| format!("{name} on {count}"));
         let found = format!("{} of {} processors", each.collect::<Vec<_>>().join(", "), self.processors);
@@ -108,7 +108,7 @@ impl ComputerFacts {
     fn isolation(&self) -> Check {
         let subject = "isolation";
         match self.isolated.as_deref() {
-            None => Check::unknown(subject, "the kernel does not tell which processors are isolated"),
+            None => Check::unknown(subject, "the kernel does not report which processors are isolated"),
             Some("") if self.readiness.is_realtime_kernel == Some(true) && self.processors > 1 => {
                 let last = self.processors - 1;
                 Check::warning(subject, "no processor is kept free of other work")
@@ -129,7 +129,7 @@ impl ComputerFacts {
     fn clock(&self) -> Check {
         let subject = "clock";
         let Some((current, available)) = &self.clock else {
-            return Check::unknown(subject, "the kernel does not tell its clock source");
+            return Check::unknown(subject, "the kernel does not report its clock source");
         };
         if GOOD_CLOCKS.contains(&current.as_str()) {
             return Check::ok(subject, current);
@@ -150,7 +150,7 @@ impl ComputerFacts {
     fn throttling(&self) -> Check {
         let subject = "throttling";
         match self.realtime_runtime_us {
-            None => Check::unknown(subject, "the kernel does not tell how long real-time threads may run"),
+            None => Check::unknown(subject, "the kernel does not report how long real-time threads may run"),
             Some(..0) => Check::warning(subject, "real-time threads may take all of every second")
                 .follows(
                     "one that runs away takes the computer with it; the loop sleeps in each cycle and needs no more",

@@ -35,10 +35,10 @@ pub enum CardError {
     #[error("there is no network card of that name")]
     Missing,
     /// The driver does not report it.
-    #[error("the driver does not tell")]
+    #[error("the driver does not report")]
     Untold,
     /// The system refuses.
-    #[error("the system refuses to tell: {0}")]
+    #[error("the system does not report it: {0}")]
     System(Errno),
 }
 
@@ -95,14 +95,14 @@ pub fn coalescing_check(name: &str, found: Result<Coalescing, CardError>) -> Che
             .mend("ip -brief link"),
         Err(error) => Check::unknown(subject, format!("`{name}`: {error}")),
         Ok(Coalescing { receive_us: 0, transmit_us: 0, is_adaptive: false }) => {
-            Check::ok(subject, "none: each frame is told at once")
+            Check::ok(subject, "none: each frame is reported at once")
         }
         Ok(Coalescing { receive_us, transmit_us, is_adaptive }) => {
             let adaptive = if is_adaptive { ", adaptive" } else { "" };
             let found = format!("`{name}` waits {receive_us} us receiving and {transmit_us} us transmitting{adaptive}");
             let off = if is_adaptive { " adaptive-rx off adaptive-tx off" } else { "" };
             Check::warning(subject, found)
-                .follows("frames of a cycle are told late by up to that")
+                .follows("frames of a cycle are reported late by up to that")
                 .mend(format!("sudo ethtool -C {name}{off} rx-usecs 0 tx-usecs 0"))
         }
     }
