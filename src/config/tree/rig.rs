@@ -139,7 +139,7 @@ impl Rig {
         [medium].into_iter().chain(other).filter(|medium| injection.kind.row().media.contains(medium))
     }
 
-    /// This program as a node of the first CAN bus. The other CAN buses have the same settings.
+    /// This program as a node of the first CAN bus. The other CAN buses use the same node settings.
     pub fn own_node(&self) -> Option<CanBus> {
         self.buses.values().find_map(Bus::canopen)
     }
