@@ -19,7 +19,7 @@ pub const MAX_FILE_BYTES: usize = 1 << 20;
 const OF_DRIVES: [(&str, &[(&str, &str)]); 2] = [("profiles", profiles::SHIPPED), ("codes", codes::SHIPPED)];
 
 /// Name of the text with values that override those of a file.
-const SET: &str = "--set";
+pub(super) const SET: &str = "--set";
 
 /// Prefix of the name of a shipped file.
 const BUILTIN_PREFIX: &str = "builtin:";
