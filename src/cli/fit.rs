@@ -118,7 +118,7 @@ mod tests {
                 "    a paragraph that is moved to the\n    right and is too wide",
             ),
             (
-                "look at `yieldwall doctor node 5 --bus can0` and fix what it names",
+                "look at `yieldwall doctor node 5 --bus can0` and mend what it names",
                 "look at\n`yieldwall doctor node 5 --bus can0` and\nmend what it names",
             ),
             (
