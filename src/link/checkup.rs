@@ -1,6 +1,6 @@
-//! What was looked at, how it is, and what fixes it: the lines of a check-up of a computer, an interface or a device.
+//! Lines of a check-up of a computer, an interface or a device: the subject, its state, and the fix.
 //!
-//! Whoever gathers facts is apart from who judges them: a judgement takes facts and gives [`Check`]s, and looks at nothing itself.
+//! One part gathers the facts, another judges them: a judgement takes facts and returns [`Check`]s, and reads nothing itself.
 
 use std::fmt;
 
@@ -32,13 +32,13 @@ impl Verdict {
 /// One thing that was looked at.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Check {
-    /// What was looked at, in a word or two.
+    /// Subject of the check, in a word or two.
     pub subject: &'static str,
     /// How it is.
     pub verdict: Verdict,
-    /// What was found.
+    /// Finding.
     pub found: String,
-    /// What follows from it, or what to look at; empty where nothing does.
+    /// Consequence, or the place to look at; empty if there is none.
     pub follows: String,
     /// The command that fixes it, as it is typed into a shell; `None` where no command does.
     pub mend: Option<String>,

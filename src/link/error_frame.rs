@@ -1,4 +1,4 @@
-//! What a CAN controller tells of itself.
+//! Error frames, in which a CAN controller reports its own state.
 //!
 //! # Source
 //! Linux, `include/uapi/linux/can/error.h`: classes in the identifier of an error frame, details in its eight bytes.
@@ -21,7 +21,7 @@ const WARNING: u8 = 0x04 | 0x08;
 const PASSIVE: u8 = 0x10 | 0x20;
 const ACTIVE: u8 = 0x40;
 
-/// An error frame, decoded. One frame may tell several things.
+/// An error frame, decoded. One frame may report several events.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ErrorFrame {
     /// The controller has left the bus.
@@ -44,7 +44,7 @@ pub struct ErrorFrame {
     pub has_receive_overflow: bool,
     /// The controller lost frames on the way out.
     pub has_transmit_overflow: bool,
-    /// Error counters for transmission and reception, if the driver tells them.
+    /// Error counters for transmission and reception, if the driver reports them.
     pub counters: Option<(u8, u8)>,
 }
 
@@ -70,8 +70,8 @@ impl ErrorFrame {
         }
     }
 
-    /// What the master has to know of it. A frame that nobody acknowledged counts as error-passive: with the cable out a
-    /// controller stays there.
+    /// Returns the event that the master has to know. A frame that nobody acknowledged counts as error-passive: with the cable unplugged a
+    /// controller stays in that state.
     pub fn link_event(&self) -> Option<LinkEvent> {
         match self {
             Self { is_bus_off: true, .. } => Some(LinkEvent::BusOff),

@@ -1,7 +1,8 @@
-//! What only one process of a computer does on an interface.
+//! Roles that only one process of a computer may have on an interface.
 //!
-//! A process that does it holds an abstract Unix socket. Its name is scoped by the network namespace, as interfaces are, it
-//! is in no file system, and it goes with the process, however that ends. Who is refused asks the kernel who listens there.
+//! The process with the role holds an abstract Unix socket. The network namespace scopes the socket's name, as it does for interfaces. The
+//! socket is in no file system, and it disappears with the process, however that ends. A process that is refused asks the kernel which
+//! process listens there.
 #![allow(unsafe_code)]
 
 use std::fs;
@@ -19,7 +20,7 @@ use super::role::{Holder, Role};
 /// Why a role is not this process's.
 #[derive(Debug)]
 pub(super) enum NotHeld {
-    /// Another process has it; which one, if the kernel tells.
+    /// Another process has the role. The value is that process, if the kernel shows it.
     Taken(Option<Holder>),
     /// The system refuses.
     System(io::Error),
@@ -104,8 +105,8 @@ fn who_listens(address: &SocketAddrUnix) -> Result<Option<Holder>, Errno> {
     Ok((peer.pid > 0).then(|| holder(peer.pid, peer.uid)))
 }
 
-/// The process that has bound an address and does not listen there, by what the kernel shows of its open files; `None` if it shows
-/// none, as of processes of other users to a caller that is not root.
+/// Returns the process that has bound an address and does not listen there, from the open files that the kernel shows. Returns `None` if
+/// the kernel shows none: a caller that is not root cannot see processes of other users.
 fn who_bound(name: &str) -> Option<Holder> {
     let table = fs::read_to_string("/proc/net/unix").ok()?;
     let wanted = format!("@{name}");

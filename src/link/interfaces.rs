@@ -18,7 +18,7 @@ pub struct Interfaces {
 }
 
 impl Interfaces {
-    /// Those of the CAN buses, and that of the segment.
+    /// Combines the interfaces of the CAN buses with the interface of the segment.
     pub fn new(can: SocketCans, segment: Option<PacketSocket>) -> Self {
         Self { can, segment }
     }

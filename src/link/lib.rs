@@ -1,14 +1,18 @@
-//! The bus as one participant sees it: frames that come with the moment of their arrival, own frames that are seen on the
-//! wire, and what the controller tells of itself.
+//! The bus as one participant sees it: received frames with their arrival times, own frames that were sent, and the controller's reports
+//! about itself.
 //!
-//! [`CanLink`] is all that a loop needs of an interface. [`SocketCan`] is the one of Linux, behind the feature `socketcan`, and
-//! [`SocketCans`] several of them, one for each bus. [`EthernetLink`] is the same for a wire that carries EtherCAT, and [`PacketSocket`]
-//! the one of Linux, behind the feature `ethernet`. [`Wires`] is both, for a rig that may have both, and [`Interfaces`] that of Linux.
-//! [`CaptureWriter`] keeps what went over them.
+//! The traits and their implementations:
 //!
-//! A link keeps no frame back: what [`CanLink::send`] refuses is gone and is never sent later. What is already in the
-//! queue of the kernel or of the controller can no longer be taken back by anybody but the interface going down, which is why
-//! `bus::Master` has at most one cycle in flight.
+//! - [`CanLink`] is the interface that a control loop needs. On Linux [`SocketCan`] implements it, behind the feature `socketcan`.
+//! - [`SocketCans`] combines several of these, one for each bus.
+//! - [`EthernetLink`] is the same interface for a wire that carries EtherCAT. On Linux [`PacketSocket`] implements it, behind the feature
+//!   `ethernet`.
+//! - [`Wires`] joins both for a rig that may have both. On Linux [`Interfaces`] implements it.
+//! - [`CaptureWriter`] records the frames.
+//!
+//! A link holds no frame back: a frame that [`CanLink::send`] refuses is lost and is never sent later. A frame that is already in the queue
+//! of the kernel or of the controller cannot be removed, unless the interface goes down. For this reason `bus::Master` has at most one
+//! cycle in flight.
 
 mod candump;
 mod capture;
@@ -49,18 +53,18 @@ pub use yieldwall_fieldbus::Packet;
 use yieldwall_fieldbus::canopen::{BusId, Frame, Outbox};
 use yieldwall_fieldbus::time::Time;
 
-/// What has come over a link, and when.
+/// An event on a link, with its time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Arrival {
     /// Moment of the arrival on the clock of [`CanLink::now`]; not before that of the arrival before it.
     pub time: Time,
     /// The bus, which a frame names as well ([`Frame::bus`]).
     pub bus: BusId,
-    /// What has come.
+    /// The event.
     pub what: Received,
 }
 
-/// What can come over a link.
+/// Kinds of event on a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Received {
     /// A frame of another participant.
@@ -69,7 +73,7 @@ pub enum Received {
     Echo(Frame),
     /// A frame of another participant that is none of CANopen. Only a link that was asked for them has them.
     Other(OtherFrame),
-    /// What the controller tells.
+    /// A report of the controller.
     Error(ErrorFrame),
     /// So many frames were lost here since the last arrival, because nobody took them in time.
     Overflow {
@@ -83,7 +87,7 @@ pub enum Received {
 }
 
 impl Received {
-    /// What the master has to know of it, beside the frames.
+    /// Returns the event, other than a frame, that the master has to know.
     pub fn link_event(&self) -> Option<LinkEvent> {
         match self {
             Received::Error(error) => error.link_event(),
@@ -139,8 +143,8 @@ pub trait CanLink {
     fn wait(&mut self, until: Time) -> bool;
 }
 
-/// One participant's access to all wires of a rig: to its CAN buses, and to its EtherCAT segment if it has one. [`CanLink::wait`] ends
-/// when something has come on any of them.
+/// One participant's access to all wires of a rig: its CAN buses, and its EtherCAT segment if it has one. [`CanLink::wait`] ends when an
+/// event arrives on any of them.
 pub trait Wires: CanLink {
     /// The source address of frames over the segment; that of [`EthernetLink::source`] on an interface.
     fn source(&self) -> [u8; 6] {
@@ -185,8 +189,8 @@ impl<L: CanLink + ?Sized> CanLink for Box<L> {
 
 /// A link as the place where an engine puts its frames.
 ///
-/// After the first frame that could not be sent on a bus the rest for that bus is dropped: an order that arrives without what
-/// led to it is worse than none. What is for other buses is sent all the same, such as the quick stop of the drive there.
+/// After the first frame that could not be sent on a bus, the outbox drops the rest for that bus. A command that arrives without the frames
+/// before it is worse than none. Frames for other buses, such as the quick stop of a drive there, are still sent.
 #[derive(Debug)]
 pub struct LinkOutbox<'a, L: ?Sized> {
     link: &'a mut L,

@@ -1,8 +1,8 @@
-//! Who does on an interface what only one process does.
+//! Roles that only one process has on an interface.
 
 use std::fmt;
 
-/// What only one process of a computer does on an interface.
+/// Role that only one process of a computer has on an interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     /// To be the master.
@@ -33,12 +33,12 @@ pub struct Holder {
     pub pid: i32,
     /// The user that it runs as, if that is another one than the caller.
     pub user: Option<String>,
-    /// Its command line, if the system tells.
+    /// Command line of the process, if the system shows it.
     pub command: Option<String>,
 }
 
 impl Holder {
-    /// Which process has a role on an interface, and how a person ends it; the kernel may not show which one it is.
+    /// Describes the process that has a role on an interface, and how a person ends it; the kernel may not show which process it is.
     #[cfg(all(feature = "ethernet", target_os = "linux"))]
     pub(super) fn told(holder: Option<&Self>, interface: &str) -> String {
         let Some(Self { pid, user, .. }) = holder else {

@@ -6,7 +6,7 @@ use rustix::io::Errno;
 
 use crate::{Holder, Role};
 
-/// What is wrong with an interface.
+/// Fault of an interface.
 #[derive(Debug, thiserror::Error)]
 pub enum EthernetError {
     /// The process may not open packet sockets.
@@ -37,7 +37,7 @@ pub enum EthernetError {
     NotEthernet {
         /// Its name.
         interface: String,
-        /// What it is.
+        /// Type of the interface.
         kind: &'static str,
         /// The Ethernet interfaces that are there.
         others: Vec<String>,
@@ -56,9 +56,9 @@ pub enum EthernetError {
     Held {
         /// Name of the interface.
         interface: String,
-        /// What the process does.
+        /// Role of this process.
         role: Role,
-        /// Which process it is, if the kernel tells.
+        /// The process that holds the role, if the kernel shows it.
         holder: Option<Holder>,
     },
     /// Anything else that the system refuses.
@@ -66,9 +66,9 @@ pub enum EthernetError {
     System {
         /// Name of the interface.
         interface: String,
-        /// What was asked for.
+        /// Operation that failed.
         step: &'static str,
-        /// What the system says.
+        /// Error of the system.
         source: io::Error,
     },
 }
@@ -87,7 +87,7 @@ impl EthernetError {
         Self::NotEthernet { interface: interface.to_owned(), kind, others }
     }
 
-    /// What it means that a socket could not be opened.
+    /// Converts the error of a socket that could not be opened.
     pub(super) fn from_open(interface: &str, error: Errno) -> Self {
         match error {
             Errno::PERM | Errno::ACCESS => {
@@ -114,7 +114,7 @@ fn found(others: &[String]) -> String {
     }
 }
 
-/// What may bring an interface into being.
+/// Returns the advice that names or creates an interface.
 fn next(interface: &str) -> String {
     let (end, peer) = match interface.strip_prefix("veth") {
         Some("0") => ("veth0", "veth1"),

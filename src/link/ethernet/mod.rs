@@ -15,16 +15,16 @@ pub use packet::{PacketSocket, is_ethernet};
 use super::SendError;
 use yieldwall_fieldbus::time::Time;
 
-/// What has come over a wire, and when.
+/// An event on a wire, with its time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EthernetArrival {
     /// Moment of the arrival on the clock of [`EthernetLink::now`].
     pub time: Time,
-    /// What has come.
+    /// The event.
     pub what: EthernetReceived,
 }
 
-/// What can come over a wire.
+/// Kinds of event on a wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EthernetReceived {
     /// A frame of another participant; so many bytes of the buffer are its own, from the destination on, without check sequence.

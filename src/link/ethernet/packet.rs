@@ -39,11 +39,10 @@ impl PacketSocket {
         Self::opened(interface, Some(role))
     }
 
-    /// A socket without a role, so that another process may have it: for whoever sends nothing, and for a process that sends in place of the one
-    /// that has the role.
+    /// Opens a socket without a role, so that another process may hold the role. It suits a process that sends nothing, and a process that
+    /// sends in place of the one that has the role.
     ///
-    /// # Errors
-    /// What is wrong with it, and what to try next.
+    /// # Errors The fault of the interface, and the next step to try.
     pub fn listening(interface: &str) -> Result<Self, EthernetError> {
         Self::opened(interface, None)
     }
@@ -152,13 +151,13 @@ impl EthernetLink for PacketSocket {
 }
 
 impl PacketSocket {
-    /// A removed interface goes down first, and its socket tells no more than that.
+    /// Handles a lost interface. A removed interface goes down first, and its socket reports no more than that.
     fn lost(&mut self) -> EthernetReceived {
         self.is_down = true;
         if self.is_gone() { EthernetReceived::Gone } else { EthernetReceived::Down }
     }
 
-    /// Whether there is no such interface any more. One that is up again is not asked about until it goes down once more.
+    /// Returns whether the interface no longer exists. Once it is up again, the link does not query it until it goes down once more.
     fn is_gone(&mut self) -> bool {
         let device = system::device(self.socket.as_fd(), &self.interface);
         self.is_down = device.as_ref().is_ok_and(|device| !device.is_up);

@@ -9,7 +9,7 @@ use std::os::fd::{AsRawFd, BorrowedFd};
 /// The type of EtherCAT in an Ethernet frame.
 pub(super) const ETHERCAT: u16 = 0x88a4;
 
-/// What the system says of an interface.
+/// State of an interface, as the system reports it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Device {
     /// `ARPHRD_...` of `linux/if_arp.h`.
@@ -45,7 +45,7 @@ pub(super) fn device(socket: BorrowedFd<'_>, name: &str) -> io::Result<Device> {
     Ok(Device { kind, is_up, has_carrier: is_up && flags & libc::IFF_RUNNING != 0 })
 }
 
-/// Has a packet socket hear the frames with the type of EtherCAT on one interface, whomever they are for.
+/// Binds a packet socket to one interface, so that it receives every frame with the type of EtherCAT, whatever its destination.
 pub(super) fn bind(socket: BorrowedFd<'_>, index: u32) -> io::Result<()> {
     // Before the socket hears anything: other sockets of this machine may send on the same interface.
     set(socket, libc::PACKET_IGNORE_OUTGOING, &libc::c_int::from(true))?;

@@ -6,20 +6,20 @@ use std::path::Path;
 /// Where the kernel describes its interfaces.
 pub(super) const NET: &str = "/sys/class/net";
 
-/// Shortest cycle in us for an adapter whose frames move in steps of 1 ms, each way: a request, its answer and what follows
-/// from it, with a step in reserve.
+/// Shortest cycle in us for an adapter that moves frames in steps of 1 ms, each way. The cycle holds a request, its answer and the next
+/// command, with a step in reserve.
 const SHORTEST_FULL_SPEED_US: u32 = 4000;
-/// The same for a serial line: a frame of 8 bytes is some 22 characters, 2 ms at 115 200 baud, and a cycle has half a dozen.
+/// Shortest cycle in us for a serial line: a frame of 8 bytes is about 22 characters, 2 ms at 115 200 baud, and a cycle has half a dozen.
 const SHORTEST_SERIAL_US: u32 = 20_000;
-/// The same for an adapter whose frames move in steps of 125 us.
+/// Shortest cycle in us for an adapter that moves frames in steps of 125 us.
 const SHORTEST_HIGH_SPEED_US: u32 = 1000;
 
-/// What is between the computer and the controller.
+/// Connection between the computer and the controller.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Attachment {
     /// Nothing: the kernel knows of no device. That is so of a virtual interface, and of a serial line on older kernels.
     Virtual,
-    /// USB of this speed in Mbit/s, where the kernel tells it.
+    /// USB of this speed in Mbit/s, where the kernel reports it.
     Usb {
         /// 12 is full speed, 480 high speed.
         mbit_per_s: Option<u32>,
@@ -32,7 +32,7 @@ pub enum Attachment {
     Unknown,
 }
 
-/// What stands in the folder of an interface.
+/// Contents of an interface's folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Folder {
     pub(super) attachment: Attachment,
@@ -42,7 +42,7 @@ pub(super) struct Folder {
 }
 
 impl Folder {
-    /// Reads the folder of interface `name` in `net`. What cannot be read is unknown.
+    /// Reads the folder of interface `name` in `net`. A file that cannot be read counts as unknown.
     pub(super) fn read(net: &Path, name: &str) -> Self {
         let folder = net.join(name);
         let text = |path: &str| fs::read_to_string(folder.join(path)).ok().map(|text| text.trim().to_owned());

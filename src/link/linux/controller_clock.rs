@@ -1,17 +1,17 @@
 //! The clock of a CAN controller, in which it stamps frames, against the one that the loop lives on.
 //!
-//! A frame comes with two stamps: the controller's, of the end of the frame on the wire, and the kernel's, of the moment at
-//! which it took the frame from the controller. The second is later by what interrupt, driver and USB took, 5 us as well as
-//! 500 us, and never earlier; the first is precise on a clock that begins anywhere and drifts. The least difference of both
-//! over a short window is therefore the distance of the two clocks plus the shortest such delay in the window, and
+//! A frame arrives with two stamps. The controller's stamp marks the end of the frame on the wire; the kernel's marks the moment at which
+//! it took the frame from the controller. The kernel's stamp is later by the delay of interrupt, driver and USB, 5 us as well as 500 us,
+//! and never earlier. The controller's stamp is precise, on a clock that begins anywhere and drifts. The least difference of both over a
+//! short window is therefore the offset of the two clocks plus the shortest such delay in the window, and
 //!
 //! ```text
 //! moment = hardware + least (software - hardware)
 //! ```
-//! What is left of the delay is the shortest one of the window, the same for all of its frames, so that times between frames
-//! are those of the wire. A clock that is slow by 100 ppm, more than CAN allows a node, puts a frame too early by at most
-//! 10 us, since no difference is older than 100 ms; one that is fast is caught at once. No line is fitted: it would know the
-//! drift, and would have to be told of every jump.
+//! The delay that remains is the shortest one of the window. It is the same for all frames of the window, so that times between frames are
+//! those on the wire. A slow clock puts a frame too early: by at most 10 us at 100 ppm, more than CAN allows a node, since no difference is
+//! older than 100 ms. A clock that is fast is corrected at once. No line is fitted: a fit would know the drift, but would need to detect
+//! every jump of the clock.
 
 use std::time::Duration;
 

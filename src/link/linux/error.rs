@@ -8,7 +8,7 @@ use crate::checkup::Check;
 use crate::hold::NotHeld;
 use crate::{Holder, Role};
 
-/// What is wrong with an interface.
+/// Fault of an interface.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     /// The kernel knows nothing of CAN.
@@ -68,7 +68,7 @@ pub enum LinkError {
         /// Name of the interface.
         interface: String,
     },
-    /// Nothing tells when a frame has left.
+    /// The driver does not report when a frame has left.
     #[error(
         "the driver of `{interface}` ({}) does not report when a frame has left, and without that a frame that is stuck cannot \
          be told from one that was sent. No option changes that: take an adapter whose `ip -details link show` has ECHO among \
@@ -103,9 +103,9 @@ pub enum LinkError {
     Held {
         /// Name of the interface.
         interface: String,
-        /// What the process does.
+        /// Role of this process.
         role: Role,
-        /// Which process it is, if the kernel tells.
+        /// The process that holds the role, if the kernel shows it.
         holder: Option<Holder>,
     },
     /// Anything else that the system refuses.
@@ -113,15 +113,15 @@ pub enum LinkError {
     System {
         /// Name of the interface.
         interface: String,
-        /// What was asked for.
+        /// Operation that failed.
         step: &'static str,
-        /// What the system says.
+        /// Error of the system.
         source: io::Error,
     },
 }
 
 impl LinkError {
-    /// What it means that a role on an interface is not this process's.
+    /// Converts the error of a role on an interface that this process could not get.
     pub(super) fn not_held(interface: &str, role: Role, error: NotHeld) -> Self {
         let interface = interface.to_owned();
         match error {
@@ -130,7 +130,7 @@ impl LinkError {
         }
     }
 
-    /// What is wrong, apart from the command that fixes it.
+    /// Returns the fault as a check, without the command that fixes it.
     pub fn check(&self) -> Check {
         match self {
             Self::NoCan => Check::wrong("CAN sockets", "this kernel has none")
@@ -185,7 +185,7 @@ impl LinkError {
         }
     }
 
-    /// What it means that a socket could not be opened or bound, where these CAN interfaces are there.
+    /// Converts the error of a socket that could not be opened or bound; `others` returns the CAN interfaces of this computer.
     pub(super) fn from_open(interface: &str, source: io::Error, others: impl FnOnce() -> Vec<String>) -> Self {
         match Errno::from_io_error(&source) {
             Some(Errno::AFNOSUPPORT | Errno::PROTONOSUPPORT) => Self::NoCan,
@@ -233,7 +233,7 @@ fn make(interface: &str) -> String {
     format!("sudo ip link add {interface} type vcan && sudo ip link set {interface} up")
 }
 
-/// What may bring an interface into being.
+/// Returns the command that may create an interface.
 fn next(interface: &str, bit_rate: Option<u32>) -> String {
     if is_virtual(interface) {
         return format!("Make it: `{}`", make(interface));

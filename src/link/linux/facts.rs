@@ -1,4 +1,4 @@
-//! What the system says of an interface.
+//! State of an interface, as the system reports it.
 
 use std::fs;
 use std::path::Path;
@@ -46,26 +46,25 @@ pub struct InterfaceFacts {
     pub sample_point_per_mille: Option<u32>,
     /// State of the controller; `None` for a virtual one.
     pub state: Option<ControllerState>,
-    /// Error counters for transmission and reception, where the driver tells them.
+    /// Error counters for transmission and reception, where the driver reports them.
     pub error_counters: Option<(u16, u16)>,
     /// Time in ms after which the kernel restarts a controller that is bus-off; 0 for never.
     pub restart_ms: Option<u32>,
     /// Whether its controller stamps frames with a clock of its own.
     pub has_hardware_time: bool,
-    /// Whether a frame is not repeated after an error or a lost arbitration; `None` where nothing tells it.
+    /// Whether a frame is not repeated after an error or a lost arbitration; `None` if unknown.
     pub is_one_shot: Option<bool>,
-    /// Whether each error on the bus is reported by a frame of its own; `None` where nothing tells it.
+    /// Whether the controller reports each error on the bus by a frame of its own; `None` if unknown.
     pub reports_bus_errors: Option<bool>,
-    /// Whether own frames come back when they have left, and not already when they enter the queue; `None` where nothing
-    /// tells it.
+    /// Whether own frames come back after they have left, and not already when they enter the queue; `None` if unknown.
     pub has_echo: Option<bool>,
-    /// Frames that its queue holds; `None` where nothing tells it.
+    /// Number of frames that its queue holds; `None` if unknown.
     pub tx_queue_len: Option<u32>,
-    /// Name of its queueing discipline; `None` where nothing tells it.
+    /// Name of its queueing discipline; `None` if unknown.
     pub queueing: Option<String>,
-    /// What is between the computer and the controller.
+    /// Connection between the computer and the controller.
     pub attachment: Attachment,
-    /// Name of the driver; `None` where nothing tells it.
+    /// Name of the driver; `None` if unknown.
     pub driver: Option<String>,
 }
 
@@ -75,7 +74,7 @@ impl InterfaceFacts {
         self.bit_rate.is_none() && self.state.is_none()
     }
 
-    /// What the system tells of an interface, whatever its state. `wanted` is the bit rate in bit/s that it should have, for the message.
+    /// Reads the state of an interface, whatever it is. `wanted` is the bit rate in bit/s that it should have, for the message.
     ///
     /// # Errors
     /// If there is no such interface, it is of another type, or it may not be used.
@@ -85,7 +84,7 @@ impl InterfaceFacts {
         query(name, index, &socket)
     }
 
-    /// What should be changed before a rig runs on it, one sentence each.
+    /// Returns the changes to make before a rig runs on it, one sentence each.
     pub fn advice(&self) -> Vec<String> {
         let warnings = self.checks(None).into_iter().filter(|check| check.verdict == Verdict::Warning);
         warnings.map(|check| check.to_string()).collect()
@@ -223,7 +222,7 @@ impl InterfaceFacts {
         format!("sudo ip link set {name} down && sudo ip link set {name} up type can {option}")
     }
 
-    /// What is known of it beside name, bit rate and state, for a person; what is not known says so.
+    /// Describes the interface for a person, without name, bit rate and state; unknown values are shown as unknown.
     pub fn told(&self) -> String {
         let or_unknown = |known: Option<String>| known.unwrap_or_else(|| "unknown".to_owned());
         let switch = |is_on: Option<bool>| is_on.map_or("unknown", |is_on| if is_on { "on" } else { "off" });

@@ -1,4 +1,4 @@
-//! Which identifiers a socket lets through.
+//! Filters of the identifiers that a socket lets through.
 
 use socketcan::CanFilter;
 
@@ -50,7 +50,7 @@ pub(super) fn no_filter() -> CanFilter {
 pub(super) struct Identifiers([u64; 32]);
 
 impl Identifiers {
-    /// Those that one of the filters lets through.
+    /// Returns the identifiers that at least one of the filters lets through.
     pub(super) fn passing(filters: &[CobFilter]) -> Self {
         let mut bits = [0; 32];
         for id in (0..=IDENTIFIER).filter(|id| filters.iter().any(|filter| filter.passes(*id))) {

@@ -1,8 +1,10 @@
-//! One message of a CAN socket with all that the kernel says about it.
+//! One message of a CAN socket with all control data of the kernel.
 //!
-//! `recvmsg` is called here because no safe wrapper passes on all three things that are needed: whether the frame is an own
-//! one (`MSG_CONFIRM`, which nix cuts off), when it came (`SO_TIMESTAMPING`, which rustix drops) and how many were lost
-//! before it (`SO_RXQ_OVFL`, which the crate `socketcan` drops).
+//! This module calls `recvmsg` itself, because no safe wrapper passes on all three facts that a link needs:
+//!
+//! - whether the frame is an own one (`MSG_CONFIRM`, which nix cuts off),
+//! - when it came (`SO_TIMESTAMPING`, which rustix drops),
+//! - how many frames were lost before it (`SO_RXQ_OVFL`, which the crate `socketcan` drops).
 #![allow(unsafe_code)]
 
 use std::io;
@@ -19,11 +21,11 @@ pub(super) struct Message {
     pub(super) is_own: bool,
     /// Whether it is a frame of CAN FD, of which the first 8 bytes are here. Only a socket that was asked for them has them.
     pub(super) is_fd: bool,
-    /// What the kernel says of it.
+    /// Control data of the kernel for this frame.
     pub(super) told: ControlMessages,
 }
 
-/// What stands in the control messages.
+/// Contents of the control messages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct ControlMessages {
     /// When the kernel had it, since the begin of the wall clock.
@@ -42,8 +44,8 @@ const HEADER: usize = WORD + 8;
 const TIMESPEC: usize = size_of::<libc::timespec>();
 
 impl ControlMessages {
-    /// Reads control messages as the kernel lays them out (`cmsghdr`, and `scm_timestamping` of
-    /// `include/uapi/linux/errqueue.h`: software, nothing, hardware). What does not fit is left out.
+    /// Reads control messages as the kernel lays them out (`cmsghdr`, and `scm_timestamping` of `include/uapi/linux/errqueue.h`: software,
+    /// nothing, hardware). Messages of another layout are left out.
     fn read(mut control: &[u8]) -> Self {
         let mut told = Self::default();
         while let Some((length, rest)) = control.split_first_chunk::<WORD>() {

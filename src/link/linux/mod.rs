@@ -1,14 +1,13 @@
 //! SocketCAN.
 //!
-//! One socket for process data and one for services, so that neither a flood of one fills the other's queue nor a long
-//! transfer stands between two set-points: process data go out in a higher band of the interface's queue.
+//! The link has one socket for process data and one for services. A flood of one kind then cannot fill the other's queue, and a long
+//! transfer cannot delay a set-point: process data use a higher band of the interface's queue.
 //!
-//! A frame has the moment of the controller's stamp where there is one, brought to the clock of the loop, and of the kernel's
-//! otherwise.
+//! A frame carries the controller's time stamp where there is one, converted to the clock of the loop, and otherwise the kernel's stamp.
 //!
-//! Who waits long for one socket, as an SDO client does for its answer, waits in the call that receives: one call of the system
-//! instead of three (the time, the wait, the frame), which counts where calls are dear. That call's own timeout is as coarse as
-//! the kernel's ticks, so that the end of every wait is left to `ppoll`.
+//! An SDO client, which waits long for its answer on one socket, waits in the receive call. This takes one system call instead of three
+//! (the time, the wait, the frame), which matters where calls are expensive. The receive call's own timeout is as coarse as the kernel's
+//! ticks, so that `ppoll` times the end of every wait.
 
 mod adapter;
 mod controller_clock;
@@ -54,11 +53,11 @@ const STAMPS: u32 = libc::SOF_TIMESTAMPING_RX_SOFTWARE
 
 /// Longest wait in the call that receives.
 const NAP: Duration = Duration::from_millis(20);
-/// A wait for a moment that is further ahead than this begins in that call. Twice as long, so that it ends before that moment
-/// although the link knows the present only by what it has told last.
+/// A wait that ends further ahead than this begins in the receive call. The value is more than twice [`NAP`], so that the receive call ends
+/// before that moment although the link knows only the time that it reported last.
 const FAR: Duration = Duration::from_millis(50);
 
-/// Which frames a link takes, and what it expects of the interface.
+/// Frames that a link takes, and its requirements for the interface.
 #[derive(Clone, Debug)]
 pub struct SocketCanSettings {
     /// Name of the interface, as `ip link` shows it.
@@ -72,8 +71,8 @@ pub struct SocketCanSettings {
     pub bit_rate: Option<u32>,
     /// Memory in bytes for what nobody has taken yet, per socket. A frame takes about 1 kB of it.
     pub receive_buffer: usize,
-    /// What the link does on the interface that only one process of this computer may do, for as long as the link lives. Who only
-    /// listens needs none.
+    /// Roles of the link that only one process of this computer may have on the interface, for as long as the link lives. A process that
+    /// only listens needs none.
     pub roles: Vec<Role>,
     /// Whether frames that are none of CANopen come as well, as [`Received::Other`]: with 29-bit identifiers, and of CAN FD.
     pub hears_others: bool,
@@ -85,7 +84,7 @@ impl SocketCanSettings {
         Self { process: vec![CobFilter::EVERYTHING], ..Self::services(interface, Vec::new()) }
     }
 
-    /// What these filters let through, without own frames, as a device or a client wants it.
+    /// Returns settings for the frames that these filters let through, without own frames, as a device or a client needs them.
     pub fn services(interface: &str, services: Vec<CobFilter>) -> Self {
         let interface = interface.to_owned();
         Self {
@@ -106,9 +105,9 @@ struct Port {
     socket: CanSocket,
     /// Frames that it had lost when it was asked last.
     lost: u32,
-    /// What came while it was waited for.
+    /// Message that arrived during a wait.
     heard: Option<io::Result<Message>>,
-    /// What came together with a loss, which is told first.
+    /// Arrival that came together with a loss. The loss is reported first.
     pending: Option<Arrival>,
 }
 
@@ -119,7 +118,7 @@ pub struct SocketCan {
     first: Port,
     /// For services.
     second: Option<Port>,
-    /// What goes over the first of two.
+    /// Identifiers of the frames that use the first of two ports.
     is_process: Identifiers,
     facts: InterfaceFacts,
     receive_buffer: usize,
@@ -203,7 +202,7 @@ impl SocketCan {
         self.stamps
     }
 
-    /// What the system said of the interface when it was opened.
+    /// Returns the state of the interface when it was opened.
     pub fn facts(&self) -> &InterfaceFacts {
         &self.facts
     }

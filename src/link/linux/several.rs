@@ -1,9 +1,9 @@
 //! Several interfaces as one link.
 //!
-//! Each interface keeps the order of its wire. Between them the time stamps decide, and that matters: the age of a sample on
-//! the second bus is that of its own stamp, and no request on the first bus goes before process data of the second. What is
-//! compared are the frames at the head of each queue, so that the work for one frame does not grow with the queues. A frame
-//! that the kernel shows only after a later one of another bus was handed out comes after it, with the moment of that one.
+//! Each interface keeps the order of its wire. Between interfaces the time stamps decide. The age of a sample on the second bus follows
+//! from its own stamp, and no request on the first bus goes before process data of the second. The merge compares the frames at the head of
+//! each queue, so that the work for one frame does not grow with the queues. The kernel may show a frame only after a later one of another
+//! bus was handed out. Such a frame comes after it, with the time of that later frame.
 
 use std::os::fd::{AsFd, BorrowedFd};
 
@@ -52,7 +52,7 @@ impl SocketCans {
     }
 }
 
-/// What was taken of the interfaces and not handed out yet: of each the next of its process data and of its services.
+/// Arrivals taken from the interfaces and not handed out yet: for each interface, the next of its process data and of its services.
 #[derive(Debug, Default)]
 struct Merge {
     heads: [[Option<Arrival>; MOST]; 2],

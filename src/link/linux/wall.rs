@@ -7,8 +7,8 @@ use rustix::time::ClockId;
 use crate::clock::{monotonic, nanos, since_begin};
 use yieldwall_fieldbus::time::Time;
 
-/// How long a comparison of the clocks is good for: a clock that is slewed drifts by 5 us in it at most, and one that is set
-/// moves the stamps of this time only.
+/// Validity of a comparison of the clocks. A clock that is slewed drifts by at most 5 us in this time, and a clock that is set shifts only
+/// the stamps of this time.
 const FRESH: Duration = Duration::from_millis(10);
 /// Time between the looks at the clocks with which a comparison is kept; more, and something came in between.
 const CLOSE: Duration = Duration::from_micros(20);
@@ -23,7 +23,7 @@ pub(super) struct Wall {
 }
 
 impl Wall {
-    /// The moment of a stamp, which tells by itself how old the comparison is.
+    /// Returns the time of a stamp. The stamp itself shows the age of the comparison.
     pub(super) fn moment_of(&mut self, stamp: Duration) -> Time {
         if self.compared_at.is_none_or(|at| stamp.abs_diff(at) >= FRESH) {
             let before = monotonic();
