@@ -7,8 +7,8 @@ use yieldwall_motion::cycle::{Inputs, Outputs, Signals};
 use yieldwall_motion::guard::{Cause, Directive, Fault, JointCommand, State};
 use yieldwall_motion::quantity::{JointTorques, TipPoint, TipVelocity};
 
-/// Which cycle it was, and when it was planned. Times are those of the cycle's own clock: virtual in a simulation. By how
-/// much it was late, and how long the one before took, is in [`Inputs::timing`].
+/// Number of a cycle, and its planned time. Times are those of the cycle's own clock: virtual in a simulation. The cycle's lateness, and
+/// the duration of the cycle before, are in [`Inputs::timing`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moment {
     /// Number of the cycle, from 0 at the first one after the boot.
@@ -54,7 +54,7 @@ pub struct Stages {
     pub sent_ns: u32,
 }
 
-/// What a simulation knows of the machine and no device tells.
+/// State of the simulated machine that no device reports.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Truth {
     /// Tool point.
@@ -65,23 +65,23 @@ pub struct Truth {
     pub torques: JointTorques,
 }
 
-/// What entered one cycle and what left it.
+/// Inputs and outputs of one cycle.
 ///
-/// Of fixed size and without heap memory: a cycle may write it into memory set aside before. The command is a copy of
-/// the one that the gate let through; nothing can be sent from it.
+/// The record has a fixed size and uses no heap memory: a cycle may write it into memory set aside before. The command is a copy of the one
+/// that the gate let through; nothing can be sent from it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CycleRecord {
-    /// Which cycle it was, and when.
+    /// Number and time of the cycle.
     pub moment: Moment,
-    /// What entered it.
+    /// Inputs of the cycle.
     pub inputs: Inputs,
-    /// What the joints were told to do.
+    /// Command to the joints.
     pub command: JointCommand,
-    /// What the supervisor decided.
+    /// Decision of the supervisor.
     pub directive: Directive,
     /// The fault that led to the supervisor's state, if one did, and the devices that it concerns.
     pub cause: Option<Cause>,
-    /// What the stages computed on the way.
+    /// Intermediate results of the stages.
     pub signals: Signals,
     /// The truth of a simulation.
     pub truth: Option<Truth>,
@@ -96,8 +96,8 @@ impl CycleRecord {
         Self { moment, inputs: *inputs, command: *command.get(), directive, cause, signals, truth }
     }
 
-    /// What figures and measures look at. Without a simulation the tool is the measured one, its velocity is zero, and
-    /// torques are known in torque mode only.
+    /// Returns the row that figures and measures read. Without a simulation the tool is the measured one, its velocity is zero, and torques
+    /// are known in torque mode only.
     ///
     /// Real-time: yes.
     pub fn row(&self) -> Row {

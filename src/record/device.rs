@@ -2,15 +2,14 @@
 
 use super::Row;
 
-/// What a simulated impedance device reported at one sample, and what its fixture made of that. Lengths and forces are in the base
-/// frame.
+/// Reports of a simulated impedance device at one sample, and the results of its fixture. Lengths and forces are in the base frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DeviceRecord {
     /// Number of the sample, from 0.
     pub index: u64,
     /// Its moment in ns since the scene began.
     pub sample_ns: u64,
-    /// The same in s.
+    /// Time of the sample in s since the scene began.
     pub scene_time_s: f64,
     /// Position of the handle as the device reports it, in m.
     pub reported_m: [f64; 3],
@@ -33,7 +32,7 @@ pub struct DeviceRecord {
 }
 
 impl DeviceRecord {
-    /// What figures and measures look at.
+    /// Returns the row that figures and measures read.
     pub fn row(&self) -> Row {
         Row {
             time_s: self.scene_time_s,

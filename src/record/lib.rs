@@ -1,5 +1,5 @@
-//! What a run leaves: a [`CycleRecord`] of every control cycle, or a [`DeviceRecord`] of every sample, and what is made of records: the [`Row`]s of a [`Trace`]
-//! and recordings on disk.
+//! Records of a run: a [`CycleRecord`] of every control cycle, or a [`DeviceRecord`] of every sample. Records become the [`Row`]s of a
+//! [`Trace`], and recordings on disk.
 //!
 //! Rows and traces are plain data without units of their own: every field carries its unit in its name, lengths and
 //! forces are in the base frame. Planar rigs leave the third component zero.

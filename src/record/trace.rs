@@ -3,7 +3,7 @@
 /// A proxy nearer to the surface than this, in m, lies on it.
 pub const ON_SURFACE_M: f64 = 1e-9;
 
-/// What one control cycle saw and did.
+/// Inputs and results of one control cycle.
 ///
 /// Real-time: yes, `Copy` and free of heap memory: a cycle may write it into memory set aside before.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -33,11 +33,11 @@ pub struct Row {
     /// Signed distance of the proxy from the reference in m, as the fixture counts it: from all its surfaces, where they
     /// are in this cycle.
     pub signed_distance_m: f64,
-    /// The same of the tool.
+    /// Signed distance of the tool from the reference in m, as the fixture counts it.
     pub tool_distance_m: f64,
     /// Unit normal of the reference at the foot of the tool, as the fixture has it: out of the forbidden side.
     pub tool_normal: [f64; 3],
-    /// The same at the foot of the proxy.
+    /// Unit normal of the reference at the foot of the proxy, as the fixture has it.
     pub proxy_normal: [f64; 3],
     /// Whether the fixture holds the proxy on the reference surface.
     pub is_on_surface: bool,

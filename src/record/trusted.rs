@@ -16,7 +16,7 @@ pub fn make_folder(folder: &Path) -> io::Result<()> {
     check(folder)
 }
 
-/// The same without looking at a folder that is there.
+/// Makes the same folders, but accepts a folder that exists without a check.
 pub fn make_private(folder: &Path) -> io::Result<()> {
     let mut folders = fs::DirBuilder::new();
     folders.recursive(true);

@@ -1,4 +1,4 @@
-//! What a recording says of its run.
+//! Description of a run in its recording.
 
 use std::collections::BTreeMap;
 
@@ -10,10 +10,10 @@ const RIG: &str = "rig.yaml";
 /// The sum of all other entries.
 const SUM: &str = "crc32";
 const DEVICE: &str = "device.yaml";
-/// What stands before the name of a device profile.
+/// Prefix of a device profile's name.
 const PROFILE: &str = "profile:";
 
-/// What was run, as a document with the fixture that it ran with and `scene.yaml` as its scene.
+/// The machine of a run, as a document that includes the fixture and has `scene.yaml` as its scene.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Machine {
     /// An admittance rig.
@@ -44,16 +44,16 @@ impl Default for Machine {
     }
 }
 
-/// What a recording says of the run besides its cycles: enough to run them again.
+/// Description of a run besides its cycles: enough to repeat the run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct About {
     /// Version of the program that made the recording.
     pub version: String,
     /// Commit that the program was built from, with `-dirty` if the tree was changed; empty if not known.
     pub commit: String,
-    /// What it was built for, as the compiler names it: processor, system and C library; empty if not known.
+    /// Build target, as the compiler names it: processor, system and C library; empty if not known.
     pub target: String,
-    /// What was run.
+    /// The machine of the run.
     pub machine: Machine,
     /// The scene as a document.
     pub scene: String,
@@ -61,9 +61,9 @@ pub struct About {
     pub profiles: BTreeMap<String, String>,
     /// Seed of the run.
     pub seed: u64,
-    /// What was asked for in place of what the documents say, as on the command line; may be empty.
+    /// Settings that replaced those of the documents, as on the command line; may be empty.
     pub overrides: String,
-    /// Whether this is not what was written: then the cycles may be another machine's.
+    /// Whether the description differs from the one written: then the cycles may be another machine's.
     pub is_damaged: bool,
 }
 

@@ -54,10 +54,10 @@ struct Open {
 }
 
 impl BlackBox {
-    /// A black box that writes into `folder`, which is made when it is needed; `name` is that of the rig and
-    /// `period_s` its cycle time in s, positive.
+    /// Creates a black box that writes into `folder`, which is made when it is needed; `name` is that of the rig and `period_s` its cycle
+    /// time in s, positive.
     ///
-    /// Without a folder it has only an error to tell.
+    /// Without a folder the black box only reports an error.
     pub fn new(folder: Option<PathBuf>, name: &str, period_s: f64, about: About) -> Self {
         // A period that is far too short does not take all the memory.
         let cycles_around = (AROUND_FAULT_S / period_s).round().clamp(1.0, 100_000.0) as usize;

@@ -14,7 +14,7 @@ pub enum ReadError {
     /// Nothing says what was recorded: the file ends too early, or another program wrote it.
     #[error("has no description of what was recorded{}", .0.as_ref().map(|damage| format!(": {damage}")).unwrap_or_default())]
     NoDescription(Option<super::Damage>),
-    /// What it says of the run is not what was written.
+    /// The description of the run differs from the one written.
     #[error("has a damaged description of what was recorded: its sum does not fit")]
     DamagedDescription,
     /// It is one of another kind of machine.

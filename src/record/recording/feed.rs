@@ -15,13 +15,12 @@ const PATIENCE: u32 = 10_000;
 
 /// Takes what comes out of a ring, on a thread of its own.
 pub trait Sink<T>: Send + 'static {
-    /// What is left to tell at the end.
+    /// Report at the end.
     type Report: Send + 'static;
 
     /// Takes one item.
     ///
-    /// # Errors
-    /// If it is lost. What follows is lost too, but counted.
+    /// # Errors If the item is lost. Later items are lost too, but counted.
     fn take(&mut self, item: &T) -> io::Result<()>;
 
     /// Takes note that the ring is empty, every few milliseconds. So far the ring had no room for `dropped` items.
@@ -36,11 +35,11 @@ pub trait Sink<T>: Send + 'static {
     /// How many items are in place for good.
     fn stored(&self) -> u64;
 
-    /// Ends, and tells what is left to tell.
+    /// Ends, and returns the final report.
     fn report(self) -> Self::Report;
 }
 
-/// What happens to an item that finds no room.
+/// Treatment of an item that finds no room.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Backpressure {
     /// It is lost and counted; [`Producer::push`] does not wait. For real time.
@@ -116,11 +115,11 @@ impl<T: Copy> Producer<T> {
     }
 }
 
-/// The side that fills a ring beside that of a sink. What finds no room is lost.
+/// Filling side of a ring beside a sink's own ring. An item that finds no room is lost.
 pub struct Inlet<T>(rtrb::Producer<T>);
 
-/// The side that empties it, which a [`Sink`] keeps: the items, for as long as there are some. What was put in before an item of the
-/// sink's own ring is there when that item is taken.
+/// Emptying side of such a ring, which a [`Sink`] keeps: an iterator over the items that the ring holds. An item put in before an item of
+/// the sink's own ring is available when that item is taken.
 pub struct Outlet<T>(rtrb::Consumer<T>);
 
 /// A ring beside that of a sink, with room for `capacity` items: for what comes seldom and belongs between its items.
@@ -156,7 +155,7 @@ pub struct Feed<R> {
 /// How a feed ended.
 #[derive(Debug)]
 pub struct Finished<R> {
-    /// What the sink has left to tell.
+    /// Report of the sink.
     pub report: R,
     /// How many items went which way.
     pub counts: Counts,
@@ -183,7 +182,7 @@ impl<R: Send + 'static> Feed<R> {
         Ok((producer, Self { shared, thread }))
     }
 
-    /// Lets the sink take what is in the ring, and ends it. What is pushed afterwards is lost.
+    /// Lets the sink take the items in the ring, and ends it. Items pushed afterwards are lost.
     ///
     /// # Errors
     /// If the thread has panicked.

@@ -7,14 +7,14 @@ use yieldwall_motion::guard::{Cause, DeviceSet, Directive, Fault, JointCommand};
 use yieldwall_motion::quantity::{JointAngles, JointRates, JointTorques};
 use yieldwall_motion::sensing::RawSample;
 
-/// What is known of a field besides its value.
+/// Description of a field besides its value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Field {
     /// Name, unique; ends in the unit where there is one.
     pub name: &'static str,
     /// Unit; empty for a number without one.
     pub unit: &'static str,
-    /// What it is.
+    /// Meaning of the field.
     pub meaning: &'static str,
 }
 
@@ -22,7 +22,7 @@ pub struct Field {
 pub trait Visitor {
     fn visit<S: Scalar>(&mut self, field: Field, value: &mut S);
 
-    /// The same for a field that another one may say is not there; its value is then a zero that means nothing.
+    /// Visits a field that another field may mark as absent; the value is then a zero without meaning.
     fn visit_if<S: Scalar>(&mut self, _is_there: bool, field: Field, value: &mut S) {
         self.visit(field, value);
     }

@@ -6,7 +6,7 @@ use super::fields::{Field, Visitor};
 use super::recorded::Recorded;
 use super::scalar::Scalar;
 
-/// What stands before the data of a message: plain CDR, little-endian.
+/// Header before the data of a message: plain CDR, little-endian.
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 
 /// The message definition: one line a field, with unit and meaning behind it, and before a field with few values these as
@@ -243,9 +243,8 @@ impl Visitor for Header {
     }
 }
 
-/// Puts the values of `record`, between commas, into `out`, in place of what was there. A number is written with as many
-/// digits as tell it from its neighbours,
-/// what is not there as nothing.
+/// Puts the values of `record`, between commas, into `out`, and replaces its previous contents. A number is written with as many digits as
+/// distinguish it from its neighbours. An absent value is written as nothing.
 pub fn csv_row<T: Recorded>(record: &T, out: &mut String) {
     out.clear();
     { *record }.walk(&mut Row(out));

@@ -1,7 +1,7 @@
 //! Files to records, whatever state the file is in.
 //!
-//! A file may have been cut where the program was killed, damaged on its way, or made to do harm: no length in it is
-//! believed before that many bytes are there, and none above a limit at all.
+//! A file may have been cut when the program was killed, damaged on its way, or made to do harm. The reader trusts a length only if that
+//! many bytes are there, and no length above a limit.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -26,7 +26,7 @@ const MAX_RECORD: u64 = 4 << 20;
 const SUM_BYTES: u64 = 4;
 const DATA_END_BYTES: u64 = SUM_BYTES;
 const FOOTER_BYTES: u64 = 16 + SUM_BYTES;
-/// Most places of damage that are told one by one.
+/// Largest number of damaged places that are reported one by one.
 const MAX_DAMAGE: usize = 16;
 
 /// A place at which something of the file is lost.
@@ -34,7 +34,7 @@ const MAX_DAMAGE: usize = 16;
 pub struct Damage {
     /// Where the record begins that is lost or cut, in bytes from the begin of the file.
     pub offset: u64,
-    /// What is wrong there.
+    /// Fault at this place.
     pub what: String,
 }
 
@@ -81,7 +81,7 @@ pub struct Reader<R, T = CycleRecord> {
     body: Vec<u8>,
 }
 
-/// What came next in the file.
+/// Next part of the file.
 enum Next {
     /// A record to look into; its content is in [`Reader::body`].
     Body {
@@ -126,7 +126,7 @@ pub enum Recording<R> {
 }
 
 impl<R: Read> Recording<R> {
-    /// What it says of the run.
+    /// Returns the description of the run.
     pub fn about(&self) -> &About {
         match self {
             Recording::Rig(reader) => reader.about(),
@@ -203,7 +203,7 @@ impl<R: Read, T: Recorded> Reader<R, T> {
         Ok(reader)
     }
 
-    /// What the recording says of the run.
+    /// Returns the recording's description of the run.
     pub fn about(&self) -> &About {
         static NOTHING: std::sync::LazyLock<About> = std::sync::LazyLock::new(About::default);
         // A reader that was made has one.

@@ -1,16 +1,16 @@
-//! What can be recorded: the cycles of a rig, the samples of an impedance device.
+//! Records that a recording can hold: the cycles of a rig, the samples of an impedance device.
 
 use super::about::Machine;
 use super::fields::{Visitor, walk_cycle, walk_sample};
 use crate::{CycleRecord, DeviceRecord};
 
-/// A record with a list of fields, from which schema, bytes, text and comparison come. Those of this program alone.
+/// A record with a list of fields. Schema, bytes, text and comparison follow from the list. Only types of this program implement it.
 pub trait Recorded: Copy + Send + 'static {
     /// Name of the message definition.
     const SCHEMA: &'static str;
     /// Topic of its channel.
     const TOPIC: &'static str;
-    /// What stands at the head of the definition.
+    /// Text at the head of the definition.
     const HEAD: &'static str;
 
     /// Whether recordings of this machine hold such records.

@@ -79,7 +79,7 @@ impl Scalar for bool {
     }
 }
 
-/// What the numbers of a command are.
+/// Kind of the numbers of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum CommandKind {
     Position,

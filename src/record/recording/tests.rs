@@ -394,7 +394,7 @@ fn other_files_are_refused() {
     assert!(matches!(read(mcap::MAGIC), Err(ReadError::NoDescription(Some(_)))));
 }
 
-/// Takes items when it is told to.
+/// Takes items only on request.
 struct Gate {
     open: mpsc::Receiver<()>,
     taken: Vec<u32>,
@@ -518,7 +518,7 @@ fn a_device_that_is_full_is_a_full_disk() {
     assert_eq!(end.counts.kept + end.counts.refused, 2000);
 }
 
-/// What a black box makes of 20 s of a rig at 1 ms whose state follows `state`.
+/// Returns the files that a black box saves for 20 s of a rig at 1 ms whose state follows `state`.
 fn black_box(folder: &Folder, name: &str, state: impl Fn(u64) -> Option<State>) -> Vec<Saved> {
     let mut sink = BlackBox::new(Some(folder.0.clone()), name, 1e-3, about());
     for mut record in records(20_000) {
