@@ -21,9 +21,9 @@ const LINES: [Stroke; 6] = [
 /// Longest name in the legend, in letters.
 const LONGEST_NAME: usize = 34;
 
-/// Left the ways of the tools of several runs with the surfaces of all, seen along z; right the force along the normal and the
-/// distance of the tools from the surface over time, which is left out where a run has no surface. `F` and `R` are drawn where
-/// they are the same for all. Each name stands in the legend, in the order of the traces.
+/// Draws a comparison of several runs. The left panel has the ways of the tools of all runs with the surfaces of all, seen along z. The
+/// right panels have the force along the normal and the distance of the tools from the surface over time; they are left out where a run has
+/// no surface. `F` and `R` are drawn where they are the same for all. Each name stands in the legend, in the order of the traces.
 ///
 /// # Errors
 /// [`Error::PanelCount`] for no trace or more than six; further as [`super::trajectory_and_time`].

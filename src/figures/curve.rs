@@ -72,9 +72,9 @@ pub(super) fn clip(points: &[Point], frame: Frame) -> Vec<Vec<Point>> {
     pieces
 }
 
-/// Leaves out corners of a chain so that no corner left out lies further than twice [`TOLERANCE`] from the chain
-/// kept. One pass over the points: from the last corner kept, every further point narrows the directions in which a
-/// straight line passes close enough to it; a point outside them, or one on the way back, ends the line.
+/// Leaves out corners of a chain so that no corner left out lies further than twice [`TOLERANCE`] from the chain kept. The function makes
+/// one pass over the points. From the last corner kept, every further point narrows the directions in which a straight line passes close
+/// enough to it. A point outside these directions, or one on the way back, ends the line.
 ///
 /// # Source
 /// Sklansky and Gonzalez, Fast Polygonal Approximation of Digitized Curves, Pattern Recognition 12(5), 1980.

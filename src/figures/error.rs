@@ -1,4 +1,4 @@
-//! What keeps a figure from being drawn.
+//! Errors of figures.
 
 use std::path::PathBuf;
 use yieldwall_record::{Phase, Reference, Row, Trace};
@@ -44,11 +44,11 @@ pub enum Error {
     /// A number that belongs to the whole trace, a window or a span cannot be drawn.
     #[error("{field} is {value}: {wanted}")]
     Setting {
-        /// What it is.
+        /// Name of the number.
         field: &'static str,
         /// The value.
         value: f64,
-        /// What it should be.
+        /// Allowed values.
         wanted: &'static str,
     },
     /// The reference surface does not show as a line in the plane of x and y, or a figure needs one and there is none.
@@ -74,7 +74,7 @@ pub enum Error {
     /// The picture could not be encoded.
     #[error("the picture could not be encoded: {reason}")]
     Encode {
-        /// What the encoder said.
+        /// Error of the encoder.
         reason: String,
     },
     /// The file could not be written.
@@ -82,7 +82,7 @@ pub enum Error {
     Write {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: std::io::Error,
     },
 }

@@ -150,14 +150,15 @@ fn dots(page: &mut Page, axes: &Axes, values: impl Iterator<Item = (f64, f64)>, 
     }
 }
 
-/// One column for each trace, with the same scales: above the position of tool and proxy along the surface's normal,
-/// below the force on the hand along it, with the levels `F` and `R`. Each column is headed by a letter and `N_wait`.
+/// Draws one column for each trace, with the same scales. The upper panel has the position of tool and proxy along the surface's normal.
+/// The lower panel has the force on the hand along it, with the levels `F` and `R`. Each column is headed by a letter and `N_wait`.
 ///
 /// Positions are signed distances from the reference surface, which is the line at zero.
 ///
 /// # Errors
-/// [`Error::PanelCount`] for no trace or more than three; [`Error::NoLine`] without a surface or where it has no
-/// normal; further as for [`super::trajectory_and_time`].
+/// - [`Error::PanelCount`] for no trace or more than three;
+/// - [`Error::NoLine`] without a surface or where it has no normal;
+/// - the other errors of [`super::trajectory_and_time`].
 ///
 /// # Source
 /// [KTF08, Figs 14 and 15].

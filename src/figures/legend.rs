@@ -14,12 +14,12 @@ const BEHIND: f64 = 36.0;
 /// Distance of the base lines of two rows.
 const ROW: f64 = 42.0;
 
-/// What a sample shows.
+/// Picture beside a name of the legend.
 #[derive(Clone, Debug)]
 pub(super) enum Sample {
     /// Lines on top of one another.
     Lines(Vec<Stroke>),
-    /// The same, with the strokes that mark a forbidden side.
+    /// Lines with the strokes that mark a forbidden side.
     Hatched(Vec<Stroke>),
     /// An arrow of this length.
     Arrow(f64, Stroke),

@@ -1,10 +1,10 @@
 //! Figures of traces, as SVG and PNG, laid out like those of [KTF08, Figs 8 to 16]. This package and the charts of studies alone name the plotting crate.
 //!
-//! All figures are 160 mm wide with letters of about 7 pt. Curves differ in lightness, width and dashes as well as in
-//! colour, so that they can be told apart in print without colours and by the colour-blind.
+//! All figures are 160 mm wide with letters of about 7 pt. Curves differ in lightness, width and dashes as well as in colour, so that
+//! readers can distinguish them in print without colours, also if they are colour-blind.
 //!
-//! Long traces are thinned for drawing only, without visible loss: way curves leave out corners that would move the
-//! line by less than 0.04 mm on paper, time curves keep the first, lowest, highest and last value of every 0.05 mm.
+//! Long traces are thinned for drawing only, without visible loss. Way curves leave out corners that would move the line by less than 0.04
+//! mm on paper. Time curves keep the first, lowest, highest and last value of every 0.05 mm.
 
 mod animation;
 mod axes;
@@ -43,7 +43,7 @@ pub struct Window {
     pub half_width_m: f64,
 }
 
-/// Which rows are drawn.
+/// Rows to draw.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum TimeSpan {
     /// All rows.
@@ -66,7 +66,7 @@ pub enum TimeSpan {
     },
 }
 
-/// What the caller may choose.
+/// Choices of the caller.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
     /// Line of text above the figure, or none (a paper has its caption).

@@ -1,9 +1,9 @@
 //! The sheet of paper: lines, letters and arrows in tenths of a millimetre, from the upper left corner.
 //!
-//! Of the plotting crate this draws with its primitives and its two back ends, not with its plots: two panels of equal
-//! aspect beside panels over time, and subscripts, are beyond its plots. Dashes are cut here, because its PNG back end
-//! begins the pattern anew at every corner and does not scale it. Nothing is written upward: that back end renders
-//! turned letters without smooth edges, as if they were bold. The names of upright axes stand above them.
+//! This module uses the plotting crate's primitives and its two back ends, not its plots. The crate's plots support neither panels of equal
+//! aspect beside panels over time, nor subscripts. Dashes are cut here, because the PNG back end begins the pattern anew at every corner
+//! and does not scale it. Nothing is written upward: that back end renders turned letters without smooth edges, as if they were bold. The
+//! names of upright axes stand above them.
 
 use super::Error;
 use super::curve::{Frame, Point, dashes};
@@ -41,7 +41,7 @@ impl From<Color> for Paint {
 pub(super) const BLACK: Color = Color(0, 0, 0);
 pub(super) const GREY: Color = Color(0x70, 0x70, 0x70);
 pub(super) const PALE: Color = Color(0xd4, 0xd4, 0xd4);
-/// Light blue and dark vermilion of a palette that the colour-blind can tell apart; also far apart in lightness.
+/// Light blue and dark vermilion of a palette that colour-blind readers can distinguish; also far apart in lightness.
 pub(super) const SKY: Color = Color(0x56, 0xb4, 0xe9);
 pub(super) const VERMILION: Color = Color(0xa8, 0x32, 0x00);
 

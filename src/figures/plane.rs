@@ -1,4 +1,4 @@
-//! What is drawn in the plane of x and y: the surfaces, and the ways of tool and proxy.
+//! Drawing in the plane of x and y: the surfaces, and the ways of tool and proxy.
 
 use super::axes::{Axes, Kind, number, range_of};
 use super::curve::{Frame, Point};
@@ -42,7 +42,7 @@ pub(super) struct Places {
     /// How far they are from their place, in m, where they are nearest to it. The third component also lowers them by the
     /// height at which they are cut.
     first: [f64; 3],
-    /// The same at the other end of what is shown: where they are farthest, or cut at another height.
+    /// Distance in m at the other end of the drawn range: where the surfaces are farthest, or cut at another height.
     last: Option<[f64; 3]>,
     /// Whether they move.
     pub moves: bool,
@@ -76,7 +76,7 @@ impl Places {
         std::iter::once(self.first).chain(self.last)
     }
 
-    /// What lies between them.
+    /// Returns the places between both ends.
     fn between(&self) -> impl Iterator<Item = [f64; 3]> + use<> {
         let first = self.first;
         self.last.into_iter().flat_map(move |last| {
@@ -129,7 +129,7 @@ fn is_wall(trace: &Trace) -> bool {
     trace.is_unilateral && trace.references.iter().any(|reference| !matches!(reference, Reference::Point { .. }))
 }
 
-/// What of the surfaces came into the frame.
+/// Parts of the surfaces that came into the frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Sight {
     pub surface: bool,
@@ -228,7 +228,7 @@ fn reach(reference: &Reference) -> Option<(f64, f64)> {
     }
 }
 
-/// The same of the section at z = 0 of a surface moved along z by so many m; `None` if there is none.
+/// Radius, or half of the width, in mm of the section at z = 0 of a surface moved along z by so many m; `None` if there is none.
 fn section(reference: &Reference, moved_z_m: f64) -> Option<f64> {
     match reference {
         Reference::Sphere { center_m: [_, _, z], radius_m, .. } => {
@@ -243,9 +243,9 @@ fn section(reference: &Reference, moved_z_m: f64) -> Option<f64> {
     }
 }
 
-/// Points of a surface's line in mm, close enough together for the scale of the axes, the forbidden side to the right of the way
-/// through them; none if the plane of x and y does not cut the surface, `None` if it is no line as seen along z. `moved_m` is how
-/// far the surface is from its place.
+/// Returns points of a surface's line in mm, close enough together for the scale of the axes. The forbidden side is to the right of the way
+/// through them. The list is empty if the plane of x and y does not cut the surface. The result is `None` if the surface is no line as seen
+/// along z. `moved_m` is how far the surface is from its place.
 pub(super) fn line(reference: &Reference, moved_m: [f64; 3], axes: &Axes) -> Option<Vec<Point>> {
     let [moved_x, moved_y, moved_z] = moved_m.map(|component| component * MM_PER_M);
     match reference {

@@ -235,7 +235,7 @@ fn runs_are_drawn_over_one_another_each_with_a_line_of_its_own() {
     }
 }
 
-/// What is not in the picture is not in its legend.
+/// A mark that is not in the picture is not in its legend.
 #[test]
 fn every_entry_of_the_legend_has_a_mark() {
     let far = Reference::Plane { point_m: [5.0, 0.0, 0.0], normal: [1.0, 0.0, 0.0] };

@@ -31,21 +31,20 @@ const LEAST_WAY_MM: f64 = 0.01;
 /// A surface is shown whole when it is at most this many times as large as the way.
 const WHOLE_SURFACE: f64 = 4.0;
 
-/// Left the ways of tool and proxy, seen along z, with all surfaces and the force on the hand as arrows at the tool; right
-/// the force component along the surface's normal (its magnitude if there is no surface), with `F` and `R`, and the power
-/// over time.
+/// Draws the trajectory and its time curves. The left panel has the ways of tool and proxy, seen along z, with all surfaces, and the force
+/// on the hand as arrows at the tool. The right panels have two curves over time: the power, and the force component along the surface's
+/// normal (its magnitude if there is no surface), with `F` and `R`.
 ///
-/// Surfaces that move are shown where they are at rest, where they are farthest and between; surfaces in space are cut
-/// at the heights at which the proxy lay on them. With either a third panel shows the distances of tool and proxy from the
-/// surface. The forbidden side of a wall is hatched. Faults that held or stopped the rig are crosses beside the way, and lines
-/// with their names over time; what came after a stop is shown, but for the proxy, which leads nothing then. Letters of the
-/// trace's phases stand below the force curve and beside the way. An arrow that would leave the frame is left out: a force
-/// far above `R`, as at a hard impact, shows in the curve over time alone.
+/// Surfaces that move are drawn where they are at rest, where they are farthest and between. Surfaces in space are cut at the heights at
+/// which the proxy lay on them. With either a third panel shows the distances of tool and proxy from the surface. The forbidden side of a
+/// wall is hatched. Faults that held or stopped the rig are crosses beside the way, and lines with their names over time. The time after a
+/// stop is drawn without the proxy, which leads nothing then. Letters of the trace's phases stand below the force curve and beside the way.
+/// An arrow that would leave the frame is left out: a force far above `R`, as at a hard impact, shows in the curve over time alone.
 ///
 /// # Errors
-/// [`Error::Empty`], [`Error::EmptySpan`], [`Error::NoImpact`] when there is nothing to draw; [`Error::Value`] and
-/// [`Error::Setting`] for numbers that cannot be drawn; [`Error::NoLine`] for a surface that is not a line in the
-/// plane of x and y.
+/// - [`Error::Empty`], [`Error::EmptySpan`], [`Error::NoImpact`] when there is nothing to draw;
+/// - [`Error::Value`] and [`Error::Setting`] for numbers that cannot be drawn;
+/// - [`Error::NoLine`] for a surface that is not a line in the plane of x and y.
 ///
 /// # Source
 /// [KTF08, Figs 8 and 11].
@@ -196,7 +195,7 @@ struct Arrow {
     along: (f64, f64),
 }
 
-/// The force arrows of a figure, so few that they can be told apart.
+/// Force arrows of a figure, few enough to be distinct.
 struct Arrows {
     all: Vec<Arrow>,
     length_per_n: f64,

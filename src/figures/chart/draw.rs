@@ -221,7 +221,7 @@ fn beyond_values(panel: &Panel, series: &Series) -> Vec<(f64, f64)> {
     series.points.iter().copied().filter(is_finite).filter(|&point| !is_within(panel, point)).collect()
 }
 
-/// The same marks, each near the nearest place on the edge, and whether its value lies below. `row` counts the series that have such
+/// Returns these marks, each near the nearest place on the edge, and whether its value lies below. `row` counts the series that have such
 /// marks before this one.
 fn beyond(panel: &Panel, series: &Series, row: usize) -> Vec<((f64, f64), bool)> {
     let values = beyond_values(panel, series);

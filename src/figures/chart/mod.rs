@@ -24,8 +24,9 @@ pub struct Panel {
     pub x: Axis,
     /// Axis upward.
     pub y: Axis,
-    /// What is drawn, the last on top. Points that are not finite are left out. Marks beyond the range of an axis, and those not
-    /// above zero on a logarithmic one, are drawn as triangles at its edge, a row for each series, and the title says how many; lines are cut off.
+    /// Series of the panel, the last on top. Points that are not finite are left out. Marks beyond the range of an axis, and marks not
+    /// above zero on a logarithmic one, are drawn as triangles at its edge, a row for each series. The title shows their number. Lines are
+    /// cut off at the edge.
     pub series: Vec<Series>,
 }
 
@@ -38,14 +39,14 @@ pub struct Axis {
     pub is_logarithmic: bool,
     /// Least and greatest value; `None`: those of the series.
     pub range: Option<[f64; 2]>,
-    /// What stands at 1, 2, ... in place of numbers; empty: numbers. Across only.
+    /// Words at 1, 2, ... in place of numbers; empty: numbers. Across only.
     pub words: Vec<String>,
 }
 
 /// Points that belong together.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
-    /// What the legend says; empty: not in the legend.
+    /// Name in the legend; empty: not in the legend.
     pub name: String,
     /// Points, in the order in which a line joins them.
     pub points: Vec<(f64, f64)>,
@@ -116,7 +117,7 @@ impl Series {
     }
 }
 
-/// Colours that the colour-blind can tell apart, the most different first.
+/// Colours that colour-blind readers can distinguish, the most different first.
 ///
 /// # Source
 /// Okabe, Ito, *Color Universal Design* (2008); wine and olive are those of Tol, *Colour Schemes* (2021).
@@ -169,7 +170,7 @@ impl Axis {
         Self { is_logarithmic: true, ..Self::linear(name) }
     }
 
-    /// The same over another range.
+    /// Replaces the range.
     pub fn over(self, low: f64, high: f64) -> Self {
         Self { range: Some([low, high]), ..self }
     }
