@@ -23,10 +23,10 @@ pub(super) const ERROR_HISTORY: u8 = 8;
 /// Nodes whose heartbeat a device can watch (1016h).
 pub(super) const HEARTBEAT_PRODUCERS: u8 = 4;
 
-/// What 1010h and 1011h read as: parameters are stored and restored on command.
+/// Value of 1010h and 1011h: parameters are stored and restored on command.
 const ON_COMMAND: u32 = 1;
 
-/// What a CANopen device declares beside its own objects: its communication profile and its PDOs.
+/// Objects that a CANopen device declares beside its own: its communication profile and its PDOs.
 ///
 /// ```
 /// use yieldwall_fieldbus::canopen::{CommunicationProfile, PdoParameters, node_id};
@@ -50,9 +50,9 @@ pub struct CommunicationProfile {
 }
 
 impl CommunicationProfile {
-    /// What [`Node`](super::Node) needs: 1000h, 1001h, 1003h, 1005h to 1008h, 100Ch, 100Dh, 1010h to 1012h, 1014h, 1016h to
-    /// 1019h, 1029h and 1200h, with SYNC at 080h without counter and window, EMCY at 080h + node id, no error control, TIME
-    /// not consumed and error behaviour 0.
+    /// Creates the objects that [`Node`](super::Node) needs: 1000h, 1001h, 1003h, 1005h to 1008h, 100Ch, 100Dh, 1010h to 1012h, 1014h,
+    /// 1016h to 1019h, 1029h and 1200h. SYNC is at 080h without counter and window, EMCY at 080h + node id. There is no error control, TIME
+    /// is not consumed, and the error behaviour is 0.
     pub fn new(node: NodeId, identity: &DeviceIdentity) -> Self {
         let own_u32 = |index, sub, value: u32| Object::new(index, sub, value).access(Access::ReadOnly);
         let mut objects = identity.objects().to_vec();
@@ -90,7 +90,8 @@ impl CommunicationProfile {
         self
     }
 
-    /// Whether RPDOs have an event timer, 14xxh:5; they have unless told otherwise. For the RPDOs that are declared after this.
+    /// Sets whether RPDOs have an event timer, 14xxh:5; the default is that they have one. The setting applies to RPDOs declared after this
+    /// call.
     pub fn rpdo_timers(mut self, has: bool) -> Self {
         self.has_rpdo_timers = has;
         self

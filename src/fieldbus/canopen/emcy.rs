@@ -39,7 +39,7 @@ impl EmcyCode {
         self.0 == 0
     }
 
-    /// Whether the node goes on as before after this: it lost a message, or tells of the bus what is over again.
+    /// Whether the node goes on as before after this: it lost a message, or reports a bus error that is over.
     ///
     /// Everything else may have changed what the node does, an unknown code too.
     pub const fn is_warning(self) -> bool {
@@ -51,17 +51,17 @@ impl EmcyCode {
         codes::texts(self.0).name
     }
 
-    /// What the code means; for a code that is not listed, what its class means.
+    /// Returns the meaning of the code; for a code that is not listed, the meaning of its class.
     pub const fn meaning(self) -> &'static str {
         codes::texts(self.0).meaning
     }
 
-    /// What usually lies behind it.
+    /// Returns the usual cause.
     pub const fn likely_cause(self) -> &'static str {
         codes::texts(self.0).cause
     }
 
-    /// What to do next.
+    /// Returns the next step for a person.
     pub const fn next(self) -> &'static str {
         codes::texts(self.0).next
     }
@@ -120,7 +120,7 @@ impl fmt::Display for Emergency {
 pub struct PastError {
     /// Error code.
     pub code: EmcyCode,
-    /// What the manufacturer adds; devices of this project: the first two vendor bytes of the emergency message.
+    /// Additional information of the manufacturer; devices of this project: the first two vendor bytes of the emergency message.
     pub information: u16,
 }
 

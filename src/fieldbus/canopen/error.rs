@@ -1,4 +1,4 @@
-//! What can be wrong with a device, a mapping or a call before anything is on the bus.
+//! Faults of a device, a mapping or a call, found before anything is on the bus.
 
 use crate::objects::DictionaryError;
 

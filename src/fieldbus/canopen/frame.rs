@@ -2,9 +2,9 @@
 
 use std::fmt;
 
-/// One of the buses that somebody takes part in; the first where there is one.
+/// One of a participant's buses; the first if there is only one.
 ///
-/// It tells frames of several buses apart, and places what is kept for each bus. It is no part of what is on the wire.
+/// The number distinguishes frames of several buses, and is the index of the data stored for each bus. It is not sent on the wire.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct BusId(u8);
 
@@ -49,8 +49,8 @@ impl fmt::Display for BusId {
 /// A remote frame asks for the data frame of its identifier: node guarding alone uses it. Its payload is empty,
 /// whatever length it asks for, so that no decoder takes it for data.
 ///
-/// Whoever takes part in several buses tells them apart by [`Frame::bus`]. It is no part of what is on the wire: engines of
-/// one node neither read nor set it, and [`Outbox::on`] sets it for them.
+/// A participant in several buses distinguishes the frames by [`Frame::bus`]. The bus is not sent on the wire: engines of one node neither
+/// read nor set it, and [`Outbox::on`] sets it for them.
 // It is copied often: aligned, as one piece.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(align(8))]
@@ -93,7 +93,7 @@ impl Frame {
         Frame { id: id & 0x7ff, len: 0, requested: Some(len.min(8)), bus: BusId::FIRST, data: [0; 8] }
     }
 
-    /// The same frame on another bus.
+    /// Returns the frame for another bus.
     ///
     /// Real-time: yes.
     #[must_use]
@@ -155,14 +155,14 @@ pub trait Outbox {
     /// Queues one frame. A full queue counts the loss; it never blocks.
     fn push(&mut self, frame: Frame);
 
-    /// Queues a frame that can wait, if there is room for it now; whether it was taken. Who is refused keeps the frame and
-    /// offers it again later. An outbox that cannot tell takes all.
+    /// Queues a frame that can wait, if there is room for it now; returns whether it was taken. After a refusal the caller keeps the frame
+    /// and offers it again later. An outbox that does not know its room takes every frame.
     fn offer(&mut self, frame: Frame) -> bool {
         self.push(frame);
         true
     }
 
-    /// The same for an engine that knows of one bus: whatever it sends goes to that bus.
+    /// Returns an outbox for an engine that knows of one bus: every frame goes to that bus.
     fn on(&mut self, bus: BusId) -> OnBus<'_, Self>
     where
         Self: Sized,

@@ -40,7 +40,7 @@ pub fn decode_heartbeat(frame: &Frame) -> Option<(NodeId, NmtState)> {
     Some((NodeId::new(raw as u8).ok()?, canopen_rs::nmt::decode_heartbeat(data).ok()?))
 }
 
-/// What a watched node did.
+/// Change of a watched node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HeartbeatChange {
     /// Boot-up message: the node was switched on or reset. Its next heartbeat starts the watch anew.
@@ -56,9 +56,9 @@ pub enum HeartbeatChange {
 /// An event of a watched node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HeartbeatEvent {
-    /// Which node.
+    /// The node.
     pub node: NodeId,
-    /// What happened.
+    /// Its change.
     pub change: HeartbeatChange,
 }
 

@@ -38,7 +38,7 @@ impl NodeSet {
         self.0.count_ones() as usize
     }
 
-    /// Those of it that are not in another set.
+    /// Returns the nodes of this set that are not in another set.
     #[must_use]
     pub fn without(self, other: Self) -> Self {
         Self(self.0 & !other.0)

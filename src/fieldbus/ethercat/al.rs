@@ -60,7 +60,7 @@ impl fmt::Display for AlState {
     }
 }
 
-/// What a master writes to AL control (0120h).
+/// Value that a master writes to AL control (0120h).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AlControl(pub u16);
 
@@ -230,7 +230,7 @@ al_status_codes! {
 }
 
 impl AlStatusCode {
-    /// What the code says.
+    /// Returns the meaning of the code.
     pub fn meaning(self) -> &'static str {
         match self.texts() {
             Some((meaning, _)) => meaning,
@@ -239,7 +239,7 @@ impl AlStatusCode {
         }
     }
 
-    /// What usually lies behind it.
+    /// Returns the usual cause.
     pub fn likely_cause(self) -> &'static str {
         self.texts().map_or("see the device manual", |texts| texts.1)
     }

@@ -1,4 +1,4 @@
-//! What can be wrong with bytes that are said to be EtherCAT.
+//! Faults of received or sent EtherCAT bytes.
 
 /// A fault found while bytes are read or written; what a device reports is an [`AlStatusCode`](super::AlStatusCode) or an
 /// [`AbortCode`](crate::objects::AbortCode).
@@ -11,17 +11,17 @@ pub enum EthercatError {
     /// A frame, a datagram, a mailbox or a service ends before its own length says so.
     #[error("{what} ends after {len} bytes, but needs {needed}")]
     Short {
-        /// What ends.
+        /// The part that ends.
         what: &'static str,
         /// Bytes that are there.
         len: usize,
         /// Bytes that it needs.
         needed: usize,
     },
-    /// What is to be sent does not fit where it is written.
+    /// The data to send do not fit into the room.
     #[error("{what} of {len} bytes does not fit {room}")]
     Full {
-        /// What is to be written.
+        /// The part to write.
         what: &'static str,
         /// Its bytes.
         len: usize,
@@ -34,7 +34,7 @@ pub enum EthercatError {
     /// A mailbox protocol or a service of CoE that this engine does not speak.
     #[error("{what} {number} is not supported")]
     Unsupported {
-        /// What is not supported.
+        /// The part that is not supported.
         what: &'static str,
         /// Its number on the wire.
         number: u16,

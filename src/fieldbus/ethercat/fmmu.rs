@@ -2,7 +2,7 @@
 
 use super::{array, u16_at, u32_at};
 
-/// Which way data go through an FMMU, as the master sees it.
+/// Direction of the data through an FMMU, as the master sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     /// The master reads.
@@ -42,7 +42,7 @@ impl Fmmu {
     /// Bytes of registers.
     pub const SIZE: usize = 16;
 
-    /// One that maps whole bytes.
+    /// Creates an FMMU that maps whole bytes.
     pub const fn bytes(logical: u32, len: u16, physical: u16, direction: Direction) -> Self {
         let reads = matches!(direction, Direction::Read);
         Fmmu {

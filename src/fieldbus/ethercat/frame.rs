@@ -55,7 +55,7 @@ pub const fn source(random: u64) -> [u8; 6] {
     [first & !(PROCESSED | GROUP), second, third, fourth, fifth, sixth]
 }
 
-/// What a datagram does, and how it is addressed.
+/// Command of a datagram: its action and its kind of address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Command {
@@ -306,8 +306,8 @@ impl<'a> Iterator for Datagrams<'a> {
     }
 }
 
-/// Whether a frame is another one as it comes back: the same datagrams with the same addresses, but where devices count them up, and the
-/// same data where devices do not change them.
+/// Whether a frame is the returned copy of another one. Both have the same datagrams. The addresses are equal, except where devices count
+/// them up. The data are equal where devices do not change them.
 ///
 /// Real-time: yes.
 pub fn answers(sent: &[u8], got: &[u8]) -> bool {
@@ -325,7 +325,7 @@ fn is_same(sent: &Datagram<'_>, got: &Datagram<'_>) -> bool {
     kept(sent) == kept(got) && !got.header.is_circulating
 }
 
-/// What devices leave of a datagram as it was sent.
+/// Returns the parts of a datagram that devices do not change.
 fn kept<'a>(datagram: &Datagram<'a>) -> (u8, u8, u32, u16, bool, &'a [u8]) {
     let DatagramHeader { command, index, address, len, has_more, .. } = datagram.header;
     let is = |of: fn(Command) -> bool| Command::from_byte(command).is_some_and(of);

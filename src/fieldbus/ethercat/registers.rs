@@ -69,7 +69,7 @@ pub const DC_RECEIVE_TIME: u16 = 0x0900;
 pub const DC_SYSTEM_TIME: u16 = 0x0910;
 /// Receive time at the processing unit, u64, in the time of the device.
 pub const DC_RECEIVE_TIME_UNIT: u16 = 0x0918;
-/// What is added to the time of the device, u64.
+/// Offset added to the time of the device, u64.
 pub const DC_OFFSET: u16 = 0x0920;
 /// Delay from the reference clock, u32, ns.
 pub const DC_DELAY: u16 = 0x0928;
@@ -81,7 +81,7 @@ pub const DC_SPEED_START: u16 = 0x0930;
 pub const DC_SPEED_DIFFERENCE: u16 = 0x0932;
 /// Depth of the filter of the difference, u8: a mean of 2^depth.
 pub const DC_FILTER_DEPTH: u16 = 0x0934;
-/// Who controls the cyclic unit, u8.
+/// Owner of the cyclic unit, u8.
 pub const DC_CYCLIC_CONTROL: u16 = 0x0980;
 /// Activation of the sync signals, u8: bit 0 the unit, bit 1 SYNC0, bit 2 SYNC1.
 pub const DC_ACTIVATION: u16 = 0x0981;

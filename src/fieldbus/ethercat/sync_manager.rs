@@ -12,7 +12,7 @@ pub enum BufferMode {
     Mailbox,
 }
 
-/// What the master sets of a sync manager: 8 bytes of registers, of which the status and what the device sets are not here.
+/// Settings of a sync manager by the master: 8 bytes of registers. The status and the values that the device sets are not included.
 ///
 /// # Source
 /// ETG.1000.4, 6.7.
@@ -68,7 +68,7 @@ impl SyncManager {
         [a, b, c, d, self.control, 0, u8::from(self.is_enabled) | u8::from(self.repeat) << 1, 0]
     }
 
-    /// Which way it goes; `None` for a reserved code.
+    /// Returns the direction of the data; `None` for a reserved code.
     pub const fn direction(&self) -> Option<Direction> {
         match self.control >> 2 & 3 {
             0 => Some(Direction::Read),

@@ -82,7 +82,7 @@ impl AbortCode {
         self.texts().map_or("vendor", |[name, ..]| name)
     }
 
-    /// What the code says.
+    /// Returns the meaning of the code.
     pub fn meaning(self) -> &'static str {
         self.texts().map_or("code not defined by CiA 301", |[_, meaning, ..]| meaning)
     }
@@ -101,12 +101,12 @@ impl AbortCode {
         matches!(self, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX)
     }
 
-    /// What usually lies behind it.
+    /// Returns the usual cause.
     pub fn likely_cause(self) -> &'static str {
         self.texts().map_or("vendor specific: see the device manual", |[_, _, cause, _]| cause)
     }
 
-    /// What to do next.
+    /// Returns the next step for a person.
     pub fn next(self) -> &'static str {
         self.texts().map_or(MANUAL, |[.., next]| next)
     }

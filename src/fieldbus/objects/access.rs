@@ -15,7 +15,7 @@ pub fn write_patience(at: Address, usual: Duration) -> Duration {
     if matches!(at.index, 0x1010 | 0x1011) { usual.max(STORING) } else { usual }
 }
 
-/// What is asked of a device.
+/// Request to a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ObjectRequest<'a> {
     /// The value of an object.

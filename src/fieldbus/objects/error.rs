@@ -1,4 +1,4 @@
-//! What can be wrong with a dictionary before anything is on a bus.
+//! Faults of a dictionary, found before anything is on a bus.
 
 use super::DataType;
 
@@ -7,7 +7,7 @@ use super::DataType;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum DictionaryError {
-    /// The same address was declared twice.
+    /// Two declarations have the same address.
     #[error("object {index:04X}h:{sub} is declared twice")]
     Duplicate {
         /// Object index.

@@ -1,8 +1,8 @@
-//! Who a device says it is.
+//! Identity of a device.
 
 use super::{Access, Object};
 
-/// Who a device says it is, on any bus.
+/// Identity of a device, on any bus.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct DeviceIdentity {
     /// 1000h: device profile in the low 16 bits (402 for drives), type bits above.

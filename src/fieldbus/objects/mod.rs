@@ -1,7 +1,7 @@
-//! Objects of devices, whatever bus they are on: dictionary, values, abort codes, and what a master asks for.
+//! Objects of devices, whatever bus they are on: dictionary, values, abort codes, and requests of a master.
 //!
-//! CANopen (SDO) and EtherCAT (CoE) read and write the same objects in the same types and refuse them with the same codes. What is
-//! a bus's own, its communication objects and how requests travel, stands with that bus.
+//! CANopen (SDO) and EtherCAT (CoE) read and write the same objects in the same types and refuse them with the same codes. The parts that
+//! belong to one bus, its communication objects and the transport of requests, are in the module of that bus.
 //!
 //! | side | what |
 //! |---|---|

@@ -8,7 +8,7 @@ use crate::time::Time;
 pub enum Reset {
     /// Power-on, or as if: all objects are back at their power-on values.
     Node,
-    /// Of the communication alone: objects 1000h to 1FFFh are back at their power-on values.
+    /// Reset of the communication alone: objects 1000h to 1FFFh are back at their power-on values.
     Communication,
 }
 

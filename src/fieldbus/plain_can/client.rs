@@ -8,12 +8,12 @@ use crate::canopen::{Frame, Outbox};
 use crate::time::Time;
 use yieldwall_motion::sensing::RawSample;
 
-/// How long a sensor that was told to begin may stay silent before it is told again.
+/// Longest silence of a sensor after its start order, until the client sends the order again.
 const RETRY: Duration = Duration::from_millis(50);
 /// Bytes of each frame of a sample.
 const WHOLE: u8 = 8;
 
-/// What a frame was.
+/// Kind of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SensorEvent {
     /// Half of a sample, or what an earlier half lacked.
@@ -26,8 +26,8 @@ pub enum SensorEvent {
 
 /// Wakes a sensor and puts its samples together.
 ///
-/// Of several samples between two calls of [`Client::take`] the newest counts. A sample has the age of its last frame:
-/// what it took the sensor to measure, filter and queue it is not known here.
+/// If several samples arrive between two calls of [`Client::take`], the newest counts. The age of a sample is that of its last frame: the
+/// client does not know how long the sensor took to measure, filter and queue it.
 #[derive(Clone, Copy, Debug)]
 pub struct Client {
     link: Link,
@@ -43,29 +43,29 @@ pub struct Client {
 }
 
 impl Client {
-    /// A client that has told its sensor nothing.
+    /// Creates a client that has sent nothing to its sensor.
     pub fn new(link: Link) -> Self {
         let pair = Pair::new(link.protocol.data_ids(), link.pair_gap);
         Self { link, pair, newest: None, has_begun: false, last_at: Time(0), is_asked: false, next_order: Time::NEVER }
     }
 
-    /// What is spoken.
+    /// Returns the protocol of the sensor.
     pub fn protocol(&self) -> &Protocol {
         &self.link.protocol
     }
 
-    /// Has the second frame of a sample come as late as this behind the first, in place of what the link says.
+    /// Sets the longest time from the first frame of a sample to its second, in place of the link's value.
     pub fn set_pair_gap(&mut self, gap: Duration) {
         self.link.pair_gap = gap;
         self.pair = Pair::new(self.link.protocol.data_ids(), gap);
     }
 
-    /// Forgets all that was heard, and tells the sensor nothing.
+    /// Forgets all received frames, and sends nothing to the sensor.
     pub fn restart(&mut self) {
         *self = Self::new(self.link);
     }
 
-    /// Tells the sensor to begin: one that still streams for an earlier master is stopped first.
+    /// Orders the sensor to begin: a sensor that still streams for an earlier master is stopped first.
     pub fn start(&mut self, now: Time, out: &mut impl Outbox) {
         self.restart();
         self.tell(Order::Stop, out);
@@ -84,7 +84,7 @@ impl Client {
         self.next_order
     }
 
-    /// Tells a sensor that has not begun once more.
+    /// Repeats the start order to a sensor that has not begun.
     ///
     /// Real-time: yes.
     pub fn poll(&mut self, now: Time, out: &mut impl Outbox) {

@@ -1,13 +1,12 @@
 //! Force sensors that speak plain CAN, without I/O and for both sides of the bus.
 //!
-//! Six counts of 16 bits do not fit a frame, so a sample is two of them. [`Client`] is the master's side: it wakes the
-//! sensor, puts frames together and hands out whole samples with their age. [`Protocol`] is the codec that the simulated
-//! sensors use as well.
+//! Six counts of 16 bits do not fit into one frame, so a sample takes two frames. The master's side is [`Client`]: it wakes the sensor,
+//! puts frames together and hands out whole samples with their age. The codec is [`Protocol`], which the simulated sensors use as well.
 //!
 //! | protocol | who begins | a sample is whole if |
 //! |---|---|---|
-//! | [`streaming`] | the sensor, by its own clock, once it was told to | the second frame comes right behind the first |
-//! | [`polled`] | the master, by a request in every cycle | the same; the second has the number of the sample |
+//! | [`streaming`] | the sensor, by its own clock, after a start order | the second frame comes right behind the first |
+//! | [`polled`] | the master, by a request in every cycle | the second frame comes right behind the first, with the number of the sample |
 
 mod client;
 mod pair;
@@ -21,7 +20,7 @@ use std::time::Duration;
 use crate::canopen::Frame;
 use yieldwall_motion::sensing::RawSample;
 
-/// What a sensor is told.
+/// Order to a sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Order {
     /// Stream samples.
@@ -34,7 +33,7 @@ pub enum Order {
     Read,
 }
 
-/// What a sensor says of a sample beside its counts.
+/// State that a sensor reports with a sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Status {
     /// A channel is at the end of its range.
@@ -43,12 +42,12 @@ pub struct Status {
     pub invalid: bool,
 }
 
-/// A sample as the sensor tells it.
+/// A sample as the sensor sends it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Telling {
     /// Fx, Fy, Fz, Tx, Ty, Tz.
     pub counts: [i16; 6],
-    /// What is said of them.
+    /// State of the sensor.
     pub status: Status,
     /// Number of the sample; a streaming sensor does not send it.
     pub number: u16,
@@ -118,13 +117,13 @@ impl Protocol {
 /// How the master is connected to a sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Link {
-    /// What is spoken.
+    /// Protocol of the sensor.
     pub protocol: Protocol,
     /// Longest time from the first frame of a sample to its second; below the sensor's period.
     pub pair_gap: Duration,
     /// Time from one sample to the next by the sensor's rate.
     pub sample_period: Duration,
-    /// Whether the sensor is told to zero itself when the network starts: the handle must be untouched then.
+    /// Whether the network's start sends the sensor a zero order: the handle must be untouched then.
     pub zero_at_start: bool,
 }
 

@@ -7,8 +7,8 @@ use crate::time::Time;
 
 /// Puts the two frames of a sample together.
 ///
-/// Neither protocol numbers both halves. What makes two of them one sample is that the second comes right behind the
-/// first: a half without its other is dropped.
+/// Neither protocol numbers both halves. Two frames form one sample if the second comes right behind the first: a half without its other is
+/// dropped.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pair {
     ids: [u16; 2],

@@ -7,8 +7,8 @@
 //! base + 5   Fx   Tx   Fy       Ty
 //! base + 6   Fz   Tz   status   sample number
 //! ```
-//! each of 16 bits. The order of their bytes, the bits of the status and the scale of the counts were not found: the first
-//! two are in [`Format`], the last is in the calibration.
+//! Each value has 16 bits. The order of their bytes, the bits of the status and the scale of the counts were not found: the first two are
+//! in [`Format`], the last is in the calibration.
 
 use super::{Order, Status, Telling};
 use crate::canopen::Frame;

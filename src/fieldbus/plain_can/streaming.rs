@@ -18,9 +18,9 @@ use yieldwall_motion::sensing::RawSample;
 /// Identifiers of a streaming sensor, 001h to 7FFh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ids {
-    /// Of orders to the sensor.
+    /// Identifier of orders to the sensor.
     pub command: u16,
-    /// Of the two frames of a sample, the first below the second: the sensor's own queue sends the lower one first.
+    /// Identifiers of the two frames of a sample, the first below the second: the sensor's own queue sends the lower one first.
     pub data: [u16; 2],
 }
 

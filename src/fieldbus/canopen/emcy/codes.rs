@@ -1,6 +1,6 @@
-//! What the error codes of CiA 301 and CiA 402 mean.
+//! Meaning of the error codes of CiA 301 and CiA 402.
 
-/// What is known of a code.
+/// Texts for a code.
 pub(super) struct Texts {
     pub(super) name: &'static str,
     pub(super) meaning: &'static str,
@@ -27,7 +27,7 @@ macro_rules! codes {
         /// The codes that have a meaning of their own, ascending.
         pub(super) const LISTED: &[u16] = &[$($code),*];
 
-        /// What is known of a code; for one that is not listed, of its class.
+        /// Returns the texts for a code; a code that is not listed has the texts of its class.
         pub(super) const fn texts(code: u16) -> Texts {
             match code {
                 $($code => Texts { name: $name, meaning: $meaning, cause: $cause, next: $next },)*

@@ -6,8 +6,7 @@ use super::super::{CanopenError, Frame, NodeId, Outbox, cob, node_id};
 use super::{FASTSCAN_ANYBODY, LssAddress, Payload, UNCONFIGURED, command, number, with_number};
 use crate::time::Time;
 
-/// What an LSS master asks. Devices have to be switched to configuration before anything else is asked of them, one by
-/// one where the answer matters.
+/// Request of an LSS master. Devices have to be switched to configuration before any other request, one by one where the answer matters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LssRequest {
     /// All devices to configuration, or back to waiting; nobody answers.
@@ -23,8 +22,8 @@ pub enum LssRequest {
     InquireIdentity,
     /// The node id that the device in configuration has.
     InquireNodeId,
-    /// A node id for the device in configuration, `None` for no node id; it applies at the next reset, or for a device
-    /// without one when it is switched to waiting.
+    /// A node id for the device in configuration, `None` for no node id. The id applies at the next reset. For a device without an id it
+    /// applies when the device is switched to waiting.
     ConfigureNodeId(Option<NodeId>),
     /// A bit rate by its index in the table of CiA 301; see [`bit_rate`](super::bit_rate).
     ConfigureBitTiming {
@@ -167,7 +166,7 @@ impl LssMaster {
         Ok((!self.is_busy()).then_some(LssOutcome::Done))
     }
 
-    /// Takes a frame from the bus and tells when the request ended.
+    /// Takes a frame from the bus and returns the outcome when the request ended.
     pub fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) -> Option<LssOutcome> {
         if frame.id() != cob::LSS_ANSWER || frame.len() != 8 {
             return None;

@@ -36,7 +36,7 @@ mod command {
     pub(super) const INQUIRE_NODE_ID: u8 = 0x5e;
 }
 
-/// What tells one device from all others: object 1018h.
+/// Unique address of a device: object 1018h.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct LssAddress {
     /// 1018h:1.

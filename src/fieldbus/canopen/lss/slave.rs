@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::super::NodeId;
 use super::{FASTSCAN_ANYBODY, LssAddress, Payload, UNCONFIGURED, bit_rate, command, number, with_number};
 
-/// What the device has to do about a request.
+/// Action of the device after a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in super::super) enum LssEvent {
     /// A device without node id has got one and may start.

@@ -1,4 +1,4 @@
-//! What a CANopen device does beside its objects.
+//! Behaviour of a CANopen device beside its objects.
 
 use std::time::Duration;
 

@@ -62,8 +62,7 @@ impl Emergencies {
         self.active_count > 0
     }
 
-    /// Registers an error; the message to send unless it was active already. `vendor[0]` tells errors of one code
-    /// apart.
+    /// Registers an error; returns the message to send unless the error was active already. `vendor[0]` distinguishes errors of one code.
     pub(super) fn raise(
         &mut self,
         od: &mut ObjectDictionary,

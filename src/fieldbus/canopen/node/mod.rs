@@ -43,7 +43,7 @@ const LIFE_GUARDING: u8 = 0;
 /// Time without SYNC after which a device that is not Operational takes it that no process data run on the bus.
 const SYNC_REST: Duration = Duration::from_secs(1);
 
-/// How long the SDO server waits for a client unless told otherwise.
+/// Default time for which the SDO server waits for a client.
 const SDO_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// A CANopen device (NMT slave).
@@ -208,22 +208,21 @@ impl Node {
         self.write_times.push((at, time));
     }
 
-    /// Has the SDO server send every value in segments, those of 4 bytes and less too, and refuse blocks (05040001h).
+    /// Makes the SDO server send every value in segments, also values of 4 bytes and less, and refuse blocks (05040001h).
     pub fn set_sdo_segments_only(&mut self, is_so: bool) {
         self.sdo.set_segments_only(is_so);
     }
 
-    /// Has the SDO server send an object with `bytes` bytes (1 to 8, clamped) whatever its type: what is more than the value
-    /// repeats its sign or is zero, what is less is cut off. What is written still has the length of the type.
+    /// Makes the SDO server send an object with `bytes` bytes (1 to 8, clamped) whatever its type. Additional bytes repeat the sign of the
+    /// value or are zero; missing bytes are cut off. A write still has the length of the type.
     pub fn set_sdo_length(&mut self, at: Address, bytes: usize) {
         self.sent_lengths.retain(|(known, _)| *known != at);
         self.sent_lengths.push((at, bytes.clamp(1, 8)));
     }
 
-    /// How many segments of a block download the SDO server asks for at a time (1 to 127, clamped; 127 unless set), and
-    /// the time between two segments that it sends while process data run (250 us unless set; zero sends a whole block at
-    /// once). They run in Operational, and for 1 s after each SYNC; otherwise a block is sent as fast as the outbox takes it
-    /// ([`Outbox::offer`]).
+    /// Sets how many segments of a block download the SDO server requests at a time (1 to 127, clamped; 127 unless set). Also sets the time
+    /// between two segments that it sends while process data run (250 us unless set; zero sends a whole block at once). Process data run in
+    /// Operational, and for 1 s after each SYNC. Otherwise the server sends a block as fast as the outbox takes it ([`Outbox::offer`]).
     pub fn set_sdo_block(&mut self, block_size: u8, segment_interval: Duration) {
         self.sdo.set_block(block_size, segment_interval);
     }
@@ -236,7 +235,7 @@ impl Node {
         self.reset(now, Reset::Node, app, out);
     }
 
-    /// Takes one frame from the bus; whether it is one that the node looks at. Of the others nothing has changed.
+    /// Takes one frame from the bus; returns whether the node reads it. A frame that the node does not read changes nothing.
     ///
     /// Real-time: yes, for PDOs, SYNC and heartbeats.
     #[inline]

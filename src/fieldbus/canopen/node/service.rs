@@ -1,4 +1,4 @@
-//! What the SDO server of a device reads and writes: the dictionary under the rules of its communication objects.
+//! Read and write access of a device's SDO server: the dictionary under the rules of its communication objects.
 
 use super::super::communication::HEARTBEAT_PRODUCERS;
 use super::super::{cob, pdo, sdo};

@@ -10,7 +10,7 @@ use crate::time::Time;
 /// Identifier of a PDO that is not used: no frame has it.
 pub(in super::super) const NO_ID: u16 = u16::MAX;
 
-/// What both directions read from their parameters.
+/// Reads the parameters that both directions use.
 fn configure(od: &ObjectDictionary, pdo: Pdo) -> (u16, u8, Mapping) {
     let cob_id = od.raw(pdo.communication(), 1) as u32;
     let transmission_type = od.raw(pdo.communication(), 2) as u8;
@@ -25,7 +25,7 @@ fn configure(od: &ObjectDictionary, pdo: Pdo) -> (u16, u8, Mapping) {
     }
 }
 
-/// What became of a frame for an RPDO.
+/// Result of a frame for an RPDO.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in super::super) enum Reception {
     /// Shorter than the mapping: dropped.

@@ -1,9 +1,9 @@
-//! Both ends of a block transfer: segments in blocks, of which one acknowledgement tells how many arrived in order.
+//! Both ends of a block transfer: segments in blocks, with one acknowledgement for each block that counts the segments received in order.
 //!
-//! The sender begins each block after the last segment that was acknowledged, so that what was lost is sent again. Lost
-//! acknowledgements need more than the standard says: when nothing comes, the receiver acknowledges what it has of the
-//! block, or repeats the frame that let the block begin if it has nothing of it. So that the sender can tell such a
-//! repetition from news, this receiver never asks for the same block size twice in a row.
+//! The sender begins each block after the last segment that was acknowledged, so that lost segments are sent again. Lost acknowledgements
+//! need more than the standard specifies. After a silence the receiver acknowledges the segments that it has of the block. If it has none,
+//! it repeats the frame that let the block begin. The sender must distinguish such a repetition from a new acknowledgement, so this
+//! receiver never requests the same block size twice in a row.
 //!
 //! # Source
 //! CiA 301, SDO block upload and download. The repetition is an addition; a peer without it ends in a timeout as the
@@ -53,8 +53,8 @@ impl BlockSender {
         })
     }
 
-    /// Offers the segments of `data` that are due, one every `interval`; a zero one sends the block as fast as it is taken.
-    /// Whether one was taken. What is refused is offered again after [`BACK_OFF`].
+    /// Offers the segments of `data` that are due, one every `interval`; a zero interval sends the block as fast as it is taken. Returns
+    /// whether a segment was taken. A refused segment is offered again after [`BACK_OFF`].
     pub(super) fn poll(
         &mut self,
         now: Time,
@@ -130,7 +130,7 @@ impl BlockSender {
     }
 }
 
-/// What a frame of a block leads to.
+/// Result of a frame of a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Taken {
     /// Nothing to send.
@@ -150,8 +150,8 @@ pub(super) struct BlockReceiver {
     opened_by: Payload,
     is_first_block: bool,
     is_complete: bool,
-    /// Whether the last block was ended by silence: a sender that was only slow goes on with that block, and what it sends
-    /// of it must not be taken for the end of the next one.
+    /// Whether a silence ended the last block. A sender that was only slow goes on with that block, and its segments must not count as the
+    /// end of the next block.
     is_early: bool,
     fruitless: u8,
     /// Bytes that the value may have.
@@ -208,7 +208,7 @@ impl BlockReceiver {
         if is_end && !is_of_last_block { self.close().map(Taken::Acknowledge) } else { Ok(Taken::Nothing) }
     }
 
-    /// What to send because nothing has come for a while.
+    /// Returns the frame to send after a silence.
     pub(super) fn on_silence(&mut self) -> Result<Payload, AbortCode> {
         if self.good == 0 {
             return Ok(self.opened_by);

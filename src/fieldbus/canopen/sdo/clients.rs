@@ -8,7 +8,7 @@ use super::{SdoClient, SdoOutcome};
 use crate::objects::{Address, ObjectRequest};
 use crate::time::Time;
 
-/// Tells the replies to requests apart.
+/// Number that identifies the reply to a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SdoTicket(u64);
 
@@ -65,7 +65,7 @@ impl SdoClients {
         self.add(SdoClient::new(node, timeout, SdoClient::DEFAULT_CAPACITY));
     }
 
-    /// Tells all nodes whether process data run, as [`SdoClient::set_exchanging`].
+    /// Sets for all nodes whether process data run, as [`SdoClient::set_exchanging`].
     pub fn set_exchanging(&mut self, is_exchanging: bool) {
         self.is_quiet = !is_exchanging;
         self.lanes.iter_mut().for_each(|lane| lane.client.set_exchanging(is_exchanging));

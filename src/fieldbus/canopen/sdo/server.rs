@@ -7,11 +7,11 @@ use super::wire::{self, BlockFrame, Initiate, Payload, Request};
 use crate::objects::{AbortCode, Address};
 use crate::time::Time;
 
-/// What the server serves: a dictionary with the rules of its device.
+/// Objects of the server: a dictionary with the rules of its device.
 pub(in super::super) trait Objects {
     /// Puts the value of an object into `value`, which is empty.
     fn read(&mut self, at: Address, value: &mut Vec<u8>) -> Result<(), AbortCode>;
-    /// Whether a write may begin; with the number of bytes if the client told it.
+    /// Checks whether a write may begin. `len` is the number of bytes, if the client sent it.
     fn check_download(&self, at: Address, len: Option<usize>) -> Result<(), AbortCode>;
     /// The size of an object of a basic type.
     fn size(&self, at: Address) -> Option<usize>;
@@ -30,7 +30,7 @@ enum Phase {
     BlockDownload { receiver: BlockReceiver, request: Payload, declared: Option<usize>, has_crc: bool },
 }
 
-/// Time between two segments of a block while process data run, unless told otherwise.
+/// Default time between two segments of a block while process data run.
 const SEGMENT_INTERVAL: Duration = Duration::from_micros(250);
 /// In a block transfer a client is given up after so many waiting times. An acknowledgement is repeated after half a
 /// waiting time: a client that is only slow would misunderstand an earlier repetition.
@@ -38,8 +38,8 @@ const BLOCK_PATIENCE: u32 = 4;
 
 type Answer = Result<Option<Payload>, AbortCode>;
 
-/// One SDO server: expedited, segmented and block transfers, one at a time; a new initiate drops the old transfer,
-/// except while segments of a block are expected, which any frame can be.
+/// One SDO server for expedited, segmented and block transfers, one at a time. A new initiate drops the old transfer, except while segments
+/// of a block are expected: any frame can then be a segment.
 #[derive(Clone, Debug)]
 pub(in super::super) struct SdoServer {
     phase: Phase,
@@ -103,8 +103,8 @@ impl SdoServer {
         }
     }
 
-    /// Offers the segments of a block that are due, and gives what is to be sent besides: a repeated acknowledgement, or the
-    /// abort of a transfer that the client let hang or for which there was no room.
+    /// Offers the segments of a block that are due, and returns any other frame to send. This is a repeated acknowledgement, or the abort
+    /// of a transfer that the client let hang or for which there was no room.
     pub(in super::super) fn poll(
         &mut self,
         now: Time,

@@ -32,7 +32,7 @@ pub(super) enum Initiate<'a> {
     Segmented { size: Option<u32> },
 }
 
-/// What a client asks.
+/// Request of a client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Request<'a> {
     Download {
@@ -73,7 +73,7 @@ pub(super) enum Request<'a> {
     },
 }
 
-/// What a server answers.
+/// Answer of a server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Response<'a> {
     Upload {
@@ -113,7 +113,7 @@ pub(super) enum Response<'a> {
 /// A frame while blocks are on their way to its receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum BlockFrame<'a> {
-    /// Seven bytes, of which the end of the transfer tells how many count in the last segment.
+    /// Seven bytes. The end of the transfer states how many of them count in the last segment.
     Segment { sequence: u8, is_last: bool, data: &'a [u8; SEGMENT] },
     /// Sequence number 0 does not exist: the other side has aborted.
     Abort { at: Address, code: AbortCode },

@@ -10,7 +10,7 @@ use crate::objects::{AbortCode, Address, ObjectError, write_patience};
 use crate::time::Time;
 use std::time::Duration;
 
-/// What is asked of a device.
+/// Request to a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CoeRequest<'a> {
     /// The value of an object, or with `complete` of all its sub-indices from `at.sub` (0 or 1) on.
@@ -31,16 +31,16 @@ pub enum CoeRequest<'a> {
     },
     /// A list of objects.
     List(ListKind),
-    /// What an object is.
+    /// The description of an object.
     Object(u16),
-    /// What an entry is.
+    /// The description of an entry.
     Entry(Address),
 }
 
-/// What a request has led to.
+/// Result of a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CoeAnswer {
-    /// Nothing was asked.
+    /// There was no request.
     Idle,
     /// It has not ended.
     Pending,
@@ -50,15 +50,15 @@ pub enum CoeAnswer {
     Written,
     /// The words of a list.
     List(Vec<u16>),
-    /// What an object is.
+    /// The description of an object.
     Object(ObjectDescription),
-    /// What an entry is.
+    /// The description of an entry.
     Entry(EntryDescription),
     /// Why there is none.
     Failed(ObjectError),
 }
 
-/// What a message was.
+/// Kind of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CoeEvent {
     /// An emergency; the request goes on.
@@ -101,10 +101,10 @@ enum Kind {
     Information { operation: u8, wanted: u32 },
 }
 
-/// A client of one device. It gives the next message to write ([`CoeClient::message`]), takes each message that was read
+/// A client of one device. It returns the next message to write ([`CoeClient::message`]), takes each message that was read
 /// ([`CoeClient::on_message`]) and has the answer in the end.
 ///
-/// A message that is lost is the owner's to repeat: the mailbox can do that. What stays away for longer than the time-out fails.
+/// The owner repeats a message that is lost: the mailbox can do that. A request without an answer within the time-out fails.
 #[derive(Clone, Debug)]
 pub struct CoeClient {
     phase: Phase,
@@ -186,7 +186,7 @@ impl CoeClient {
         self.phase != Phase::Idle
     }
 
-    /// What the last request has led to.
+    /// Returns the result of the last request.
     pub fn answer(&self) -> &CoeAnswer {
         &self.answer
     }

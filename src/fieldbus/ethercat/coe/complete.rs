@@ -24,7 +24,7 @@ fn check(od: &ObjectDictionary, at: Address) -> Result<(), AbortCode> {
     }
 }
 
-/// Puts all members into `value`, which is empty and has room for `capacity` bytes. What may not be read is zero.
+/// Puts all members into `value`, which is empty and has room for `capacity` bytes. A member that may not be read is zero.
 pub(super) fn read<D: ServedDevice + ?Sized>(
     device: &mut D,
     at: Address,
@@ -57,8 +57,8 @@ pub(super) fn read<D: ServedDevice + ?Sized>(
     Ok(())
 }
 
-/// Writes all members. What may not be written is passed over. Sub-index 0 is emptied first and written last, as a master does that
-/// writes one by one.
+/// Writes all members. A member that may not be written is skipped. Sub-index 0 is cleared first and written last, in the same way as by a
+/// master that writes one by one.
 pub(super) fn write<D: ServedDevice + ?Sized>(device: &mut D, at: Address, value: &[u8]) -> Result<(), AbortCode> {
     check(device.od(), at)?;
     let start = Address::new(at.index, 0);

@@ -13,7 +13,7 @@ pub struct CoeEmergency {
     pub code: u16,
     /// Error register 1001h.
     pub register: u8,
-    /// Of the vendor.
+    /// Data of the vendor.
     pub vendor: [u8; 5],
 }
 

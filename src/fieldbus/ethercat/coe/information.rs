@@ -20,7 +20,7 @@ pub(super) mod operation {
     pub(in super::super) const ERROR: u8 = 7;
 }
 
-/// Which objects a list holds.
+/// Objects of a list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u16)]
 pub enum ListKind {
@@ -28,13 +28,13 @@ pub enum ListKind {
     Lengths = 0,
     /// All objects.
     All = 1,
-    /// What outputs can carry.
+    /// Objects that outputs can carry.
     Outputs = 2,
-    /// What inputs can carry.
+    /// Objects that inputs can carry.
     Inputs = 3,
-    /// What has to be stored for a device to be replaced.
+    /// Objects to store for the replacement of a device.
     Backup = 4,
-    /// What is set at the start.
+    /// Objects that are set at the start.
     Settings = 5,
 }
 
@@ -122,7 +122,7 @@ pub(super) fn request(buffer: &mut [u8], operation: u8, data: &[u8]) -> usize {
     Writer::new(buffer, Service::Information).put(&[operation, 0, 0, 0]).put(data).finish()
 }
 
-/// What a message of SDO information holds.
+/// Contents of a message of SDO information.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Information<'a> {
     pub(super) operation: u8,
@@ -137,7 +137,7 @@ pub(super) fn decode(message: &[u8]) -> Option<Information<'_>> {
     Some(Information { operation: operation & !INCOMPLETE, fragments_left: u16_at(message, HEADER + 2), data })
 }
 
-/// What an object is made of.
+/// Structure of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum ObjectCode {
@@ -149,7 +149,7 @@ pub enum ObjectCode {
     Record = 9,
 }
 
-/// What a device says of an object.
+/// Description of an object by its device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ObjectDescription {
     /// Index.
@@ -178,7 +178,7 @@ impl ObjectDescription {
     }
 }
 
-/// What a device says of an entry.
+/// Description of an entry by its device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EntryDescription {
     /// Where it lies.

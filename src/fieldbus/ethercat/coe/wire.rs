@@ -12,7 +12,7 @@ pub(super) const SEGMENT: usize = HEADER + 1;
 /// Data bytes that a segment has at least.
 pub(super) const LEAST_SEGMENT: usize = 7;
 
-/// What a CoE message is.
+/// Kind of a CoE message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Service {

@@ -6,12 +6,13 @@
 //!                                                                        v
 //!                                              Repeat --> Repeated --> Read
 //! ```
-//! A message whose reply is lost is written once more with its counter, by which the device knows it. An answer whose frame is lost is asked for
-//! once more by the repeat bit of sync manager 1.
+//! A message whose reply is lost is written once more with the same counter, so that the device recognises it. If the frame with an answer
+//! is lost, the master requests the answer again by the repeat bit of sync manager 1.
 //!
-//! Both repeats can bring a message twice. A device counts its messages from 1 to 7, so that the second one is known by its counter; 0 is no
-//! counter. Some devices do not count, and send the same number for ever. So a message is dropped only after a loss, if it has counter and
-//! bytes of the one before: an answer that is lost that way is asked for anew, and none is taken for the answer to another request.
+//! Both repeats can deliver a message twice. A device counts its messages from 1 to 7, so that the counter shows a repeated message; 0 is
+//! no counter. Some devices do not count, and send the same number for ever. So the client drops a message only after a loss, if it has
+//! counter and bytes of the one before. If an answer is lost that way, the client requests it anew. No message is taken for the answer to
+//! another request.
 
 use super::{Counter, HEADER, MailboxError, Protocol, SHORTEST, decode, seal};
 use crate::ethercat::coe::{CoeAnswer, CoeClient, CoeEmergency, CoeEvent, CoeRequest, ListKind};
@@ -70,7 +71,7 @@ pub struct MailboxClient {
     is_retry: bool,
     /// When a message that the device did not take is written anew.
     write_at: Option<Time>,
-    /// What the repeat bit was set to last.
+    /// Last value of the repeat bit.
     repeat: bool,
     look_at: Time,
     /// Why the device refused the last message, if it did.
@@ -102,7 +103,7 @@ impl MailboxClient {
         }
     }
 
-    /// The same of the device at a position, 0 at the master.
+    /// Creates the mailbox of the device at a position, 0 at the master.
     pub fn at_position(position: u16, timeout: Duration) -> Self {
         let commands = [Command::Aprd, Command::Apwr];
         Self { commands, ..Self::new(0u16.wrapping_sub(position), timeout) }
@@ -113,8 +114,8 @@ impl MailboxClient {
         self.start_with(to_device, from_device, Counter::FIRST);
     }
 
-    /// The same with a device that may have been asked before, by messages that begin with this counter: a device drops one whose counter is that of
-    /// the last one that it has heard.
+    /// Begins anew with a device that may have received messages before; new messages begin with this counter. A device drops a message
+    /// whose counter equals the counter of the last message that it received.
     pub fn start_with(&mut self, to_device: MailboxArea, from_device: MailboxArea, counter: Counter) {
         (self.to_device, self.from_device) = (to_device, from_device);
         self.client.give_up(ObjectError::NoAnswer);

@@ -17,7 +17,7 @@ pub const SHORTEST: usize = HEADER + 10;
 /// Longest mailbox.
 pub const LONGEST: usize = 1486;
 
-/// What a mailbox carries.
+/// Protocol of a mailbox message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Protocol {
@@ -33,7 +33,7 @@ pub enum Protocol {
     Foe = 4,
     /// Sercos over EtherCAT.
     Soe = 5,
-    /// Of the vendor.
+    /// Protocol of the vendor.
     Voe = 15,
 }
 
@@ -164,7 +164,7 @@ impl MailboxError {
     /// The length cannot be.
     pub const INVALID_SIZE: MailboxError = MailboxError(8);
 
-    /// What the number says.
+    /// Returns the meaning of the number.
     pub const fn meaning(self) -> &'static str {
         match self.0 {
             1 => "syntax of the mailbox header wrong",

@@ -69,9 +69,9 @@ pub mod coe_details {
     pub const SDO: u8 = 1 << 0;
     /// SDO information.
     pub const INFORMATION: u8 = 1 << 1;
-    /// Which process data objects are exchanged can be chosen.
+    /// The master can choose the process data objects.
     pub const PDO_ASSIGN: u8 = 1 << 2;
-    /// What they hold can be chosen.
+    /// The master can choose the contents of process data objects.
     pub const PDO_CONFIGURATION: u8 = 1 << 3;
     /// Process data objects are read at the start.
     pub const UPLOAD: u8 = 1 << 4;
@@ -88,7 +88,7 @@ pub struct MailboxArea {
     pub len: u16,
 }
 
-/// What an FMMU is for.
+/// Purpose of an FMMU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FmmuUse(pub u8);
 
@@ -168,11 +168,11 @@ pub struct Pdo {
     pub sync_manager: u8,
     /// Name.
     pub name: String,
-    /// What it holds.
+    /// Its entries.
     pub entries: Vec<PdoEntry>,
 }
 
-/// What an image says of its device.
+/// Contents of a device's SII image.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Sii {
     /// Words 0 to 3: PDI control, PDI configuration, pulse length of SYNC in 10 ns, extended PDI configuration.
@@ -193,7 +193,7 @@ pub struct Sii {
     pub send_mailbox: MailboxArea,
     /// Mailboxes to the device and from it in BOOT (words 14h to 17h).
     pub bootstrap_mailboxes: [MailboxArea; 2],
-    /// What the mailboxes carry: [`protocols`].
+    /// Protocols of the mailboxes: [`protocols`].
     pub protocols: u16,
     /// Name of the group of devices.
     pub group: String,
@@ -222,8 +222,8 @@ pub struct Sii {
 }
 
 impl Sii {
-    /// The mailboxes to the device and from it: as its sync managers have them, else as the head has them (words 18h to 1Bh); `None`
-    /// for a device without mailboxes, or whose mailboxes cannot be.
+    /// Returns the mailboxes to the device and from it. The sync managers define them, or else the head of the image (words 18h to 1Bh).
+    /// Returns `None` for a device without mailboxes, or with impossible mailboxes.
     pub fn mailbox_areas(&self) -> Option<[MailboxArea; 2]> {
         let is_possible = |area: &MailboxArea| {
             (mailbox::SHORTEST..=mailbox::LONGEST).contains(&area.len.into()) && area.start >= registers::PROCESS_DATA

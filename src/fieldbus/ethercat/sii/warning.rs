@@ -74,7 +74,7 @@ pub enum SiiWarning {
     Torn {
         /// Word at which the part begins.
         word: usize,
-        /// What it is.
+        /// Name of the part.
         what: &'static str,
         /// First word of the category.
         category: usize,
@@ -134,7 +134,7 @@ pub(super) fn uniform(bytes: &[u8]) -> Option<u8> {
 #[derive(Default)]
 pub(super) struct Flaws {
     warnings: Vec<SiiWarning>,
-    /// First word of the category of the last one that is told once.
+    /// First word of the category of the last warning that is reported once.
     told: Option<usize>,
 }
 

@@ -82,7 +82,7 @@ impl Object {
         self
     }
 
-    /// With this name, by which a device tells of the object.
+    /// Sets the name under which a device reports the object.
     pub fn named(mut self, name: &'static str) -> Self {
         self.name = name;
         self

@@ -11,7 +11,7 @@ pub use builder::{Builder, Object};
 use super::value::{Kind, load_le, mask, sign_extend};
 use super::{AbortCode, Address, DataType, DictionaryError, Scalar};
 
-/// Who may read or write an object over the bus; the device itself may always do both.
+/// Access rights of the bus to an object; the device itself may always read and write it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
     /// Read only; the device may change it.
@@ -57,7 +57,7 @@ pub(super) struct Entry {
     name: &'static str,
 }
 
-/// What a dictionary says of one of its objects.
+/// Description of one object of a dictionary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Description {
     /// Where it lies.
@@ -66,9 +66,9 @@ pub struct Description {
     pub name: &'static str,
     /// Its type.
     pub data_type: DataType,
-    /// Who may read or write it over the bus.
+    /// Access rights of the bus.
     pub access: Access,
-    /// Which process data may carry it.
+    /// Process data that may carry it.
     pub mappable: Mappable,
     /// Bytes of a basic type, or most bytes of a string.
     pub capacity: usize,
@@ -96,9 +96,9 @@ impl<T: Scalar> Handle<T> {
 pub struct ObjectDictionary {
     entries: Vec<Entry>,
     arena: Vec<u8>,
-    /// What a reset restores: the non-volatile memory.
+    /// Values that a reset restores: the non-volatile memory.
     power_on: Vec<u8>,
-    /// What the dictionary was built with.
+    /// Values with which the dictionary was built.
     factory: Vec<u8>,
 }
 
@@ -179,8 +179,11 @@ impl ObjectDictionary {
     /// Whether [`ObjectDictionary::write`] would succeed.
     ///
     /// # Errors
-    /// 06020000h no object, 06090011h no sub-index, 06010002h read-only, 06070012h too long, 06070013h too short,
-    /// 06090030h not a BOOLEAN or not a number where limits are set, 06090031h and 06090032h above or below the limits.
+    /// - 06020000h no object, 06090011h no sub-index;
+    /// - 06010002h read-only;
+    /// - 06070012h too long, 06070013h too short;
+    /// - 06090030h not a BOOLEAN or not a number where limits are set;
+    /// - 06090031h and 06090032h above or below the limits.
     pub fn check_write(&self, at: Address, data: &[u8]) -> Result<(), AbortCode> {
         let entry = self.check_size(at, data.len())?;
         match entry.data_type.bits() {
@@ -225,7 +228,7 @@ impl ObjectDictionary {
         self.find(at).ok().map(|(_, entry)| entry.data_type)
     }
 
-    /// What the dictionary says of an object.
+    /// Returns the description of an object.
     ///
     /// # Errors
     /// 06020000h no object, 06090011h no sub-index.

@@ -16,7 +16,7 @@ use crate::objects::{AbortCode, Access, Address, DeviceIdentity, Handle, Mappabl
 const MS: u64 = 1_000_000;
 const SYNC: (u16, &[u8]) = (0x080, &[]);
 
-/// Writes down what the node told it; the position follows the target at SYNC.
+/// Records the calls of the node; the position follows the target at SYNC.
 struct Recorder {
     od: ObjectDictionary,
     log: Vec<String>,

@@ -33,7 +33,7 @@ pub enum SdoOutcome {
         at: Address,
         /// Why.
         code: AbortCode,
-        /// Whether the device aborted; otherwise this client did and told the device.
+        /// Whether the device aborted; otherwise this client aborted and sent an abort to the device.
         is_by_device: bool,
     },
     /// The device did not answer in time; it was sent an abort.
@@ -60,7 +60,7 @@ enum Phase {
     BlockDownloadEnd { has_crc: bool, is_repeated: bool },
 }
 
-/// What a response leads to.
+/// Action after a response.
 enum Step {
     Ignore,
     /// A frame that brings the transfer forward without being answered each.
@@ -73,11 +73,11 @@ enum Step {
     Abort(AbortCode),
 }
 
-/// How often a request may be repeated unless told otherwise.
+/// Default number of repetitions of a request.
 const RETRIES: u8 = 2;
-/// Longest transfer unless told otherwise: 1 MiB in segments at 125 kbit/s.
+/// Default longest transfer: 1 MiB in segments at 125 kbit/s.
 const LONGEST_TRANSFER: Duration = Duration::from_secs(600);
-/// Time between two segments of a block while process data run, unless told otherwise: half of the bus at 1 Mbit/s stays free.
+/// Default time between two segments of a block while process data run: half of the bus at 1 Mbit/s stays free.
 const SEGMENT_INTERVAL: Duration = Duration::from_micros(250);
 /// Bytes reserved when a client is made; more only as data really arrive.
 const RESERVED: usize = 1024;
@@ -165,16 +165,16 @@ impl SdoClient {
         self.longest = longest;
     }
 
-    /// How many segments a device may send before an acknowledgement (1 to 127, clamped; 127 unless set), and how long
-    /// to wait between two segments of ours while process data run (250 us unless set; zero sends a whole block at once,
-    /// which holds up every other frame behind it).
+    /// Sets how many segments a device may send before an acknowledgement (1 to 127, clamped; 127 unless set). Also sets the time between
+    /// two segments of this client while process data run (250 us unless set). Zero sends a whole block at once, which holds up every other
+    /// frame behind it.
     pub fn set_block(&mut self, block_size: u8, segment_interval: Duration) {
         self.block_size = block_size.clamp(1, wire::LARGEST_BLOCK);
         self.segment_interval = segment_interval;
     }
 
-    /// Tells whether process data run, which the owner of the loop knows; unless told they do. While they do not, a block is
-    /// sent as fast as the outbox takes it ([`Outbox::offer`]). Holds for a transfer that is running too.
+    /// Sets whether process data run, which the owner of the loop knows; the default is that they run. While they do not, the client sends
+    /// a block as fast as the outbox takes it ([`Outbox::offer`]). The setting also applies to a running transfer.
     pub fn set_exchanging(&mut self, is_exchanging: bool) {
         self.is_exchanging = is_exchanging;
     }
@@ -247,7 +247,7 @@ impl SdoClient {
         Ok(())
     }
 
-    /// Takes a frame from the bus and tells when the transfer ended. Frames of others, answers for another object and
+    /// Takes a frame from the bus and returns the outcome when the transfer ended. Frames of other nodes, answers for another object and
     /// aborts of another object do nothing.
     pub fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) -> Option<SdoOutcome> {
         if frame.id() != cob::sdo_response(self.node) || frame.len() != 8 || !self.is_busy() {

@@ -1,4 +1,4 @@
-//! What each answer of a device leads to.
+//! Actions of the client after each answer of a device.
 
 use super::super::block::Taken;
 use super::super::wire::{BlockFrame, Initiate, Response};
@@ -202,7 +202,7 @@ impl SdoClient {
         }
     }
 
-    /// What to send once more in a block transfer; nothing while the device has to acknowledge a block.
+    /// Returns the frame to repeat in a block transfer; nothing while the device has to acknowledge a block.
     pub(super) fn repetition(&mut self) -> Result<Option<wire::Payload>, AbortCode> {
         Ok(match &mut self.phase {
             Phase::BlockUploadInitiate => Some(wire::block_upload_request(self.at, self.block_size, SWITCH_BELOW)),

@@ -33,7 +33,7 @@ fn reading(index: u16, sub: u8) -> SdoClient {
     client
 }
 
-/// What the client makes of one answer of node 1: its outcome and the frame it sends.
+/// Returns the client's reaction to one answer of node 1: its outcome and the frame it sends.
 fn answer(client: &mut SdoClient, bytes: [u8; 8]) -> (Option<SdoOutcome>, Option<[u8; 8]>) {
     let mut out = Vec::new();
     let outcome = client.on_frame(NOW, &Frame::new(0x581, &bytes), &mut out);
