@@ -1,10 +1,10 @@
 //! Elementary functions with the same bits on every processor and with every C library.
 //!
-//! The functions of the standard library are those of the C library or of the compiler, whose last bits depend on the
-//! processor (with or without fused multiply-add) and on the version. These are compositions of additions, products,
-//! quotients and square roots, which IEEE 754 fixes to the last bit: a recording replays elsewhere bit for bit.
-//! `clippy.toml` forbids the others everywhere in this workspace. What IEEE 754 fixes stays with the standard library:
-//! `sqrt`, `abs`, `floor`, `round`, `rem_euclid`, conversions, and printing and reading of decimals.
+//! The functions of the standard library are those of the C library or of the compiler. Their last bits depend on the processor (with or
+//! without fused multiply-add) and on the version. The functions here are compositions of additions, products, quotients and square roots,
+//! which IEEE 754 fixes to the last bit: a recording replays elsewhere bit for bit. `clippy.toml` forbids the others everywhere in this
+//! workspace. Functions that IEEE 754 fixes stay with the standard library: `sqrt`, `abs`, `floor`, `round`, `rem_euclid`, conversions, and
+//! printing and reading of decimals.
 //!
 //! Angles are in rad. Errors are below 2 units in the last place unless a function says otherwise. A NaN gives NaN.
 //!

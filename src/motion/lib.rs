@@ -3,8 +3,8 @@
 //! ```text
 //! RawSample -> sensing -> Force -> fixture -> proxy -> linkage -> JointAngles -> control -> JointCommand -> guard -> Allowed<JointCommand>
 //! ```
-//! [`cycle::Cycle::step`] is the only function that names all stages. Only [`guard`] makes an [`Allowed`](guard::Allowed), and only an `Allowed`
-//! leaves. What a cycle reaches allocates nothing, and never blocks or panics.
+//! Only [`cycle::Cycle::step`] names all stages. Only [`guard`] makes an [`Allowed`](guard::Allowed), and only an `Allowed` leaves. The
+//! code of a cycle allocates nothing, and never blocks or panics.
 //!
 //! SI units in `f64`, base frame.
 

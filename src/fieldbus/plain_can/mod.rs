@@ -3,10 +3,12 @@
 //! Six counts of 16 bits do not fit into one frame, so a sample takes two frames. The master's side is [`Client`]: it wakes the sensor,
 //! puts frames together and hands out whole samples with their age. The codec is [`Protocol`], which the simulated sensors use as well.
 //!
-//! | protocol | who begins | a sample is whole if |
-//! |---|---|---|
-//! | [`streaming`] | the sensor, by its own clock, after a start order | the second frame comes right behind the first |
-//! | [`polled`] | the master, by a request in every cycle | the second frame comes right behind the first, with the number of the sample |
+//! Two protocols are supported:
+//!
+//! - [`streaming`]: after a start order the sensor sends samples by its own clock. A sample is whole if the second frame comes right behind
+//!   the first.
+//! - [`polled`]: the master requests a sample in every cycle. A sample is whole under the same condition; its second frame has the number
+//!   of the sample.
 
 mod client;
 mod pair;

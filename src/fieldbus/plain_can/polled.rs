@@ -7,7 +7,7 @@
 //! base + 5   Fx   Tx   Fy       Ty
 //! base + 6   Fz   Tz   status   sample number
 //! ```
-//! Each value has 16 bits. The order of their bytes, the bits of the status and the scale of the counts were not found: the first two are
+//! Each value has 16 bits. No document gave the order of their bytes, the bits of the status or the scale of the counts. The first two are
 //! in [`Format`], the last is in the calibration.
 
 use super::{Order, Status, Telling};

@@ -1,8 +1,8 @@
 //! A force sensor that streams its samples, in the manner of the Robotous RFT series.
 //!
 //! # Source
-//! Public manual pages and drivers of the RFT40, RFT60, RFT64 and RFT80: orders 0Bh (start), 0Ch (stop) and 11h (bias) in
-//! the first byte of the command frame; a sample as 16 bytes over two frames, big-endian, with Tx across both of them:
+//! Public manual pages and drivers of the RFT40, RFT60, RFT64 and RFT80. The first byte of the command frame is an order: 0Bh (start), 0Ch
+//! (stop) or 11h (bias). A sample has 16 bytes over two frames, big-endian, with Tx across both of them:
 //!
 //! ```text
 //! first    0Bh     Fx    Fx    Fy    Fy    Fz    Fz    Tx high

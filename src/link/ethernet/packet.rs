@@ -42,7 +42,8 @@ impl PacketSocket {
     /// Opens a socket without a role, so that another process may hold the role. It suits a process that sends nothing, and a process that
     /// sends in place of the one that has the role.
     ///
-    /// # Errors The fault of the interface, and the next step to try.
+    /// # Errors
+    /// The fault of the interface, and the next step to try.
     pub fn listening(interface: &str) -> Result<Self, EthernetError> {
         Self::opened(interface, None)
     }

@@ -1,4 +1,4 @@
-//! What all laws of one axis share: gains, the range of the effort, the step and the choice of a law.
+//! Common parts of all laws of one axis: gains, the range of the effort, the step and the choice of a law.
 
 use super::error::{ControlError, not_negative, positive};
 use super::{Pid, Psmc};
@@ -30,14 +30,14 @@ impl Gains {
 }
 
 impl Gains {
-    /// The integral of an axis that cannot move after one period of `period_s`, from `integral` before it and the `error` at
-    /// which the effort is at its limit: it goes to `-error B/K` within the integral time `K/L`. Rad s or m s.
+    /// Returns the integral of an axis that cannot move, after one period of `period_s`, in rad s or m s. The inputs are the `integral`
+    /// before the period and the `error` at which the effort is at its limit. The integral goes to `-error B/K` within the integral time
+    /// `K/L`.
     ///
-    /// An axis that is let go, and has no friction, rests again where its effort is zero: at the desired position with an
-    /// integral of zero. On the way there the error thus integrates to what the integral lacked when it was let go. If that
-    /// was nothing, the axis has to pass the desired position, by as much area as it had to come. With `-error B/K` the area
-    /// is that of an approach under spring and damping alone, which does not pass. At most half of the spring is given up
-    /// for it: `B/K` counts up to `K/(2 L)`.
+    /// A released axis without friction comes to rest where its effort is zero: at the desired position with an integral of zero. On the
+    /// way there, the error thus integrates to the amount that the integral lacked at the release. If that amount was zero, the axis has to
+    /// pass the desired position, by as much area as on its approach. With `-error B/K` the area is that of an approach under spring and
+    /// damping alone, which does not pass. At most half of the spring is given up for it: `B/K` counts up to `K/(2 L)`.
     ///
     /// Real-time: yes.
     #[inline]
@@ -109,12 +109,12 @@ impl EffortRange {
     }
 }
 
-/// What a law commands in one cycle.
+/// Command of a law in one cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisStep {
     /// The effort, N m or N: finite and within the range.
     pub effort: f64,
-    /// What the law would have commanded without a range.
+    /// Effort of the law without a range.
     pub wanted: f64,
     /// Whether the range clamped it.
     pub saturated: bool,
@@ -128,11 +128,10 @@ impl AxisStep {
 
 /// A sampled law that turns the error of one axis into an effort.
 pub trait AxisController {
-    /// One period: `error` is desired minus measured, rad or m. Rates of the error are taken inside, by backward
-    /// difference.
+    /// Computes one period: `error` is desired minus measured, rad or m. The law takes rates of the error itself, by backward difference.
     ///
-    /// An error that is not finite gives [`AxisStep::valid`] false, effort zero and no change of the integral; the next
-    /// usable error starts without a difference, so that the gap makes no kick.
+    /// An error that is not finite gives [`AxisStep::valid`] false, effort zero and no change of the integral. The next usable error starts
+    /// without a difference, so that the gap makes no kick.
     ///
     /// Real-time: yes.
     fn step(&mut self, error: f64, range: EffortRange) -> AxisStep;
@@ -142,9 +141,8 @@ pub trait AxisController {
     /// Real-time: yes.
     fn reset(&mut self, error: f64);
 
-    /// Takes the error of the last step to have been `error`, because the desired position was drawn back after it, and
-    /// has the integral go to `-error B/K` within the integral time `K/L`: an axis that is let go then comes to rest at the
-    /// desired position and does not pass it.
+    /// Replaces the error of the last step by `error`, because the desired position was drawn back after it. The integral then goes to
+    /// `-error B/K` within the integral time `K/L`: a released axis comes to rest at the desired position and does not pass it.
     ///
     /// Real-time: yes.
     fn draw_back(&mut self, error: f64);
@@ -153,7 +151,7 @@ pub trait AxisController {
     fn step_stiffness(&self) -> f64;
 }
 
-/// Which law a rig uses.
+/// Control law of a rig.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Law {
     /// Proxy-based sliding mode control.

@@ -5,31 +5,39 @@
 //! tool ---> sensor ---> low pass, hold ---> M r'' + b r' = h ---> position servo ---> arm with hand ---> tool
 //! ```
 //! # The loop, lifted to one common period
-//! At a fixed pose everything between two events is linear and known in closed form, so the loop is followed event by
-//! event, with no approximation of a delay or a hold. In one cycle of length `T`, counted from SYNC:
+//! At a fixed pose the motion between two events is linear and known in closed form. The module follows the loop event by event, with no
+//! approximation of a delay or a hold. In one cycle of length `T`, counted from SYNC:
 //!
-//! 1. *Felt.* The sensor takes the force of the hand less that of the handle, `-(K_h y + B_h y' + (m_h + m_H) y'')` at the tool, at
-//!    moments of its own clock. A sensor that SYNC clocks feels it at SYNC, before the new effort acts.
-//! 2. *SYNC.* Encoders are read. What the cycle before computed is applied: an effort, or the target of a line.
-//! 3. *Computed.* If the newest sample that has come is new, it gets the force that the reference's acceleration asks of the handle,
-//!    `m_H (r1 - 2 r2 + r3)/T^2`, and that of a [`Compensation`] by the encoders, and passes the low pass. The fixture steps,
-//!    `M (r - 2 r1 + r2)/T^2 + b (r - r1)/T = h`, and a servo of the host turns `r` and the encoders of this SYNC into efforts.
-//! 4. *In the drive*, if the loop closes there: at SYNC and every period of its own from there on, the servo samples angle and
-//!    rate, compares them with the line from the last target to the present one, and holds a torque.
-//! 5. *Between all these* arm and hand move by `exp(A t)` under a held effort. With elastic gears motors and links do.
+//! 1. *Sensor.* The sensor takes the force of the hand less that of the handle, `-(K_h y + B_h y' + (m_h + m_H) y'')` at the tool, at
+//!    moments of its own clock. A sensor that SYNC clocks takes the sample at SYNC, before the new effort acts.
+//! 3. *Computation.* If the newest sample that has come is new, two forces are added. The first is the force that the reference's
+//!    acceleration needs for the handle, `m_H (r1 - 2 r2 + r3)/T^2`. The second is the force of a [`Compensation`] by the encoders. The sum
+//!    passes the low pass. The fixture steps, `M (r - 2 r1 + r2)/T^2 + b (r - r1)/T = h`. A servo of the host turns `r` and the encoders of
+//!    this SYNC into efforts.
+//!    steps, `M (r - 2 r1 + r2)/T^2 + b (r - r1)/T = h`. A servo of the host turns `r` and the encoders of this SYNC into efforts.
+//! 4. *Drive*, if the loop closes there. At SYNC, and then every period of its own, the servo samples angle and rate. It compares them with
+//!    the line from the last target to the present one, and holds a torque.
+//! 5. *Motion.* Between all these events, arm and hand move by `exp(A t)` under a held effort. With elastic gears motors and links do.
 //!
-//! The state at SYNC is: position and rate of the arm, and of its links behind elastic gears, the effort that acts, the three last references, the force that the
-//! fixture holds, samples that are on their way, and the servo's own (last error, sum of errors, efforts on their way; or integral and
-//! line). With a sensor at `N T = m T_s` the state after `N` cycles is a matrix times the state before, and the loop is stable
-//! if no eigenvalue of that matrix lies on or outside the unit circle. A sensor with its own clock drifts through all phases,
-//! so it is looked at right behind SYNC, where a sample has just missed its cycle, and at phases between.
+//! The state at SYNC has these parts:
 //!
-//! A servo that follows the rate alone does not mind where the reference is: its references are counted from the last one, which takes
-//! their common place, an eigenvalue of one, out of the state.
+//! - position and rate of the arm, and of its links behind elastic gears,
+//! - the effort that acts,
+//! - the three last references,
+//! - the force that the fixture holds,
+//! - samples that are on their way,
+//! - the servo's own state (last error, sum of errors, efforts on their way; or integral and line).
 //!
-//! # Which masses
-//! Light masses swing, since servo and delay turn the hand's spring against the motion. Very heavy ones drift if the loop lags
-//! by more than `B_h/K_h` ([`lag_s`]). What is stable lies between, from a least mass to a greatest one.
+//! With a sensor at `N T = m T_s` the state after `N` cycles is a matrix times the state before. The loop is stable if no eigenvalue of
+//! that matrix lies on or outside the unit circle. A sensor with its own clock drifts through all phases. Its loop is checked right behind
+//! SYNC, where a sample has just missed its cycle, and at phases between.
+//!
+//! A servo that follows only the rate does not depend on the position of the reference. Its references are counted from the last one. This
+//! removes their common position, an eigenvalue of one, from the state.
+//!
+//! # Stable masses
+//! Light masses swing, since servo and delay turn the hand's spring against the motion. Very heavy masses drift if the loop lags by more
+//! than `B_h/K_h` ([`lag_s`]). The stable masses lie between a least and a greatest one.
 
 mod admittance;
 mod exponential;
@@ -55,9 +63,9 @@ pub struct Pose {
     pub viscous: Matrix2<f64>,
     /// Tool velocity per rate: m/rad, or the identity.
     pub jacobian: Matrix2<f64>,
-    /// Inertia feed-forward: effort per acceleration of the set-point, as `mass`; zero for none. Of a servo of the host alone.
+    /// Inertia feed-forward: effort per acceleration of the set-point, as `mass`; zero for none. Only for a servo of the host.
     pub forward_mass: Matrix2<f64>,
-    /// Viscous feed-forward: effort per rate of the set-point, as `viscous`; zero for none. Of a servo of the host alone.
+    /// Viscous feed-forward: effort per rate of the set-point, as `viscous`; zero for none. Only for a servo of the host.
     pub forward_viscous: Matrix2<f64>,
     /// Elastic gears; `None` for rigid joints.
     pub gears: Option<Gears>,
@@ -74,8 +82,8 @@ pub struct Gears {
     pub damping: Matrix2<f64>,
 }
 
-/// Who holds the tool: a mass at the tool, beyond the force sensor, with a spring and a damper to a point at rest, the same
-/// in all directions.
+/// Grip that holds the tool: a mass at the tool, beyond the force sensor, with a spring and a damper to a point at rest, the same in all
+/// directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grip {
     /// `K_h` in N/m, positive.
@@ -96,8 +104,8 @@ pub enum Follower {
         /// Cycles from SYNC to the change of effort that its encoders lead to, 0 to [`Follower::MOST_DELAY`], not only whole numbers.
         delay_cycles: f64,
     },
-    /// In the drives, along the line from the last target to the present one: a target that a cycle computes is aimed at from
-    /// the next SYNC on and reached at the one after.
+    /// The loop closes in the drives, along the line from the last target to the present one. The drives aim at a target from the SYNC
+    /// after its computation on, and reach it at the SYNC after that.
     Drive {
         /// Gains of the loop, with the true rates of line and joint.
         gains: Gains,
@@ -146,11 +154,11 @@ impl Follower {
 pub struct Sampling {
     /// Time from one sample to the next in s, positive.
     pub interval_s: f64,
-    /// How old the sample may be at SYNC that the cycle uses, in s. The newest sample is less than `interval_s` younger than
-    /// that; negative where it is felt after SYNC and comes in time all the same.
+    /// Greatest age in s at SYNC of the sample that the cycle uses. The newest sample is less than `interval_s` younger than that. The age
+    /// is negative if the sensor takes the sample after SYNC and it still comes in time.
     pub oldest_s: f64,
-    /// Phases of the sensor's clock that are to be looked at: one right behind SYNC first, last the one whose sample is as old as
-    /// it may be, which is the only one if SYNC is the clock.
+    /// Phases of the sensor's clock to check. The first phase is right behind SYNC; the sample of the last phase is as old as it may be. If
+    /// SYNC is the clock, only the last phase is checked.
     pub phases: u32,
 }
 
@@ -228,14 +236,14 @@ impl Outer {
     }
 }
 
-/// Lag of the loop in slow motion in s: the tool comes that much later than a mass would. Above `B_h/K_h` the greatest masses
+/// Returns the lag of the loop in slow motion in s: the tool comes that much later than a mass would. Above `B_h/K_h` the greatest masses
 /// drift; zero or less leaves the hand its own damping.
 ///
-/// The mean age of the force, its low pass and the way to the end of the line, less one cycle, since the fixture steps with the
-/// force of the same step. Without an integral the viscous friction of the joints adds a drag. With one it adds none, but
-/// the servo gives way to the hand by `1/L` of the hand's force times the time, so that a hand lags the more the stiffer it is:
-/// by `K_h/L` with `L` at the tool, in its softest direction. A servo that follows a rate has a second integral, of the position error that
-/// the cycle sees: with an integral of its own it adds nothing, and without one `K_h/(K k)`.
+/// The lag is the mean age of the force, plus its low pass and the way to the end of the line. One cycle is subtracted, since the fixture
+/// steps with the force of the same step. Without an integral the viscous friction of the joints adds a drag. With an integral the friction
+/// adds none, but the servo gives way to the hand by `1/L` of the hand's force times the time. A hand then lags the more the stiffer it is:
+/// by `K_h/L` with `L` at the tool, in its softest direction. A servo that follows a rate has a second integral, over the position error
+/// that the cycle sees. With an integral of its own it adds nothing, and without one `K_h/(K k)`.
 ///
 /// # Errors
 /// [`ControlError::OutOfRange`] for what is not finite or outside its range.

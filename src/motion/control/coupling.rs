@@ -26,9 +26,8 @@ pub fn damping_needed_n_s_per_m(stiffness_n_per_m: f64, period_s: f64, delay_cyc
     stiffness_n_per_m * period_s * (0.5 + delay_cycles)
 }
 
-/// The greatest virtual stiffness in N/m with which the coupling of `servo`, whose own stiffness is not looked at, is
-/// stable with a factor of `reserve >= 1` to spare on a free device of `mass_kg` with `viscous_n_s_per_m`. `None` if none
-/// is.
+/// Returns the greatest virtual stiffness in N/m of a stable coupling on a free device of `mass_kg` with `viscous_n_s_per_m`. The coupling
+/// is that of `servo`, whose own stiffness is ignored, and keeps a factor of `reserve >= 1`. Returns `None` if no stiffness is stable.
 ///
 /// # Errors
 /// [`ControlError::OutOfRange`] for a number that is not finite or out of its range.

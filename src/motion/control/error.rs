@@ -1,4 +1,4 @@
-//! What a controller, a feed-forward or a margin cannot be built from.
+//! Errors of a controller, a feed-forward or a margin that cannot be built.
 
 /// A parameter that gives no usable controller or margin.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -7,11 +7,11 @@ pub enum ControlError {
     /// A parameter is NaN, infinite or outside its range.
     #[error("{name} is {value}; it must be {requirement}")]
     OutOfRange {
-        /// What the parameter is called.
+        /// Name of the parameter.
         name: &'static str,
-        /// What it is.
+        /// Its value.
         value: f64,
-        /// What it must be, in words.
+        /// Its allowed values, in words.
         requirement: &'static str,
     },
     /// A mass matrix that is not symmetric and positive definite.

@@ -61,11 +61,12 @@ pub struct FeedForwardStep {
 /// desired angle's change of this period and `delta` the transition. Full value is reached after `delta` of travel, a
 /// reversal takes `2 delta`, and at rest `s` stays as it is.
 ///
-/// Why not a function of the desired rate: a proxy rests for long, to the last bit or nearly so, and then starts
-/// slowly. The sign of a rate then follows rounding and jumps by `2 tau_c`; saturating the rate at a small value that
-/// does not chatter drops the term exactly while the joint sticks, so the servo's error has to break it loose. Travel
-/// needs no threshold between the two. A single joint of 0.35 kg m^2 with 10 N m friction, `K/B/L = 6000/70/30000`, one
-/// cycle of delay, largest error in mrad and summed change of the term in N m/s:
+/// The term is not a function of the desired rate, because a proxy rests for long, to the last bit or nearly so, and then starts slowly.
+/// The sign of a rate then follows rounding and jumps by `2 tau_c`. A saturated rate with a threshold high enough not to chatter drops the
+/// term exactly while the joint sticks, so the servo's error has to break it loose. Travel needs no threshold between the two.
+///
+/// The joint of the table has 0.35 kg m^2, 10 N m friction, `K/B/L = 6000/70/30000` and one cycle of delay. Each cell has the largest error
+/// in mrad and the summed change of the term in N m/s:
 ///
 /// | desired motion | none | rate, 2 mrad/s | rate, 10 mrad/s | travel, 50 urad |
 /// |---|---|---|---|---|

@@ -21,8 +21,8 @@ pub const MAX_DELAY_CYCLES: f64 = 16.0;
 
 /// Points of the frequency grid on which crossovers are looked for, evenly in the logarithm.
 const GRID_POINTS: usize = 6000;
-/// Lowest frequency of the grid over the highest, the Nyquist frequency. What crosses below, at less than 0.1 mHz for
-/// 1 kHz, is not a servo.
+/// Lowest frequency of the grid over the highest, the Nyquist frequency. A loop that crosses below, at less than 0.1 mHz for 1 kHz, is not
+/// a servo.
 const GRID_SPAN: f64 = 1e-7;
 /// Halvings of a grid interval when a crossover is refined: to the last bit of a `f64`.
 const BISECTIONS: usize = 60;
@@ -59,11 +59,11 @@ pub struct Margins {
     pub stable: bool,
 }
 
-/// Margins of one joint, or of one direction of the base frame: the exact discrete loop of the controller, the delay
+/// Returns the margins of one joint, or of one direction of the base frame. The loop is the exact discrete one of the controller, the delay
 /// and the zero-order hold before `1/(J s^2 + b s)`.
 ///
-/// `inertia` is `J > 0`, kg m^2 or kg; `viscous` is `b >= 0`, N m s/rad or N s/m. Coulomb friction is left out: it hides
-/// a poor margin in time simulations and does not mend it. `viscous` zero is the worse case as a rule.
+/// `inertia` is `J > 0`, kg m^2 or kg; `viscous` is `b >= 0`, N m s/rad or N s/m. Coulomb friction is left out: it hides a poor margin in
+/// time simulations and does not improve it. `viscous` zero is the worse case as a rule.
 ///
 /// # Errors
 /// [`ControlError::OutOfRange`] for gains, times, inertia or friction that are not finite or outside their ranges.
@@ -88,7 +88,7 @@ pub fn open_loop(
     Ok(OpenLoop::new(servo, inertia, viscous)?.response_at(turn.min(PI)))
 }
 
-/// What the controller of a loop answers to an error at a frequency in Hz, as [`open_loop`]: torque per angle, N m/rad or N/m.
+/// Returns the response of a loop's controller to an error at a frequency in Hz, as [`open_loop`]: torque per angle, N m/rad or N/m.
 ///
 /// # Errors
 /// As [`margins`].
@@ -154,7 +154,7 @@ static GRID: LazyLock<Vec<f64>> = LazyLock::new(|| {
     (0..=GRID_POINTS).map(at).collect()
 });
 
-/// What a loop has at one frequency whatever its plant.
+/// Terms of a loop at one frequency that do not depend on the plant.
 struct Frequency {
     /// `theta`, from above 0 to pi.
     theta: f64,
@@ -163,7 +163,7 @@ struct Frequency {
     /// `exp(-i theta)`.
     earlier: Complex<f64>,
     controller: Complex<f64>,
-    /// Of the whole cycles of delay.
+    /// Response of the whole cycles of delay.
     delay: Complex<f64>,
 }
 
@@ -180,7 +180,7 @@ impl Frequency {
         }
     }
 
-    /// Those among which crossovers are looked for, the lowest first.
+    /// Returns the frequencies of the search for crossovers, the lowest first.
     fn grid(servo: &ServoLoop) -> Vec<Self> {
         GRID.iter().map(|&theta| Self::of(servo, theta)).collect()
     }

@@ -17,7 +17,7 @@ pub struct Pid {
     period_s: f64,
     /// `I`, rad s or m s.
     integral: f64,
-    /// What the last step added to it.
+    /// Change of the integral in the last step.
     increment: f64,
     previous_error: Option<f64>,
 }

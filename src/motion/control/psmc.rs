@@ -3,10 +3,9 @@
 use super::error::{ControlError, not_negative, positive};
 use super::{AxisController, AxisStep, EffortRange, Gains};
 
-/// Proxy-based sliding mode control (PSMC) of one axis: a PID coupling pulls the axis towards an inner proxy `q`, and
-/// the proxy slides to the desired position along a line with time constant `H`, driven by a force of at most the
-/// range. Unsaturated it is the PID of the same gains; after saturation it comes back without overshoot and without a
-/// wound-up integral.
+/// Proxy-based sliding mode control (PSMC) of one axis. A PID coupling pulls the axis towards an inner proxy `q`. The proxy slides to the
+/// desired position along a line with time constant `H`, driven by a force of at most the range. Unsaturated, it is the PID of the same
+/// gains; after saturation it comes back without overshoot and without a wound-up integral.
 ///
 /// Continuous law, `p` measured, `p_d` desired, `f` effort, `F` limit:
 /// ```text

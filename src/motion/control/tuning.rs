@@ -15,7 +15,7 @@ pub struct Tuned {
     pub gains: Gains,
     /// Their bandwidth as a multiple of that of the shape that they were made from.
     pub bandwidth: f64,
-    /// What they leave, the worst over all inertias.
+    /// Their margins, the worst over all inertias.
     pub margins: Margins,
 }
 
@@ -29,8 +29,8 @@ pub fn at_bandwidth(shape: Gains, factor: f64) -> Gains {
     }
 }
 
-/// The gains of the greatest bandwidth that leave what is wanted over all `inertias` (kg m^2 or kg) without viscous friction;
-/// `None` if no bandwidth does from a hundredth to a hundred times that of `shape`. Margins shrink as the bandwidth grows.
+/// Returns the gains of the greatest bandwidth that keep the wanted margins over all `inertias` (kg m^2 or kg) without viscous friction.
+/// Returns `None` if no bandwidth from a hundredth to a hundred times that of `shape` does. Margins shrink as the bandwidth grows.
 ///
 /// `period_s` and `delay_cycles` are those of a [`ServoLoop`].
 pub fn stiffest(

@@ -26,7 +26,7 @@ pub use lead::LeadLimits;
 pub use reference::Reference;
 pub use servo::{Deviation, Servo, TorqueServo, TorqueServoParameters, TorqueStep};
 
-/// What one drive reported in this cycle.
+/// Report of one drive in this cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DriveSample {
     /// Angle of the proximal link in rad; `None` if no process data arrived.
@@ -41,7 +41,7 @@ pub struct DriveSample {
     pub has_warning: bool,
 }
 
-/// What happened on the bus since the last cycle, and at which devices.
+/// Events on the bus since the last cycle, with their devices.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LinkEvents {
     /// A process data frame had the wrong length.
@@ -70,7 +70,7 @@ pub struct LinkEvents {
     pub bus_off: DeviceSet,
     /// The interfaces over which own frames could not be sent, or that are down.
     pub send_failed: DeviceSet,
-    /// The drives that did not take what they were sent in the cycle before. Of CAN nobody knows.
+    /// The drives that did not take the outputs of the cycle before. CAN does not report this.
     pub outputs_missed: DeviceSet,
     /// The devices of a segment that left OP.
     pub device_state: DeviceSet,
@@ -83,7 +83,7 @@ pub struct LinkEvents {
 impl std::ops::BitOr for LinkEvents {
     type Output = Self;
 
-    /// What happened on the one or on the other network.
+    /// Returns the events of both networks.
     fn bitor(self, other: Self) -> Self {
         Self {
             bad_length: self.bad_length | other.bad_length,
@@ -129,24 +129,24 @@ pub struct Inputs {
     pub drives: [DriveSample; 2],
     /// A new force sample, if one arrived.
     pub sample: Option<RawSample>,
-    /// What happened on the bus.
+    /// Events on the bus.
     pub link: LinkEvents,
-    /// When this cycle runs.
+    /// Timing of this cycle.
     pub timing: Timing,
-    /// What the person asks for.
+    /// Request of the person.
     pub request: Request,
 }
 
 /// Everything that leaves one cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outputs {
-    /// What the joints shall do.
+    /// Command to the joints.
     pub command: Allowed<JointCommand>,
-    /// What the supervisor decided.
+    /// Decision of the supervisor.
     pub directive: Directive,
     /// Whether brakes that the master holds are released; of a drive that is in Operation Enabled alone.
     pub releases_brakes: bool,
-    /// What the stages computed on the way, for the record.
+    /// Intermediate results of the stages, for the record.
     pub signals: Signals,
 }
 
@@ -179,7 +179,7 @@ pub struct Signals {
     pub is_saturated: bool,
 }
 
-/// What the cycle needs to know besides its stages.
+/// Settings of the cycle besides its stages.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// Cycle time in s, positive.
@@ -224,7 +224,7 @@ pub struct Cycle {
     /// Distance of `posture` from the nearest singularity in m; not a number without a posture.
     clearance_m: f64,
     missed: [u16; 2],
-    /// Which drives reported Operation Enabled in the last cycle.
+    /// Whether each drive reported Operation Enabled in the last cycle.
     were_enabled: [bool; 2],
     track: Track,
     halt: Option<StopRamp>,
@@ -307,25 +307,25 @@ impl Cycle {
         (self.brought_j, self.chatter, self.balance) = Default::default();
     }
 
-    /// Has the joints be led from now on, in place of the fixture: no force moves the reference. `None` gives it back to the fixture. To be
-    /// called while the rig idles; while it has a reference nothing changes. When it comes to run its joints rest where they are, until
-    /// [`Cycle::lead_to`]. A fault that would stop the rig along a ramp takes its torque off.
+    /// Guides the joints from now on, in place of the fixture: no force moves the reference. `None` returns the reference to the fixture.
+    /// Call this while the rig idles; while it has a reference nothing changes. When the rig starts to run, its joints rest where they are,
+    /// until [`Cycle::lead_to`]. A fault that would stop the rig along a ramp takes its torque off.
     pub fn lead(&mut self, limits: Option<LeadLimits>) {
         if self.track.now().is_none() {
             (self.lead, self.blocked) = (limits.map(Lead::new), DeviceSet::default());
         }
     }
 
-    /// Has the drives move the joints by themselves from now on: there is no reference, and the command is the one that moves nothing.
-    /// Whatever would hold or stop the rig is a quick stop of both drives. To be called while the rig idles.
+    /// Lets the drives move the joints by themselves from now on: there is no reference, and the command is the one that moves nothing. Any
+    /// fault that would hold or stop the rig is a quick stop of both drives. Call this while the rig idles.
     pub fn home(&mut self, homes: bool) {
         if self.track.now().is_none() {
             (self.homes, self.blocked) = (homes, DeviceSet::default());
         }
     }
 
-    /// Takes the torque off joints of which this one, 0 the left one, is pushed and does not move while it is led, or while its drive moves
-    /// it by itself: a following error. A ramp by an encoder that stands still would go on pushing.
+    /// Takes the torque off the joints, because one of them, 0 the left one, is pushed and does not move: a following error. The joint is
+    /// guided, or its drive moves it by itself. A ramp by an encoder that stands still would go on pushing.
     ///
     /// Real-time: yes.
     pub fn report_blocked(&mut self, joint: usize) {
@@ -368,9 +368,9 @@ impl Cycle {
         }
     }
 
-    /// How much of the way of the joints to `targets` is free, 0 to 1: from where they were measured last, both at the same pace, looked at
-    /// every 5 mrad. Free is what keeps 1 mm from the margin, where the reference is not braked, or the clearance that there is at the
-    /// begin. 0 if no posture was measured.
+    /// Returns the free share of the joints' way to `targets`, 0 to 1. The way begins at the last measured angles, and both joints move at
+    /// the same pace; the function checks it every 5 mrad. A posture is free if it keeps 1 mm from the margin, where the reference is not
+    /// braked, or the clearance of the start. Returns 0 if no posture was measured.
     pub fn free_share(&self, targets: JointAngles) -> f64 {
         const STEP_RAD: f64 = 5e-3;
         const MOST_STEPS: f64 = 2000.0;
@@ -426,7 +426,7 @@ impl Cycle {
         Outputs { command, directive, releases_brakes, signals }
     }
 
-    /// What leaves before the first cycle: nothing moves.
+    /// Returns the outputs before the first cycle: nothing moves.
     pub fn idle(&self) -> Outputs {
         let command = Allowed::rest(&self.servo.rest(), JointAngles::default());
         Outputs { command, directive: Directive::IDLE, releases_brakes: false, signals: Signals::default() }
@@ -442,7 +442,7 @@ impl Cycle {
         self.supervisor.cause()
     }
 
-    /// What was seen of every fault, for reports.
+    /// Returns the observations of every fault, for reports.
     pub fn faults(&self) -> &FaultCounts {
         &self.faults
     }
@@ -506,8 +506,9 @@ impl Cycle {
         })
     }
 
-    /// What a fault asks for. Of joints that are led nobody knows yet that their encoders count the way their motors turn, and a ramp of a loop
-    /// that is closed the wrong way drives them on: they are without torque at once. They are slow.
+    /// Returns the reaction to a fault. The encoders of guided joints may count against the direction of their motors, since no check has
+    /// shown it yet. A ramp of a loop that is closed the wrong way drives them on, so guided joints lose their torque at once. They are
+    /// slow.
     fn led_reaction(&self, fault: Fault, reaction: Reaction) -> Reaction {
         match reaction {
             // The ramps of drives that home are their own, and none where the encoder may stand still.

@@ -1,4 +1,4 @@
-//! What the cycle watches: it fills the fault counts.
+//! Fault detection of the cycle: it fills the fault counts.
 
 use super::watch::Chatter;
 use super::{Cycle, DriveSample, Inputs, LinkEvents, Timing};
@@ -23,7 +23,7 @@ const LATE_SHARE: f64 = 0.5;
 /// Grid points without a cycle from which no cycle ran for more than three periods.
 const STALLED_AFTER_SKIPPED: u32 = 3;
 
-/// What is known of a joint in a cycle.
+/// State of a joint in a cycle.
 struct MeasuredJoint {
     angle_rad: f64,
     rate_rad_per_s: f64,
@@ -58,7 +58,7 @@ impl Cycle {
         self.faults.observe(Fault::Posture, is_known && self.posture.is_none());
     }
 
-    /// What is known of a joint, 0 the left one, in this cycle.
+    /// Returns the state of a joint, 0 the left one, in this cycle.
     fn measured_joint(&self, joint: usize, drive: &DriveSample, timing: &Timing) -> MeasuredJoint {
         let period = self.settings.period_s;
         let [left, right] = self.missed;
@@ -106,7 +106,7 @@ impl Cycle {
         self.observe_timing(&inputs.timing);
     }
 
-    /// What a sample shows is counted by the sample; only a new one says whether it goes on.
+    /// Observes the sensor. A fault in a sample is counted once for each sample; only a new sample shows whether it goes on.
     fn observe_sensing(&mut self, reading: &Reading) {
         let is_resting = matches!(self.supervisor.state(), State::Idle | State::Enabling);
         self.sensing.set_resting(is_resting);
@@ -192,7 +192,7 @@ impl Cycle {
         self.faults.observe_on(Fault::ForceImplausible, DeviceSet::SENSOR.only_if(is_implausible));
     }
 
-    /// What the rig does to the hand: only while the fixture moves the reference, from the beginning each time.
+    /// Observes the effect of the rig on the hand: only while the fixture moves the reference, from the beginning each time.
     fn observe_motion(&mut self, reading: &Reading) {
         let period = self.settings.period_s;
         let is_running = self.supervisor.state() == State::Running;

@@ -9,8 +9,8 @@ use crate::linkage::{Closure, Posture};
 use crate::quantity::{JointAngles, JointRates, TipDisplacement, TipPoint, TipVelocity};
 use crate::sensing::Reading;
 
-/// Beside twice the way that braking takes, how far from the margin the edge is looked at, m: the arm is not quite where
-/// its reference is, and a clearance may change faster than the tool moves.
+/// Reserve in m beyond twice the braking distance: within both of the margin, the clearance is checked. The arm is not quite where its
+/// reference is, and a clearance may change faster than the tool moves.
 const BRAKING_RESERVE_M: f64 = 0.01;
 /// Steps towards the point at which the clearance is as it may be.
 const BRAKING_STEPS: u32 = 3;
@@ -94,12 +94,12 @@ impl Track {
         self.slots[usize::from(!self.is_second)].as_ref()
     }
 
-    /// Has this one come next.
+    /// Sets the next reference.
     fn begin(&mut self, next: Reference) {
         self.slots[usize::from(!self.is_second)] = Some(next);
     }
 
-    /// Has the reference come next that the present one is within `period_s` when it moves there. Nothing without a present one.
+    /// Sets the next reference: the present one after it moved to this point within `period_s`. Does nothing without a present one.
     #[inline]
     fn lead_on(&mut self, point: TipPoint, closure: Closure, period_s: f64) {
         let [first, second] = &mut self.slots;
@@ -260,8 +260,8 @@ impl Cycle {
         Ok(if is_led { point } else { TipPoint(self.fixture.lead_to(&point.0)) })
     }
 
-    /// The linkage with its tool at `candidate` and angles near these, or `None` if the linkage cannot go there, or if the arm is within
-    /// the margin and `candidate` leads further in.
+    /// Returns the linkage with its tool at `candidate` and angles near these. Returns `None` if the linkage cannot go there, or if the arm
+    /// is within the margin and `candidate` is further in.
     fn admit(&self, candidate: TipPoint, near: JointAngles) -> Option<Closure> {
         let closure = self.linkage.close_near(candidate, near).ok()?;
         if self.clearance_m >= self.settings.singularity_margin_m {
@@ -273,9 +273,9 @@ impl Cycle {
         (clearance(&closure) >= least).then_some(closure)
     }
 
-    /// `candidate`, brought back so far that the reference can still come to rest at the margin within the deceleration of
-    /// a stop: its clearance may fall by `sqrt(2 a (clearance - margin))` in a second. Only the motion across the edge is
-    /// brought back; along it and away from it the reference goes on. `None` if no such point is found.
+    /// Returns `candidate`, brought back so far that the reference can still come to rest at the margin within the deceleration of a stop.
+    /// Its clearance may fall by `sqrt(2 a (clearance - margin))` in a second. Only the motion across the edge is brought back; along it
+    /// and away from it the reference goes on. Returns `None` if no such point is found.
     ///
     /// Far from the edge nothing is computed.
     fn brake(&self, candidate: TipPoint, last: &Last) -> Option<TipPoint> {

@@ -23,7 +23,7 @@ pub enum Servo {
     Torque(Box<TorqueServo>),
 }
 
-/// What a servo in torque mode is made of.
+/// Parameters of a servo in torque mode.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TorqueServoParameters {
     /// PID or PSMC.
@@ -51,7 +51,7 @@ pub struct TorqueServo {
     pub is_cartesian: bool,
     /// Greatest effort of a controller: torque per joint in N m, or force per direction in N.
     pub effort_limit: [f64; 2],
-    /// The same as it was made.
+    /// Initial value of `effort_limit`.
     own_effort_limit: [f64; 2],
     /// Friction and inertia feed-forward.
     pub feed_forward: FeedForward,
@@ -134,7 +134,7 @@ impl Effort {
     }
 }
 
-/// What a servo in torque mode does in one cycle.
+/// Result of a servo in torque mode in one cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TorqueStep {
     /// The torques, not yet cut to what a joint may have.
@@ -149,9 +149,9 @@ pub struct TorqueStep {
 /// How far one state of the arm lies from another, in what the controllers act on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Deviation {
-    /// Of the proximal links.
+    /// Angles of the proximal links.
     Joints(JointAngles),
-    /// Of the tool.
+    /// Displacement of the tool.
     Tool(TipDisplacement),
 }
 

@@ -1,4 +1,4 @@
-//! What the cycle watches over more than one cycle: chatter, and the balance of torques.
+//! Observations over more than one cycle: chatter, and the balance of torques.
 
 use crate::quantity::{JointTorques, TipVelocity};
 
@@ -55,11 +55,11 @@ impl Chatter {
 /// Cycles over which the balance is averaged.
 const BALANCE_CYCLES: f64 = 20.0;
 
-/// What the torques of the joints do not account for: `J^T h + tau - M a`, a running mean.
+/// Torques that hand and motion do not account for: `J^T h + tau - M a`, a running mean.
 ///
-/// What is not in the balance is in the residual: the friction of the joints above all, so the limit lies above it. The
-/// torques that act in a cycle are those sent in the cycle before. A reference that is stopped by an impact is ahead of
-/// the arm for some cycles; the mean takes that out, since the arm makes up for it.
+/// The residual contains every torque that is not in the balance, above all the friction of the joints, so the limit lies above it. The
+/// torques that act in a cycle are those sent in the cycle before. A reference that is stopped by an impact is ahead of the arm for some
+/// cycles. The mean removes this, since the arm catches up.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Balance {
     /// Torques sent in the last cycle.

@@ -3,7 +3,7 @@
 use super::fault::Fault;
 use crate::quantity::{JointAngles, JointRates, JointTorques};
 
-/// What the joints shall do next, in the rig's command mode. A set-point has its unit in its type:
+/// Next command to the joints, in the rig's command mode. A set-point has its unit in its type:
 ///
 /// ```
 /// use yieldwall_motion::guard::JointCommand;
@@ -38,7 +38,7 @@ pub enum JointCommand {
 pub struct Allowed<T>(T);
 
 impl<T> Allowed<T> {
-    /// What was allowed.
+    /// Returns the allowed value.
     pub fn get(&self) -> &T {
         &self.0
     }
@@ -57,7 +57,7 @@ impl Allowed<JointCommand> {
     }
 }
 
-/// What is measured of the joints in this cycle.
+/// Measurements of the joints in this cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Measured {
     /// Angles of the proximal links.
@@ -66,7 +66,7 @@ pub struct Measured {
     pub rates: JointRates,
 }
 
-/// What the gate lets through.
+/// Limits of the gate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     /// Cycle time in s, positive.

@@ -19,8 +19,9 @@ pub struct JointRest {
 }
 
 impl JointRest {
-    /// One cycle of `period_s` after the quick stop, by the angles of both joints where they are known. It returns whether torque may go: the
-    /// joints have rested for 0.1 s or had 1 s for it, and brakes that close within `brake_s` of the quick stop are closed.
+    /// Computes one cycle of `period_s` after the quick stop, by the angles of both joints where they are known. Returns whether torque may
+    /// be removed. This needs joints that have rested for 0.1 s or had 1 s for it, and the closing of brakes that close within `brake_s` of
+    /// the quick stop.
     ///
     /// Real-time: yes.
     pub fn step(&mut self, angles: Option<JointAngles>, period_s: f64, brake_s: f64) -> bool {

@@ -1,8 +1,8 @@
 //! The last gate before the bus: what may move, whether it may move now, and how everything stops.
 //!
-//! [`Gate`] turns a [`JointCommand`] into an [`Allowed`] one or names the [`Fault`]; [`Supervisor`] holds the state of
-//! the rig and decides, once a cycle and for all axes together, whether it runs, holds or stops; [`fault`] lists what
-//! can go wrong, as data.
+//! The last gate is [`Gate`]: it turns a [`JointCommand`] into an [`Allowed`] one or names the [`Fault`]. The state of the rig is in
+//! [`Supervisor`]. It decides, once a cycle and for all axes together, whether the rig runs, holds or stops. The faults are listed in
+//! [`fault`], as data.
 
 pub mod fault;
 mod gate;

@@ -58,7 +58,7 @@ impl State {
     }
 }
 
-/// What a person asks for, in this cycle.
+/// Request of a person in this cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Request {
     /// Nothing.
@@ -72,7 +72,7 @@ pub enum Request {
     Reset,
 }
 
-/// What the reference does in this cycle.
+/// Motion of the reference in this cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Motion {
     /// There is no reference: the command is the one that moves nothing.
@@ -83,14 +83,14 @@ pub enum Motion {
     Halt,
 }
 
-/// What the supervisor decides in one cycle.
+/// Decision of the supervisor in one cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Directive {
     /// The state from now on.
     pub state: State,
-    /// What the reference does.
+    /// Motion of the reference.
     pub motion: Motion,
-    /// Where the drives shall go, all of them.
+    /// Goal of the drives, the same for both.
     pub goal: cia402::Goal,
     /// Whether drives in Fault get one reset edge.
     pub fault_reset: bool,
@@ -118,7 +118,7 @@ impl Directive {
     };
 }
 
-/// What the supervisor looks at.
+/// Inputs of the supervisor.
 #[derive(Clone, Copy, Debug)]
 pub struct View {
     /// The drives' states as known in this cycle.
@@ -129,7 +129,7 @@ pub struct View {
     pub is_measured: bool,
     /// Whether the reference is at rest; in a latched state whether torque may go, as [`JointRest`](super::JointRest) has it.
     pub at_rest: bool,
-    /// What the person asks for.
+    /// Request of the person.
     pub request: Request,
 }
 

@@ -34,7 +34,7 @@ pub struct Response {
     pub plant: Complex<f64>,
 }
 
-/// What was identified of a joint.
+/// Identified dynamics of a joint.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dynamics {
     /// Mean inertia that the joint feels over its travel, kg m^2.
@@ -43,7 +43,7 @@ pub struct Dynamics {
     pub viscous_n_m_s_per_rad: Estimate,
     /// Time from the sample of an angle to the change of torque that was computed from it, besides the hold, s.
     pub delay_s: Estimate,
-    /// What the model leaves, as a share of the torque at the frequencies of the excitation.
+    /// Residual of the model, as a share of the torque at the frequencies of the excitation.
     pub misfit: f64,
     /// Response at each frequency.
     pub responses: Vec<Response>,
@@ -57,11 +57,11 @@ struct Equation {
     rate: Vec<Complex<f64>>,
 }
 
-/// Inertia, viscous friction and delay from the torques that were set, each held from when it acts until the next one does. All passages have
-/// one excitation, at one phase.
+/// Returns inertia, viscous friction and delay from the set torques. Each torque is held from when it acts until the next one does. All
+/// passages have one excitation, at one phase.
 ///
 /// # Errors
-/// [`NotIdentified`] if samples are too few or do not tell.
+/// [`NotIdentified`] if there are too few samples, or if they do not determine the unknowns.
 pub fn dynamics(passages: &[Passage], excitation: &Excitation, period_s: f64) -> Result<Dynamics, NotIdentified> {
     let equation = Equation::of(passages, excitation, period_s)?;
     let record = passages.first().map_or(0, |passage| passage.angles_rad.len().saturating_sub(MOST_SHIFTS + 1));
@@ -230,9 +230,9 @@ struct Spread {
     degrees: f64,
 }
 
-/// Standard errors of what least squares have found, by the row of each equation and what it leaves: what an encoder rounds is an acceleration
-/// that grows with the square of the frequency, so that equations err unlike. A few equations then make most of an error, which is known with
-/// as few degrees of freedom.
+/// Returns standard errors of the least-squares solution, from the row of each equation and its residual. The rounding of an encoder is an
+/// acceleration that grows with the square of the frequency, so the equations have unequal errors. A few equations then cause most of an
+/// error, which is known with as few degrees of freedom.
 ///
 /// # Source
 /// J. G. MacKinnon and H. White, Some heteroskedasticity-consistent covariance matrix estimators with improved finite sample properties,

@@ -1,4 +1,4 @@
-//! What a force sensor makes of forces in a plane that are known.
+//! Response of a force sensor to known forces in a plane.
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
@@ -14,16 +14,16 @@ pub type Pull = ([f64; 2], [f64; 2]);
 /// `felt = matrix * true + zero`, along the sensor's axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ForceMap {
-    /// What is felt along x and y for 1 N along x (first column) and along y.
+    /// Sensed force along x and y for 1 N along x (first column) and along y.
     pub matrix: [[f64; 2]; 2],
-    /// What is felt of nothing, N.
+    /// Sensed force without a load, N.
     pub zero_n: [f64; 2],
-    /// Root mean square of what the map leaves, N.
+    /// Root mean square of the map's residual, N.
     pub residual_n: f64,
 }
 
 impl ForceMap {
-    /// What is felt of 1 N along each axis, in whatever direction.
+    /// Returns the sensed force for 1 N along each axis, in whatever direction.
     pub fn gains(&self) -> [f64; 2] {
         let [[xx, xy], [yx, yy]] = self.matrix;
         [elementary::hypot(xx, yx), elementary::hypot(xy, yy)]

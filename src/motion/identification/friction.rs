@@ -11,12 +11,12 @@ const LEAST_RATES: usize = 3;
 /// Least variance of the rates, as a share of the square of their mean.
 const LEAST_SPREAD: f64 = 0.01;
 
-/// A joint that was led at one rate, counter-clockwise and clockwise over the same way.
+/// A joint that was moved at one rate, counter-clockwise and clockwise over the same way.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Steady {
     /// Time in s, angle in rad and torque in N m while it turned counter-clockwise.
     pub forward: Vec<[f64; 3]>,
-    /// The same clockwise.
+    /// Time in s, angle in rad and torque in N m while it turned clockwise.
     pub backward: Vec<[f64; 3]>,
 }
 
@@ -31,17 +31,20 @@ pub struct Friction {
     pub offset_n_m: f64,
 }
 
-/// Friction by half of the difference between the mean torques of both ways, a line over at least three rates. A torque that depends on the
-/// angle alone falls out. `inertia_kg_m2` takes out the rest of an acceleration; zero if it is not known. Rates with too few samples are left out.
+/// Computes friction as half of the difference between the mean torques of both ways, a line over at least three rates. A torque that
+/// depends on the angle alone cancels out. `inertia_kg_m2` removes the rest of an acceleration; zero if it is not known. Rates with too few
+/// samples are left out.
 ///
 /// # Intervals
-/// From the scatter of the rates about that line, with Student's t of their number less two, or from the scatter of parts of the ways, if that
-/// is more. Parts of one travel depend on one another: a drive that closes the loop reports torques of one moment in its cycle, where the counts
-/// of its targets make a pattern. An error that is proportional to the rate, or constant, leaves no scatter, and the intervals do not hold it.
+/// The intervals follow from the scatter of the rates about that line, with Student's t of their number less two. If the scatter of parts
+/// of the ways is larger, they follow from that scatter. Parts of one travel depend on one another. A drive that closes the loop reports
+/// torques of one moment in its cycle, where the counts of its targets make a pattern. An error that is constant or proportional to the
+/// rate leaves no scatter, and the intervals do not contain it.
 ///
 /// # Errors
-/// [`NotIdentified::TooFew`] for fewer than three rates, [`NotIdentified::NotFinite`], [`NotIdentified::Indistinct`] for rates that are too near
-/// one another.
+/// - [`NotIdentified::TooFew`] for fewer than three rates;
+/// - [`NotIdentified::NotFinite`];
+/// - [`NotIdentified::Indistinct`] for rates that are too near one another.
 pub fn friction(travels: &[Steady], inertia_kg_m2: f64) -> Result<Friction, NotIdentified> {
     let samples = || travels.iter().flat_map(|travel| travel.forward.iter().chain(&travel.backward));
     if !samples().flatten().all(|value| value.is_finite()) {
@@ -113,8 +116,8 @@ fn line(points: &[Point]) -> Option<[Estimate; 2]> {
     ])
 }
 
-/// Where a joint is on a steady travel. Parts are told apart by it: the error of a measured angle goes into the torque that answers it, and
-/// would choose which samples are in a part.
+/// Line of a joint on a steady travel. The line separates the parts, not the measured angle: the error of a measured angle also enters the
+/// torque that answers it, and would choose the samples of a part.
 struct Line {
     begin: [f64; 2],
     end: [f64; 2],

@@ -24,9 +24,9 @@ const STEPS_PER_CYCLE: f64 = 4.0;
 const LAGS_S: [f64; 7] = [0.0, 0.3e-3, 0.6e-3, 1.25e-3, 2.5e-3, 5e-3, 10e-3];
 /// Steps of the refinement.
 const REFINEMENTS: u32 = 40;
-/// A mass that is not known to this share tells no age.
+/// Largest relative uncertainty of a mass that still determines an age.
 const MASS_SHARE: f64 = 0.2;
-/// An age that is not known to this share of a cycle tells nothing: what holds the torque hides more than that already.
+/// Largest uncertainty of a usable age, as a share of a cycle: the hold of the torque already hides more than that.
 const AGE_CYCLES: f64 = 0.25;
 
 /// A tool that was shaken.
@@ -34,22 +34,22 @@ const AGE_CYCLES: f64 = 0.25;
 pub struct Shaken {
     /// Tool points in consecutive cycles by the measured angles, m: [`lead_in`] before the record, the record, [`BEHIND`] behind it.
     pub tips_m: Vec<[f64; 2]>,
-    /// What the sensor said in each of these cycles, in the base frame, N: of a cycle without a new sample the last one.
+    /// Force of the sensor in each of these cycles, in the base frame, N. A cycle without a new sample has the last force.
     pub forces_n: Vec<[f64; 2]>,
 }
 
-/// What is beyond a force sensor, and how old its force is.
+/// Mass beyond a force sensor, and the age of its force.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Handle {
     /// Mass that moves beyond the sensor, kg.
     pub mass_kg: Estimate,
-    /// How long before the angles of a cycle the force was that the cycle has, s, slow forces; negative if it was felt later.
+    /// Age of a cycle's force before the angles of that cycle, s, for slow forces; negative if the force was sensed later.
     pub age_s: Estimate,
-    /// What of that looks like a low pass, s: its time constant.
+    /// Part of the age that looks like a low pass: its time constant, s.
     pub lag_s: f64,
-    /// Between what the age lies, s, with what the hold of the torque hides.
+    /// Interval of the age, s, with the part that the hold of the torque hides.
     pub between_s: [f64; 2],
-    /// What the model leaves, as a share of the force at the frequencies of the excitation.
+    /// Residual of the model, as a share of the force at the frequencies of the excitation.
     pub misfit: f64,
 }
 
@@ -58,16 +58,18 @@ pub fn lead_in(period_s: f64) -> usize {
     (LONGEST_S / period_s).ceil() as usize + 3
 }
 
-/// Mass and age from a tool that was shaken. All passages have one excitation, at one phase.
+/// Returns mass and age from a tool that was shaken. All passages have one excitation, at one phase.
 ///
-/// # What cannot be told
-/// A torque that is held for a cycle holds the acceleration too. A sensor without a filter that samples in step with it shows the same
-/// for each age within that time, and the middle of it is what fits: the age is known to half a cycle. A low pass of time constant `l` spreads
-/// the edges; what is left is `T^2/(12 l)` at most, the sum of what it lets through of the multiples of the cycle's rate.
+/// # Limits
+/// A torque that is held for a cycle holds the acceleration too. A sensor without a filter that samples in step with it shows the same for
+/// each age within that time. The fit gives the middle of that time, so the age is known to half a cycle. A low pass of time constant `l`
+/// spreads the edges. The remaining uncertainty is `T^2/(12 l)` at most, the sum of the multiples of the cycle's rate that the low pass
+/// lets through.
 ///
 /// # Errors
-/// [`NotIdentified::TooFew`], [`NotIdentified::NotFinite`]; [`NotIdentified::NoHandle`] for a mass that is too small against the noise to tell
-/// the age; [`NotIdentified::NoDelay`] for an age beyond what is looked for.
+/// - [`NotIdentified::TooFew`], [`NotIdentified::NotFinite`];
+/// - [`NotIdentified::NoHandle`] for a mass that is too small against the noise to determine the age;
+/// - [`NotIdentified::NoDelay`] for an age beyond the range of the search.
 pub fn handle(passages: &[Shaken], excitation: &Excitation, period_s: f64) -> Result<Handle, NotIdentified> {
     let mut seen = Spectra::of(passages, excitation, period_s)?;
     let longest = LONGEST_S / period_s;
@@ -109,16 +111,16 @@ struct Spectra<'a> {
     per_cycle_squared: f64,
     /// Line by line, of each passage along both axes.
     forces: Vec<Complex<f64>>,
-    /// The same of accelerations so many cycles before.
+    /// Accelerations so many cycles before, line by line, of each passage along both axes.
     accelerations: BTreeMap<i64, Vec<Complex<f64>>>,
 }
 
 /// Least squares at an age and a low pass.
 struct Fit {
     mass: f64,
-    /// Squares of what is left, N^2.
+    /// Squares of the residual, N^2.
     rest: f64,
-    /// Of mass, age and the square of the time constant.
+    /// Normal matrix of mass, age and the square of the time constant.
     normal: Matrix3<f64>,
     slope: Vector3<f64>,
 }
@@ -213,8 +215,8 @@ impl<'a> Spectra<'a> {
         self.fit(shift, at).map_or(f64::INFINITY, |fit| fit.rest)
     }
 
-    /// Mass, and what is left, with an age in cycles and the square of a time constant in cycles. What the age has beyond `shift` turns the
-    /// phase of a record that is not shifted by it, which is right for a small rest alone.
+    /// Returns the mass and the residual, with an age in cycles and the square of a time constant in cycles. The part of the age beyond
+    /// `shift` turns the phase of a record that is not shifted by it, which is right only for a small part.
     fn fit(&mut self, shift: i64, [age, squared]: [f64; 2]) -> Option<Fit> {
         let per_line = self.passages.len() * 2;
         let turns = self.turns.clone();
@@ -282,7 +284,7 @@ impl<'a> Spectra<'a> {
         Some((at, fit))
     }
 
-    /// The mass that fits a force without age, whatever the age is: too small to tell it.
+    /// Returns the mass that fits a force without age, whatever the age is, for a mass that is too small to determine the age.
     fn least_mass(&mut self) -> Estimate {
         let Some(fit) = self.fit(0, [0.0; 2]) else { return Estimate::new(0.0, 0.0, 1.0) };
         let degrees = self.equations().saturating_sub(1).max(1);

@@ -15,7 +15,7 @@ const ITERATIONS: usize = 100;
 const SETTLED: f64 = 1e-12;
 /// How often the damping is raised before an iteration is given up.
 const TRIES: usize = 12;
-/// Greatest half width of an interval, as a share of a link: beyond it the points do not tell the parameters apart.
+/// Greatest half width of an interval, as a share of a link: beyond it the points do not determine the parameters.
 const WIDEST: f64 = 0.05;
 
 /// Points of which pairs that were exchanged are looked for, at most.
@@ -24,7 +24,7 @@ const MOST_EXCHANGED: usize = 24;
 /// A point of the tool in the base frame, and the joint angles there, rad.
 pub type Visited = (TipPoint, JointAngles);
 
-/// What a five-bar is, by its points.
+/// Kinematics of a five-bar, from its points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Kinematics {
     /// The geometry with the link lengths that fit.
@@ -33,7 +33,7 @@ pub struct Kinematics {
     pub proximal_m: [Estimate; 2],
     /// Lengths of the distal links, left then right, m.
     pub distal_m: [Estimate; 2],
-    /// What has to be added to the angles, left then right, rad.
+    /// Corrections to add to the angles, left then right, rad.
     pub zero_rad: [Estimate; 2],
     /// Root mean square of the distances of the points from where the tool is by the angles, m: before and after.
     pub residual_m: [f64; 2],
@@ -79,8 +79,9 @@ fn squares(residuals: &[f64]) -> f64 {
 /// Levenberg and Marquardt's damped least squares over the distances at the tool; intervals are those of independent normal errors.
 ///
 /// # Errors
-/// [`NotIdentified::TooFew`] with less than four points, [`NotIdentified::NotFinite`], and [`NotIdentified::Apart`] where the points lie so
-/// that they do not tell the parameters apart, or the linkage cannot be at them.
+/// - [`NotIdentified::TooFew`] with less than four points;
+/// - [`NotIdentified::NotFinite`];
+/// - [`NotIdentified::Apart`] if the points do not determine the parameters, or if the linkage cannot be at them.
 pub fn kinematics(geometry: &Geometry, visited: &[Visited]) -> Result<Kinematics, NotIdentified> {
     if 2 * visited.len() < PARAMETERS + 2 {
         return Err(NotIdentified::TooFew);
@@ -136,7 +137,7 @@ pub fn kinematics(geometry: &Geometry, visited: &[Visited]) -> Result<Kinematics
     if is_apart { Ok(found) } else { Err(NotIdentified::Apart) }
 }
 
-/// What was mistaken of points that fit no arm as they are.
+/// Mistake in points that fit no arm as they are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mistaken {
     /// This point: the others fit without it.
@@ -145,9 +146,9 @@ pub enum Mistaken {
     Exchanged(usize, usize),
 }
 
-/// What has to be different of points that [`kinematics`] fits nothing to, so that all are within `within_m` in the mean; `None` if one point
-/// that is left out, or two that are exchanged, do not do it. With two ways to do it the one that leaves less is taken, exchanged points first.
-/// Of more than 24 points exchanged ones are not looked for: there are too many pairs.
+/// Returns the change with which points that [`kinematics`] cannot fit are within `within_m` in the mean. The change leaves out one point
+/// or exchanges two; the result is `None` if no such change is enough. If both kinds do, the one with the smaller residual is taken,
+/// exchanged points first. With more than 24 points, exchanged points are not searched for: there are too many pairs.
 pub fn mistaken(geometry: &Geometry, visited: &[Visited], within_m: f64) -> Option<Mistaken> {
     let left_m = |visited: &[Visited]| {
         let found = kinematics(geometry, visited).ok()?;

@@ -1,5 +1,6 @@
-//! What an arm is: inertia, friction and delay of a joint from how it went where it was led, link lengths and zeros from points that the tool
-//! has visited, each with its 95 % interval; what a force sensor makes of known forces, and how old its force is.
+//! Identification of an arm: inertia, friction and delay of a joint from its motion on a commanded path, and link lengths and zeros from
+//! points that the tool has visited. Each result has its 95 % interval. The module also identifies the response of a force sensor to known
+//! forces, and the age of its force.
 //!
 //! ```text
 //! Excitation -> the joint is led at a steady rate, and the excitation on top -> Passage -> dynamics(): inertia, delay, response
@@ -13,9 +14,9 @@
 //! `torque = J q'' + b q' + constant`.
 //!
 //! # Why no derivative is taken
-//! The second difference of an angle is a mean of its acceleration over two cycles, weighted by a triangle, exactly. The same mean of a torque
-//! that is held from cycle to cycle is a sum of three of them, exactly, whatever share of a cycle it comes late. So both sides of the
-//! equation of motion are known without an error of discretisation, and the delay may be a share of a cycle.
+//! The second difference of an angle is exactly a mean of its acceleration over two cycles, weighted by a triangle. If a torque is held
+//! from cycle to cycle, this mean of the torque is exactly a sum of three such torques, whatever share of a cycle the torque comes late. So
+//! both sides of the equation of motion are known without an error of discretisation, and the delay may be a share of a cycle.
 
 mod dynamics;
 mod estimate;
@@ -47,13 +48,13 @@ pub enum NotIdentified {
     /// The joint stood, or turned back, while it had to turn one way.
     #[error("the joint did not turn one way all the time")]
     Stands,
-    /// The drive closes the loop. What it makes of its torque between two set-points is not told, and has a large share of what accelerates.
+    /// The drive closes the loop. It does not report its torque between two set-points, which causes a large share of the acceleration.
     #[error("the drive closes the loop, and does not report what its torque is from one moment to the next")]
     InDrive,
-    /// What was seen does not report the unknowns apart.
+    /// The motion does not determine the unknowns separately.
     #[error("the motion does not report inertia, friction and delay apart")]
     Indistinct,
-    /// The points do not tell the lengths and zeros of an arm apart, or the arm cannot be at them.
+    /// The points do not determine the lengths and zeros of an arm, or the arm cannot be at them.
     #[error("the points do not tell links and zeros apart, or no such arm is at them")]
     Apart,
     /// No delay within the range that is looked at fits.
@@ -62,7 +63,7 @@ pub enum NotIdentified {
         /// The longest one, s.
         longest_s: f64,
     },
-    /// What is beyond the force sensor has too little mass against the sensor's noise.
+    /// The mass beyond the force sensor is too small against the sensor's noise.
     #[error("the force sensor feels {:.1} g at most beyond it, too little against its noise", 1e3 * up_to_kg)]
     NoHandle {
         /// The mass that fits, kg.

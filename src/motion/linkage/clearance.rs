@@ -14,7 +14,7 @@ const DISC_RINGS: u32 = 16;
 /// Points on each ring of the disc check.
 const DISC_SPOKES: u32 = 96;
 
-/// How far a posture is from each singularity, in m, never negative but for rounding.
+/// Distance of a posture from each singularity, in m, never negative except by rounding.
 ///
 /// The point that a chain carries is the tool point for the chain that holds the tool and the wrist for the other.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -9,7 +9,7 @@ use nalgebra::{Matrix2, Vector2};
 /// Joint rates beyond this are refused: no machine turns so fast, and the squares stay finite.
 pub const RATE_LIMIT_RAD_PER_S: f64 = 1e6;
 
-/// What has mass. The linkage lies in a horizontal plane, so gravity does no work.
+/// Masses of the linkage. It lies in a horizontal plane, so gravity does no work.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MassModel {
     /// Inertia of each motor with its gear, reflected to the joint.
@@ -23,11 +23,11 @@ pub struct MassModel {
 }
 
 impl MassModel {
-    /// Checks, when a rig is loaded, that this is a machine: nothing negative or not finite, and every motor has an
-    /// inertia, so that the mass matrix is positive definite in every posture.
+    /// Checks, when a rig is loaded, that this is a machine. No value is negative or not finite, and every motor has an inertia, so that
+    /// the mass matrix is positive definite in every posture.
     ///
     /// # Errors
-    /// The first parameter that is not.
+    /// The first parameter that fails.
     pub fn check(&self) -> Result<(), GeometryError> {
         let both = [
             ("proximal_kg", self.proximal_kg),
@@ -181,7 +181,7 @@ struct Sum {
 }
 
 impl Sum {
-    /// What turns about a base joint: motor, proximal rod.
+    /// Sums the parts that turn about a base joint: motor, proximal rod.
     #[inline]
     fn new(proximal_m: [f64; 2], model: &MassModel) -> Self {
         let about = |i: usize| model.motor_kg_m2[i] + model.proximal_kg[i] * proximal_m[i] * proximal_m[i] / 3.0;

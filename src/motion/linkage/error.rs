@@ -8,13 +8,13 @@ pub enum LinkageError {
     /// A number is NaN or infinite, or so large that the result would be.
     #[error("{what} is not usable: {values:?}")]
     NotFinite {
-        /// What the numbers are, with their unit.
+        /// Name of the numbers, with their unit.
         what: &'static str,
         /// The refused numbers.
         values: [f64; 2],
     },
-    /// The point that a chain has to carry (the tool point for the chain that holds the tool, the wrist for the other)
-    /// is farther from its base joint than the stretched chain.
+    /// The point of a chain is farther from its base joint than the stretched chain. The point is the tool point for the chain that holds
+    /// the tool, and the wrist for the other chain.
     #[error(
         "the {chain} chain cannot reach: {distance_m:.6} m from its base joint, \
          stretched it has {longest_m:.6} m, {:.3e} m short",

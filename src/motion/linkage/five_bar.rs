@@ -151,16 +151,16 @@ impl FiveBar {
         &self.geometry
     }
 
-    /// Joint angles, each within (-pi, pi], that hold the tool point at `tip` in this working and assembly mode.
+    /// Returns the joint angles, each within (-pi, pi], that hold the tool point at `tip` in this working and assembly mode.
     ///
-    /// The edge of the workspace (a chain exactly stretched or folded) still has an answer, except where a chain with
-    /// equal links folds onto its base joint.
+    /// The edge of the workspace (a chain exactly stretched or folded) still has an answer, except where a chain with equal links folds
+    /// onto its base joint.
     ///
     /// Real-time: yes.
     ///
     /// # Errors
-    /// Names the chain that cannot reach and by how much; refuses a type 2 singularity, a solution that belongs to the
-    /// other assembly mode, and numbers that are not finite.
+    /// The error names the chain that cannot reach, and by how much. The function also refuses a type 2 singularity, a solution that
+    /// belongs to the other assembly mode, and numbers that are not finite.
     pub fn inverse(&self, tip: TipPoint) -> Result<JointAngles, LinkageError> {
         self.close_at(tip).map(|closure| closure.angles)
     }
@@ -214,8 +214,8 @@ impl FiveBar {
         Ok(closure)
     }
 
-    /// Everything about the posture at a pair of joint angles. The elbows may lie on other sides than the working mode
-    /// says; [`Posture::elbow_sides`] tells.
+    /// Returns the complete posture at a pair of joint angles. The elbows may lie on other sides than the working mode says;
+    /// [`Posture::elbow_sides`] has the actual sides.
     ///
     /// Real-time: yes.
     ///
@@ -327,7 +327,7 @@ impl FiveBar {
         closure.elbow[i] + self.tool_ratio * closure.distal[i]
     }
 
-    /// What the tool point has of a quantity (velocity, acceleration) that is linear in those of wrist and elbow.
+    /// Returns a quantity (velocity, acceleration) of the tool point, which is linear in those of wrist and elbow.
     #[inline]
     pub(super) fn at_tip(&self, wrist: Complex, elbow: Complex) -> Complex {
         elbow + self.tool_ratio * (wrist - elbow)

@@ -143,7 +143,7 @@ pub enum GeometryError {
     /// A coordinate of a base joint or of the tool is not finite or beyond any machine.
     #[error("{what}: {offset_m} m is not within +-{OFFSET_LIMIT_M} m")]
     Offset {
-        /// What the coordinate belongs to.
+        /// Point of the coordinate.
         what: &'static str,
         /// The refused coordinate.
         offset_m: f64,

@@ -15,14 +15,14 @@
 //! ```
 //!
 //! # Modes
-//! A tool point has up to four pairs of joint angles, told apart by the side on which each elbow lies (the working
-//! mode, [`Side`]); a pair of joint angles has up to two wrists (the assembly mode, [`WristSide`]). A [`FiveBar`]
-//! knows one of each and refuses the rest by name.
+//! A tool point has up to four pairs of joint angles, which differ in the side on which each elbow lies (the working mode, [`Side`]). A
+//! pair of joint angles has up to two wrists (the assembly mode, [`WristSide`]). A [`FiveBar`] knows one of each and refuses the rest by
+//! name.
 //!
 //! # Singularities
-//! Type 1: a chain is stretched or folded; the tool cannot leave along it, and the inverse ends there. Type 2: the
-//! distal links lie on one line, stretched or folded (with equal distal links folded means that the elbows meet);
-//! locked motors do not hold the tool, and the forward map ends there.
+//! Type 1: a chain is stretched or folded. The tool cannot leave along it, and the inverse ends there. Type 2: the distal links lie on one
+//! line, stretched or folded. With equal distal links, folded means that the elbows meet. Locked motors do not hold the tool, and the
+//! forward map ends there.
 //!
 //! # Source
 //! The two types: Gosselin and Angeles, *Singularity analysis of closed-loop kinematic chains*, IEEE Transactions on

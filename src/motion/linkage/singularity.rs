@@ -1,7 +1,7 @@
 use super::geometry::Chain;
 use std::fmt;
 
-/// What the linkage cannot pass in one working and one assembly mode.
+/// Singularity that the linkage cannot pass in one working and one assembly mode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Singularity {
     /// Type 1: a chain is stretched.

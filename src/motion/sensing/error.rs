@@ -1,4 +1,4 @@
-//! What a sensing chain cannot be built from.
+//! Errors of a sensing chain that cannot be built.
 
 /// A parameter that gives no usable sensing chain.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -17,29 +17,29 @@ pub enum SensingError {
     /// The calibration matrix has no usable inverse: some wrench leaves no trace in the counts.
     #[error("calibration matrix is singular: reciprocal condition number {reciprocal_condition:e}")]
     CalibrationSingular {
-        /// Of the matrix with its rows scaled to one.
+        /// Reciprocal condition number of the matrix with its rows scaled to one.
         reciprocal_condition: f64,
     },
     /// The range of the counts is not in 1 to [`i32::MAX`].
     #[error("range of the counts is {received}, must be 1 to 2147483647")]
     Range {
-        /// What was given.
+        /// The refused range.
         received: i32,
     },
     /// A parameter is NaN, infinite or outside its range.
     #[error("{name} is {value}; it must be {requirement}")]
     OutOfRange {
-        /// What the parameter is called.
+        /// Name of the parameter.
         name: &'static str,
-        /// What it is.
+        /// Its value.
         value: f64,
-        /// What it must be, in words.
+        /// Its allowed values, in words.
         requirement: &'static str,
     },
     /// A tare over no sample, or over more than can be counted on to be at rest.
     #[error("tare over {received} samples, must be 1 to {most}")]
     TareSamples {
-        /// What was given.
+        /// The refused number.
         received: u32,
         /// The most.
         most: u32,

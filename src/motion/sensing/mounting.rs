@@ -61,8 +61,8 @@ impl Mounting {
         Force(link * self.rotation * wrench.0.xy())
     }
 
-    /// The sensor-frame wrench of a planar force in the base frame (N) and a torque about z (N m), with the link
-    /// turned by `link`: the inverse of [`Mounting::to_base`], with nothing out of the plane.
+    /// Returns the sensor-frame wrench of a planar force in the base frame (N) and a torque about z (N m), with the link turned by `link`.
+    /// This is the inverse of [`Mounting::to_base`], with nothing out of the plane.
     ///
     /// Real-time: yes.
     pub fn to_sensor(&self, force: Force, torque_z_n_m: f64, link: UnitComplex<f64>) -> Wrench {

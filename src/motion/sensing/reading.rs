@@ -13,7 +13,7 @@ pub const STALE_AFTER_MISSED_SAMPLES: u32 = 3;
 /// Forces from here on are refused, N: differences of two that are less, and their squares, stay finite.
 const GREATEST_N: f64 = 1e150;
 
-/// What a sensing chain is built from.
+/// Parameters of a sensing chain.
 #[derive(Clone, Debug)]
 pub struct SensingParameters {
     /// Counts to wrench.
@@ -34,7 +34,7 @@ pub struct SensingParameters {
 
 /// Samples in a row with the same six counts from which a sensor whose noise is known is stuck.
 pub const STUCK_AFTER_IDENTICAL_SAMPLES: u32 = 50;
-/// Pairs of successive samples at rest that tell whether a sensor has noise, at least.
+/// Smallest number of pairs of successive samples at rest that show whether a sensor has noise.
 const NOISE_PAIRS: u32 = 8;
 
 /// Whether the sensor's samples differ from each other while nothing is to be measured.
@@ -194,17 +194,16 @@ impl Sensing {
         self.is_resting = is_resting;
     }
 
-    /// One cycle. `sample` is what arrived since the last step, `None` if nothing did; a sample whose sequence counter
-    /// has not changed is not new. `link` is the rotation of the link under the sensor
-    /// ([`Mounting::link_rotation`]) and `tool_acceleration` that of the handle in m/s^2, base frame, both at the time
-    /// of the sample.
+    /// Computes one cycle. `sample` is the sample that arrived since the last step, `None` without one; a sample whose sequence counter has
+    /// not changed is not new. `link` is the rotation of the link under the sensor ([`Mounting::link_rotation`]), and `tool_acceleration`
+    /// is the acceleration of the handle in m/s^2, base frame. Both are at the time of the sample.
     ///
-    /// The handle's mass `m` lies between hand and sensor, so the sensor carries the hand's force less what
-    /// accelerates the handle: `h = sensed + m a`.
+    /// The handle's mass `m` lies between hand and sensor. The sensor therefore carries the hand's force less the force that accelerates
+    /// the handle: `h = sensed + m a`.
     ///
-    /// Without a new sample the force stays as it is, in the base frame. If the sensor says that the sample is not valid,
-    /// or if the force would not be finite or is beyond 1e150 N, the force stays too and the reading is not valid. A force further from
-    /// that of the sample before than the limit, once for each sample interval between them, is moved towards it by the
+    /// Without a new sample the force stays as it is, in the base frame. The force stays too, and the reading is not valid, in two cases:
+    /// the sensor marks the sample as not valid, or the force would not be finite or is beyond 1e150 N. The limit bounds the change of the
+    /// force from the sample before, once for each sample interval between them. A force further away is moved from the last force by the
     /// limit. While a tare is under way the force is zero and not valid.
     ///
     /// Real-time: yes.

@@ -15,7 +15,7 @@ pub struct TareParameters {
     pub samples: u32,
     /// Largest difference between two samples of any force component, N. More means that somebody holds the handle.
     pub force_spread_limit_n: f64,
-    /// The same for torque components, N m.
+    /// Largest difference between two samples of any torque component, N m.
     pub torque_spread_limit_n_m: f64,
 }
 

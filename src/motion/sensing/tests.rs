@@ -429,7 +429,7 @@ fn a_step_of_the_force_goes_by_its_limit() {
 }
 
 proptest! {
-    /// What goes on never changes by more than the limit from sample to sample, and is the sensed force when that is near.
+    /// The force never changes by more than the limit from sample to sample, and is the sensed force when that is near.
     #[test]
     fn the_force_is_bounded_in_its_rate(counts in proptest::collection::vec(-20_000..20_000i32, 2..60)) {
         let mut chain = sensing(SensingParameters { force_step_limit_n: 10.0, ..parameters() });

@@ -20,7 +20,8 @@ pub trait Sink<T>: Send + 'static {
 
     /// Takes one item.
     ///
-    /// # Errors If the item is lost. Later items are lost too, but counted.
+    /// # Errors
+    /// If the item is lost. Later items are lost too, but counted.
     fn take(&mut self, item: &T) -> io::Result<()>;
 
     /// Takes note that the ring is empty, every few milliseconds. So far the ring had no room for `dropped` items.

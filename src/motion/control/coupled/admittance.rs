@@ -13,26 +13,31 @@ const MOTOR: usize = 0;
 const LINK: usize = 2;
 const REFERENCE: usize = 4;
 
-/// Velocity of the tool per force on it, in m/(N s), both in the base frame, at a frequency in Hz: the limit of the loop of
-/// [`HeldLoop`](super::HeldLoop) for a cycle, delays and ages of samples that go to zero.
+/// Returns the velocity of the tool per force on it, in m/(N s), both in the base frame, at a frequency in Hz. This is the limit of the
+/// loop of [`HeldLoop`](super::HeldLoop) for a cycle, delays and ages of samples that go to zero.
 ///
-/// With `s = 2 pi j f`, the low pass `P = 1/(1 + s/(2 pi f_c))`, the servo `C = K + B s + L/s`, which a servo of the drive that follows a rate has times
-/// `1 + k/s`, and the compensation `N = m s^2/(tau s + 1)`, in the coordinates of the controllers:
+/// The equations use the coordinates of the controllers, with
+///
+/// - `s = 2 pi j f`,
+/// - the low pass `P = 1/(1 + s/(2 pi f_c))`,
+/// - the servo `C = K + B s + L/s`, multiplied by `1 + k/s` for a servo of the drive that follows a rate,
+/// - the compensation `N = m s^2/(tau s + 1)`:
+///
 /// ```text
 /// (M s^2 + b s) r = P (J^-1 F - m_H s^2 (q - r) + N q_m)
 /// rigid:    (J s^2 + D s) q = C (r - q) + (feed-forward) r + J^T F,    q_m = q
 /// elastic:  (J_m s^2 + D s + G) q_m - G q = C (r - q_m) + (feed-forward) r,    (J_l s^2 + G) q - G q_m = J^T F
 /// ```
-/// A spring `K_h` with a damper `B_h` is at the edge of stability where `1/Y = -B_h + j K_h/(2 pi f)`: the least `K_h > 0` of all frequencies with
-/// this real part is the edge if a weak spring is stable.
+/// A spring `K_h` with a damper `B_h` is at the edge of stability where `1/Y = -B_h + j K_h/(2 pi f)`. If a weak spring is stable, the edge
+/// is the least `K_h > 0` of all frequencies with this real part.
 ///
 /// # Errors
-/// [`ControlError::OutOfRange`] for what is not finite or outside its range, and where nothing resists the force;
-/// [`ControlError::NotPositiveDefinite`] for a mass matrix that is none.
+/// [`ControlError::OutOfRange`] for a number that is not finite or outside its range, and where nothing resists the force;
+/// [`ControlError::NotPositiveDefinite`] for a mass matrix that is not positive definite.
 ///
 /// # Source
-/// Keemink, van der Kooij, Stienen, *Admittance control for physical human-robot interaction* (2018): apparent admittance of a rigid robot under
-/// a velocity servo with an integral, which is `K` and `B` here, and of one with an elastic transmission.
+/// Keemink, van der Kooij, Stienen, *Admittance control for physical human-robot interaction* (2018). The paper has the apparent admittance
+/// of two robots. One is rigid, under a velocity servo with an integral, which is `K` and `B` here. The other has an elastic transmission.
 pub fn admittance(
     follower: &Follower,
     pose: &Pose,

@@ -7,7 +7,7 @@ const TERMS: u32 = 15;
 
 /// `e^A` by scaling and squaring: `(e^(A / 2^s))^(2^s)` with the least `s` that brings the greatest column sum to 1/2.
 ///
-/// Relative to the greatest entry the error is some `2^s` roundings. What is not finite gives no finite matrix.
+/// Relative to the greatest entry the error is about `2^s` roundings. Entries that are not finite give no finite matrix.
 pub(super) fn exponential<const N: usize>(matrix: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
     let sums = matrix.column_iter().map(|column| column.iter().map(|entry| entry.abs()).sum());
     let (mut norm, mut scaled, mut squarings) = (sums.fold(0.0, f64::max), *matrix, 0);

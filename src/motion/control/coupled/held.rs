@@ -31,23 +31,23 @@ const EFFORT: usize = 4;
 const LAST: usize = 6;
 const EARLIER: usize = 8;
 const EARLIEST: usize = 10;
-/// What the fixture is given.
+/// Input force of the fixture.
 const FORCE: usize = 12;
-/// Of a servo of the host: encoders of this SYNC, last error, sum of errors; efforts on their way follow at the end.
+/// State of a servo of the host: encoders of this SYNC, last error, sum of errors; efforts on their way follow at the end.
 const ENCODER: usize = 14;
 const ERROR: usize = 16;
 const SUM: usize = 18;
-/// Of a servo of the drive: ends of its line, and its integral.
+/// State of a servo of the drive: ends of its line, and its integral.
 const FROM: usize = 14;
 const TO: usize = 16;
 const INTEGRAL: usize = 18;
-/// Of a servo of the drive that follows a rate: encoders of this SYNC, its set-point and its integral; the rates that is computed and that
-/// acts are at the end.
+/// State of a servo of the drive that follows a rate: encoders of this SYNC, its set-point and its integral. The computed rate and the
+/// acting rate are at the end.
 const SETPOINT: usize = 16;
 /// Samples that were felt, the newest first.
 const SAMPLES: usize = 20;
 
-/// What happens at a moment. Of one moment, in this order.
+/// Event in a cycle. Events of one moment happen in this order.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 enum Event {
     /// A sample is taken.
@@ -56,7 +56,7 @@ enum Event {
     Sync,
     /// The fixture steps, with the sample that is this many behind the newest.
     Compute { behind: usize, is_new: bool },
-    /// What was computed acts, of a servo of the host whose efforts do not wait for a SYNC.
+    /// The computed efforts act, for a servo of the host whose efforts do not wait for a SYNC.
     Act,
     /// The drive's loop: so much of the cycle has passed, and so much time since its last sample, s.
     Tick { share: f64, elapsed_s: f64 },
@@ -203,15 +203,15 @@ fn with_links(link: usize, state: &[f64]) -> SVector<f64, 10> {
 }
 
 impl HeldLoop {
-    /// The loop at `phase` of those of [`Sampling::phases`]: 0 has samples right behind SYNC, the last one samples as old as they
-    /// may be.
+    /// Builds the loop at `phase`, one of [`Sampling::phases`]. Phase 0 has samples right behind SYNC, the last phase has samples as old as
+    /// they may be.
     ///
-    /// Exact for joints without dry friction and efforts without limit, but that the interval of a sensor is bent by
-    /// up to a thousandth where it fits no small number of cycles.
+    /// The loop is exact for joints without dry friction and efforts without limit, with one exception. The interval of a sensor is changed
+    /// by up to a thousandth where it fits no small number of cycles.
     ///
     /// # Errors
-    /// [`ControlError::OutOfRange`] for what is not finite or outside its range; [`ControlError::NotPositiveDefinite`] for a
-    /// mass matrix or a Jacobian that is none.
+    /// [`ControlError::OutOfRange`] for a number that is not finite or outside its range; [`ControlError::NotPositiveDefinite`] for a mass
+    /// matrix or a Jacobian that is not positive definite.
     pub fn new(follower: &Follower, pose: &Pose, grip: &Grip, outer: &Outer, phase: u32) -> Result<Self, ControlError> {
         let phases = outer.checked()?.sampling.phases;
         Self::at(follower, pose, grip, outer, f64::from(phase % phases) / f64::from(phases - 1).max(1.0))

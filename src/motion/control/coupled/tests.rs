@@ -48,8 +48,8 @@ fn least_kg(follower: &Follower, pose: &Pose, grip: &Grip, outer: &Outer) -> f64
     masses(follower, pose, grip, outer).map_or(f64::INFINITY, |found| found.least_kg)
 }
 
-/// The tool is on the line, so `h = -K r3 - B (r3 - r4)/T` for a force of SYNC, with `r3` the end of the line of the cycle before:
-/// by Jury's test `z^3 - 2 z^2 + (1 + k + b) z - b` is stable from `M = B^2 T/(B - K T)` on.
+/// The tool is on the line, so `h = -K r3 - B (r3 - r4)/T` for a force of SYNC, with `r3` the end of the line of the cycle before. By
+/// Jury's test `z^3 - 2 z^2 + (1 + k + b) z - b` is stable from `M = B^2 T/(B - K T)` on.
 #[test]
 fn a_drive_that_is_on_its_line_has_a_closed_form() {
     let heavy = pose(1.0, 0.25);
@@ -105,8 +105,8 @@ fn two_samples_in_three_cycles_have_one_pattern() {
     assert!(young < found && found < old, "{young} {found} {old}");
 }
 
-/// A stiff hand on a servo with an integral: only the heaviest masses drift, above the mass where the lag by the integral eats up
-/// the damping, and the lag says so.
+/// A stiff hand holds a servo with an integral. Only the heaviest masses drift, above the mass where the lag by the integral uses up the
+/// damping, and the lag predicts this.
 #[test]
 fn an_integral_makes_heavy_masses_drift_and_leaves_the_others() {
     let servo =

@@ -22,7 +22,7 @@ struct Bench {
     has_voltage: bool,
     has_warning: bool,
     timing: Timing,
-    /// What the encoders say; `None` for no process data.
+    /// Angles of the encoders; `None` for no process data.
     angles: [Option<f64>; 2],
     /// Force of the hand in N, base frame.
     force: [f64; 2],
@@ -145,8 +145,7 @@ impl Bench {
     }
 }
 
-/// What holds in every cycle whatever happens: finite outputs, within the limits, and nothing moves while a drive is not
-/// enabled.
+/// Asserts the conditions of every cycle: finite outputs, within the limits, and no motion while a drive is not enabled.
 fn assert_is_safe(inputs: &Inputs, outputs: &Outputs) {
     let signals = &outputs.signals;
     let values = match outputs.command.get() {

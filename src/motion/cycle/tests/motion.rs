@@ -1,4 +1,4 @@
-//! What the reference does while nothing is wrong.
+//! Behaviour of the reference without a fault.
 
 use super::*;
 
@@ -311,8 +311,8 @@ fn at_an_impact(push_n: f64, hold_steps: u32) -> Bench {
     panic!("no impact");
 }
 
-/// Within one cycle, or some, of an impact the force leaps: the rig freezes. The reference stays on the surface that it met,
-/// and the hold goes on when the rig runs again: a hand that still presses with more than R is held as without the fault.
+/// The force leaps one or a few cycles after an impact, and the rig freezes. The reference stays on the surface that it met. The hold goes
+/// on when the rig runs again: a hand that still presses with more than R is held as without the fault.
 #[test]
 fn a_freeze_right_after_an_impact_keeps_the_proxy_on_its_side_and_its_hold() {
     for later in 0..4 {

@@ -81,8 +81,8 @@ fn a_broken_law_does_not_follow() {
     assert!(worst_error(Servo::Torque(servo)) > 1.5e-3, "the bound tells a good loop from a bad one");
 }
 
-/// What a blocked arm does: the greatest distance of the proxy from the tool, while blocked and afterwards, and how far
-/// the tool goes beyond the proxy once it is let go, in m.
+/// Returns two results of a blocked arm, in m. The first is the greatest distance of the proxy from the tool, while blocked and afterwards.
+/// The second is the overshoot of the tool beyond the proxy after its release.
 fn blocked(servo: Servo) -> [f64; 2] {
     let start = Vector2::new(-0.05, 0.02);
     let mut bench = Bench::new(servo, start.into());

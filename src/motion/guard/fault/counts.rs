@@ -1,4 +1,4 @@
-//! What was seen of every fault, how often and where.
+//! Observations of every fault: how often, and where.
 
 use super::{DeviceSet, Fault, FaultRow, Rate, Reaction, TABLE};
 
@@ -124,7 +124,7 @@ impl FaultCounts {
         }
     }
 
-    /// The same for a fault that `devices` show, present if any does.
+    /// Counts an observation of a fault that `devices` show; it is present if any device shows it.
     ///
     /// Real-time: yes.
     pub fn observe_on(&mut self, fault: Fault, devices: DeviceSet) {

@@ -1,7 +1,7 @@
-//! What can go wrong while the rig runs, as data: detection, reaction, bound, and what to tell the person.
+//! Faults of a running rig, as data: detection, reaction, bound, and the next step for the person.
 //!
-//! [`Fault`] names what the cycle can see, [`TABLE`] says of each what follows and when, [`FaultCounts`] counts what was
-//! seen and where. `docs/faults.md` is the same table for people.
+//! The faults that the cycle can see are in [`Fault`]. Their reactions and times are in [`TABLE`], and [`FaultCounts`] counts how often and
+//! where the cycle saw them. `docs/faults.md` is the same table for people.
 
 mod counts;
 mod devices;
@@ -142,8 +142,8 @@ impl Fault {
         &TABLE[self as usize]
     }
 
-    /// Whether it shows on a healthy rig when its computer, or the one that simulates its devices, has stood still: what comes late is missing,
-    /// and devices that were left alone stop by themselves.
+    /// Whether the fault shows on a healthy rig when its computer, or the one that simulates its devices, has stood still. Late frames are
+    /// then missing, and devices without a master stop by themselves.
     pub fn may_follow_standstill(self) -> bool {
         #[rustfmt::skip]
         let may = matches!(
@@ -224,11 +224,11 @@ pub struct FaultRow {
     pub name: &'static str,
     /// Where it shows.
     pub stage: Stage,
-    /// What the fault means.
+    /// Meaning of the fault.
     pub meaning: &'static str,
     /// The most frequent cause.
     pub cause: &'static str,
-    /// What to do next.
+    /// Next step for a person.
     pub next: &'static str,
     /// Escalation in rising order.
     pub steps: &'static [Step],

@@ -2,7 +2,7 @@ use super::*;
 use crate::setvalued::gsat;
 use proptest::prelude::*;
 
-/// What a simulated joint is.
+/// A simulated joint.
 #[derive(Clone, Copy, Debug)]
 struct Planted {
     inertia: f64,

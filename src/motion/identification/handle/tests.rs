@@ -4,7 +4,7 @@ use proptest::prelude::*;
 /// Steps in which a cycle is integrated.
 const STEPS: usize = 100;
 
-/// What shakes and feels.
+/// A simulated tool with its force sensor.
 #[derive(Clone, Copy, Debug)]
 struct Planted {
     mass_kg: f64,
