@@ -25,7 +25,7 @@ const HELD_SHARE: f64 = 0.025;
 /// Width of the band on the forbidden side, px.
 const BAND: f64 = 14.0;
 
-/// The tool of each run with its force, the yield force as a circle and the surfaces, as an SVG that moves by itself and begins anew at its end.
+/// The tool of each run with its force, the yield force as a circle and the surfaces, as an animated SVG that repeats.
 /// All panels show the same part of the plane, cropped to the ways of the tools, for the time of the shortest run.
 ///
 /// # Errors
@@ -201,7 +201,7 @@ impl Frames {
     }
 }
 
-/// Way of the tool after the hand has let go of it for good, m; `None` if it never does.
+/// Way of the tool after the hand has released it for good, m; `None` if it never does.
 fn thrown_back_m(trace: &Trace, rows: &[&Row]) -> Option<f64> {
     let is_held = |row: &&&Row| is_held_in(trace, row);
     let (last, end) = (rows.iter().rev().find(is_held)?, rows.last()?);

@@ -23,7 +23,7 @@ pub(super) struct Axes {
     pub y: [f64; 2],
 }
 
-/// How a curve is thinned.
+/// Method by which a curve is thinned.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Kind {
     /// A way in the plane.

@@ -154,7 +154,7 @@ pub(super) fn thin_history(points: &[Point]) -> Vec<Point> {
     kept
 }
 
-/// The strokes of a dashed chain; the pattern runs on around corners. An empty pattern gives the chain itself.
+/// The strokes of a dashed chain; the pattern runs on around corners. An empty pattern returns the chain itself.
 pub(super) fn dashes(points: &[Point], pattern: &[f64]) -> Vec<Vec<Point>> {
     let Some(&first) = points.first() else { return Vec::new() };
     if pattern.is_empty() {

@@ -6,7 +6,7 @@ use yieldwall_record::{Phase, Reference, Row, Trace};
 /// Magnitude up to which a value is drawn: far beyond any rig, and small enough that no sum overflows.
 const LARGEST: f64 = 1e9;
 
-/// Why a figure was not drawn or not written.
+/// Reason why a figure was not drawn or not written.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A trace has no rows.
@@ -60,9 +60,9 @@ pub enum Error {
     /// The number of panels is zero or does not fit the page.
     #[error("{count} panels; this figure takes 1 to {most}")]
     PanelCount {
-        /// How many were asked for.
+        /// Number of panels in the request.
         count: usize,
-        /// How many fit.
+        /// Largest number.
         most: usize,
     },
     /// The width of the picture is out of range.

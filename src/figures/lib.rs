@@ -59,9 +59,9 @@ pub enum TimeSpan {
     /// Rows around the first moment at which the proxy meets the surface, stopped or not; time then counts from it,
     /// in ms.
     AroundImpact {
-        /// How long before the impact, in s.
+        /// Time before the impact, in s.
         before_s: f64,
-        /// How long after the impact, in s.
+        /// Time after the impact, in s.
         after_s: f64,
     },
 }

@@ -45,7 +45,7 @@ pub(super) const PALE: Color = Color(0xd4, 0xd4, 0xd4);
 pub(super) const SKY: Color = Color(0x56, 0xb4, 0xe9);
 pub(super) const VERMILION: Color = Color(0xa8, 0x32, 0x00);
 
-/// How a line is drawn. `dash` holds the lengths of strokes and gaps in turn; empty: a full line.
+/// Style of a line. `dash` holds the lengths of strokes and gaps in turn; empty: a full line.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stroke {
     pub color: Color,
@@ -53,7 +53,7 @@ pub(super) struct Stroke {
     pub dash: &'static [f64],
 }
 
-/// Where a text stands against its point.
+/// Position of a text relative to its point.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Anchor {
     Start,

@@ -24,7 +24,7 @@ const OUTLINE: Stroke = Stroke { color: GREY, width: 2.0, dash: &[3.0, 7.0] };
 const PLACES_BETWEEN: u32 = 7;
 /// Size of a point that is a reference, on paper.
 const DOT: f64 = 5.0;
-/// Ways of a surface, and changes of height, that are none, in m.
+/// Largest motion of a surface, and largest change of height, that counts as none, in m.
 const STILL_M: f64 = 1e-9;
 /// A section that comes as near as this to the outline shows it, in mm.
 const AT_OUTLINE_MM: f64 = 0.1;
@@ -36,7 +36,7 @@ const ENLARGED: f64 = 25.0;
 /// Most corners of a drawn circle: reached only when it is a hundred metres wide on paper.
 const MOST_CORNERS: f64 = 20_000.0;
 
-/// Where the surfaces of a run are drawn.
+/// Places at which the surfaces of a run are drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Places {
     /// How far they are from their place, in m, where they are nearest to it. The third component also lowers them by the

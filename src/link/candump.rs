@@ -24,7 +24,7 @@ impl<W: Write> CandumpWriter<W> {
     /// Appends one frame.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn record(&mut self, time: Time, frame: &Frame) -> io::Result<()> {
         let micros = time.0 / 1000;
         let interface = self.interfaces.get(frame.bus().index()).map_or("-", String::as_str);
@@ -44,15 +44,15 @@ impl<W: Write> CandumpWriter<W> {
     /// Hands what was appended on to the writer's end.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn flush(&mut self) -> io::Result<()> {
         self.out.flush()
     }
 
-    /// Flushes and gives the writer back.
+    /// Flushes and returns the writer.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn finish(mut self) -> io::Result<W> {
         self.out.flush()?;
         Ok(self.out)

@@ -51,7 +51,7 @@ impl<W: Write> CaptureWriter<W> {
     /// A capture of these buses, in the order of their numbers. `out` should be buffered.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn new<'a>(out: W, buses: impl IntoIterator<Item = CapturedBus<'a>>) -> io::Result<Self> {
         let mut capture = Self { out, block: Vec::new() };
         capture.begin(&MAGIC);
@@ -77,7 +77,7 @@ impl<W: Write> CaptureWriter<W> {
     /// Appends one frame.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn record(&mut self, time: Time, packet: Packet<'_>) -> io::Result<()> {
         let (bus, length) = match packet {
             Packet::Can(frame) => (frame.bus(), CAN_HEADER + frame.data().len()),
@@ -98,7 +98,7 @@ impl<W: Write> CaptureWriter<W> {
     /// Hands what was appended on to the writer's end.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn flush(&mut self) -> io::Result<()> {
         self.out.flush()
     }

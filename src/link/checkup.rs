@@ -4,7 +4,7 @@
 
 use std::fmt;
 
-/// How something is.
+/// State of a subject.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
     /// As it should be.
@@ -29,12 +29,12 @@ impl Verdict {
     }
 }
 
-/// One thing that was looked at.
+/// One subject of a check-up.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Check {
     /// Subject of the check, in a word or two.
     pub subject: &'static str,
-    /// How it is.
+    /// Its state.
     pub verdict: Verdict,
     /// Finding.
     pub found: String,

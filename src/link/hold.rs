@@ -17,7 +17,7 @@ use rustix::process::geteuid;
 
 use super::role::{Holder, Role};
 
-/// Why a role is not this process's.
+/// Reason why this process does not have a role.
 #[derive(Debug)]
 pub(super) enum NotHeld {
     /// Another process has the role. The value is that process, if the kernel shows it.
@@ -32,7 +32,7 @@ impl From<Errno> for NotHeld {
     }
 }
 
-/// Attempts to hold what another process lets go of at the same moment.
+/// Attempts to hold a role that another process releases at the same moment.
 const ATTEMPTS: u32 = 4;
 /// Characters of a command line that are shown.
 const LONGEST_COMMAND: usize = 200;

@@ -71,11 +71,11 @@ pub enum Received {
     Frame(Frame),
     /// A frame that this link has sent, now that it has been on the wire.
     Echo(Frame),
-    /// A frame of another participant that is none of CANopen. Only a link that was asked for them has them.
+    /// A frame of another participant that is not a CANopen frame. A link reports them only on request.
     Other(OtherFrame),
     /// A report of the controller.
     Error(ErrorFrame),
-    /// So many frames were lost here since the last arrival, because nobody took them in time.
+    /// Number of frames lost here since the last arrival, because nobody took them in time.
     Overflow {
         /// Number of frames.
         frames: u32,
@@ -97,7 +97,7 @@ impl Received {
     }
 }
 
-/// Why a frame was not sent.
+/// Reason why a frame was not sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SendError {
     /// The queue of the interface is full: nobody acknowledges, or the bus is too slow for what is sent.
@@ -135,7 +135,7 @@ pub trait CanLink {
     /// Real-time: yes.
     ///
     /// # Errors
-    /// Why the frame is gone.
+    /// Reason for the loss of the frame.
     fn send(&mut self, frame: &Frame) -> Result<(), SendError>;
 
     /// Waits until there is something to receive or `until` has come; whether there is something to receive. May return
@@ -163,7 +163,7 @@ pub trait Wires: CanLink {
     /// Real-time: yes.
     ///
     /// # Errors
-    /// Why the frame is gone.
+    /// Reason for the loss of the frame.
     fn send_ethernet(&mut self, _bytes: &[u8]) -> Result<(), SendError> {
         Err(SendError::Gone)
     }

@@ -1,4 +1,4 @@
-//! Frames on a CAN bus that are none of CANopen.
+//! Frames on a CAN bus other than CANopen.
 
 use std::fmt;
 
@@ -23,7 +23,7 @@ impl fmt::Display for OtherFrame {
     }
 }
 
-/// Number of frames that are none of CANopen, by kind.
+/// Number of frames other than CANopen, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct OtherTraffic {
     /// Frames with 29-bit identifiers that are not of CAN FD.

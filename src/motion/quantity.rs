@@ -204,7 +204,7 @@ impl TipDisplacement {
 }
 
 impl TipVelocity {
-    /// How far it leads in `time_s`.
+    /// Returns the displacement in `time_s`.
     pub fn for_s(self, time_s: f64) -> TipDisplacement {
         TipDisplacement(self.0 * time_s)
     }
@@ -218,7 +218,7 @@ impl JointAngles {
 }
 
 impl JointRates {
-    /// How far they turn the joints in `time_s`.
+    /// Returns the angles through which they turn the joints in `time_s`.
     pub fn for_s(self, time_s: f64) -> JointAngles {
         JointAngles(self.0 * time_s)
     }

@@ -19,7 +19,7 @@ pub struct Moment {
     pub compute_ns: u64,
     /// Moment of SYNC in s since the scene began; minus infinity before.
     pub scene_time_s: f64,
-    /// When its stages were over.
+    /// End times of its stages.
     pub stages: Stages,
     /// The last standstill of the computer, if it was not long ago. Not recorded.
     pub standstill: Option<Standstill>,

@@ -28,7 +28,7 @@ pub struct Row {
     pub target_angles_rad: [f64; 2],
     /// Angles measured at the two joints, in rad.
     pub measured_angles_rad: [f64; 2],
-    /// How far the surfaces have moved from their place, in m, base frame.
+    /// Displacement of the surfaces from their place, in m, base frame.
     pub surface_m: [f64; 3],
     /// Signed distance of the proxy from the reference in m, as the fixture counts it: from all its surfaces, where they
     /// are in this cycle.
@@ -49,7 +49,7 @@ pub struct Row {
     pub supervisor_state: u8,
 }
 
-/// Whose force [`Row::force_n`] is.
+/// Source of the force in [`Row::force_n`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ForceMeaning {
     /// The measured force `h` of the hand on the tool (admittance type): figures draw `-h`.
@@ -121,7 +121,7 @@ pub enum Reference {
     },
     /// A point, met by a proxy that passes nearer than its capture radius.
     Point {
-        /// Where, in m.
+        /// Position in m.
         point_m: [f64; 2],
         /// Capture radius in m, zero or above.
         capture_radius_m: f64,
@@ -185,7 +185,7 @@ pub struct Trace {
     pub is_unilateral: bool,
     /// Steps for which the proxy is held on the surface after an impact, `N_wait` of the paper.
     pub hold_steps: u32,
-    /// Whose force the rows hold.
+    /// Source of the force in the rows.
     pub force_meaning: ForceMeaning,
     /// Stretches of the run marked by letters; may be empty.
     pub phases: Vec<Phase>,
@@ -193,7 +193,7 @@ pub struct Trace {
     pub rows: Vec<Row>,
     /// The rows after that fault, which drawings show.
     pub after: Vec<Row>,
-    /// When faults held or stopped the rig, in order of time.
+    /// Faults that held or stopped the rig, in order of time.
     pub faults: Vec<FaultMark>,
 }
 

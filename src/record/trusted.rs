@@ -28,7 +28,7 @@ pub fn make_private(folder: &Path) -> io::Result<()> {
 /// Checks that the caller owns a folder and that nobody else may write to it.
 ///
 /// # Errors
-/// [`ErrorKind::PermissionDenied`] with the command that changes it; what the system says if it cannot be looked at.
+/// [`ErrorKind::PermissionDenied`] with the command that changes it; the error of the system if it cannot be checked.
 pub fn check(folder: &Path) -> io::Result<()> {
     check_owner(folder, &fs::metadata(folder)?)
 }
@@ -36,7 +36,7 @@ pub fn check(folder: &Path) -> io::Result<()> {
 /// Reads a record.
 ///
 /// # Errors
-/// [`ErrorKind::NotFound`] if there is none. [`ErrorKind::PermissionDenied`] if it cannot be believed, with the command that changes it.
+/// [`ErrorKind::NotFound`] if it does not exist. [`ErrorKind::PermissionDenied`] if it cannot be trusted, with the command that changes it.
 pub fn read(path: &Path) -> io::Result<String> {
     check(folder_of(path))?;
     let metadata = fs::symlink_metadata(path)?;

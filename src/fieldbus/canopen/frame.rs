@@ -150,7 +150,7 @@ impl Frame {
     }
 }
 
-/// Where an engine puts the frames it wants to send, oldest first.
+/// Queue for the frames that an engine wants to send, oldest first.
 pub trait Outbox {
     /// Queues one frame. A full queue counts the loss; it never blocks.
     fn push(&mut self, frame: Frame);

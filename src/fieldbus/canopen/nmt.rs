@@ -187,7 +187,7 @@ impl HeartbeatConsumer {
         None
     }
 
-    /// When to poll next at the latest; it may be earlier than the earliest deadline, never later.
+    /// Returns the latest time of the next poll; it may be earlier than the earliest deadline, never later.
     pub fn next_deadline(&self) -> Time {
         self.next
     }

@@ -33,7 +33,7 @@ impl NodeSet {
         self.0 == 0
     }
 
-    /// How many are in it.
+    /// Returns the number of nodes in it.
     pub fn len(self) -> usize {
         self.0.count_ones() as usize
     }

@@ -19,7 +19,7 @@ pub enum AlState {
 }
 
 impl AlState {
-    /// The state of a number; `None` if there is none.
+    /// Returns the state of a number; `None` for a number without a state.
     pub const fn from_number(number: u8) -> Option<AlState> {
         Some(match number {
             1 => AlState::Init,

@@ -209,7 +209,7 @@ impl Ask {
     }
 }
 
-/// Where a datagram lies in a frame.
+/// Position of a datagram in a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Span {
     /// Header.
@@ -227,10 +227,10 @@ impl Span {
     }
 }
 
-/// Where the datagrams of a frame end: the frame counts as long as its EtherCAT header says, whatever padding follows.
+/// Returns the end of the datagrams of a frame. The length is that in its EtherCAT header, whatever padding follows.
 ///
 /// # Errors
-/// If it is not EtherCAT, or shorter than its header says.
+/// If it is not EtherCAT, or shorter than the length in its header.
 pub fn end(frame: &[u8]) -> Result<usize, EthercatError> {
     let what = "the frame";
     if frame.len() < HEADER {

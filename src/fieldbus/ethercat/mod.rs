@@ -30,17 +30,17 @@ pub use error::EthercatError;
 pub use fmmu::{Direction, Fmmu};
 pub use sync_manager::{BufferMode, SyncManager};
 
-/// The bytes `at..at + N` of `bytes`, zero where there are none.
+/// Returns the bytes `at..at + N` of `bytes`, all zero if these go beyond the end.
 pub fn array<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     bytes.get(at..).and_then(|rest| rest.first_chunk()).copied().unwrap_or([0; N])
 }
 
-/// The little-endian word at `at`, zero where there is none.
+/// Returns the little-endian word at `at`, zero if it goes beyond the end.
 pub fn u16_at(bytes: &[u8], at: usize) -> u16 {
     u16::from_le_bytes(array(bytes, at))
 }
 
-/// The little-endian double word at `at`, zero where there is none.
+/// Returns the little-endian double word at `at`, zero if it goes beyond the end.
 pub fn u32_at(bytes: &[u8], at: usize) -> u32 {
     u32::from_le_bytes(array(bytes, at))
 }

@@ -47,7 +47,7 @@ pub const WATCHDOG_PDI: u16 = 0x0410;
 pub const WATCHDOG_SYNC_MANAGER: u16 = 0x0420;
 /// Whether the watchdog of the sync managers is content, u16, bit 0.
 pub const WATCHDOG_STATUS: u16 = 0x0440;
-/// How often the watchdog of the sync managers ran out, u8.
+/// Number of times that the watchdog of the sync managers ran out, u8.
 pub const WATCHDOG_COUNTER: u16 = 0x0442;
 /// SII configuration: bit 0 offers the SII to the device, bit 1 takes it back; u8.
 pub const SII_CONFIGURATION: u16 = 0x0500;
@@ -102,7 +102,7 @@ pub const fn difference_ns(raw: u32) -> i64 {
     if raw >> 31 == 0 { magnitude } else { -magnitude }
 }
 
-/// Registers that a person looks at: address, bytes, name.
+/// Registers for a person to read: address, bytes, name.
 pub const NAMED: [(u16, usize, &str); 27] = [
     (TYPE, 1, "type"),
     (0x0001, 1, "revision"),
@@ -163,7 +163,7 @@ pub mod sii_control {
     pub const CHECKSUM_ERROR: u16 = 1 << 11;
     /// The configuration is not loaded.
     pub const NOT_LOADED: u16 = 1 << 12;
-    /// The memory did not answer, or the command is none.
+    /// The memory did not answer, or the command does not exist.
     pub const COMMAND_ERROR: u16 = 1 << 13;
     /// A write without its enable bit.
     pub const WRITE_ENABLE_ERROR: u16 = 1 << 14;

@@ -3,7 +3,7 @@
 use super::fmmu::Direction;
 use super::{array, u16_at};
 
-/// How a sync manager guards its buffer.
+/// Mode in which a sync manager guards its buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BufferMode {
     /// Three buffers: each side always has the newest whole one.
@@ -77,7 +77,7 @@ impl SyncManager {
         }
     }
 
-    /// How it guards its buffer; `None` for a reserved code.
+    /// Returns the mode in which it guards its buffer; `None` for a reserved code.
     pub const fn mode(&self) -> Option<BufferMode> {
         match self.control & 3 {
             0 => Some(BufferMode::Three),

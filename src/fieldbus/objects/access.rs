@@ -20,24 +20,24 @@ pub fn write_patience(at: Address, usual: Duration) -> Duration {
 pub enum ObjectRequest<'a> {
     /// The value of an object.
     Read(Address),
-    /// That an object takes a value: its little-endian bytes.
+    /// Write of an object: the little-endian bytes of the value.
     Write(Address, &'a [u8]),
 }
 
-/// How what was asked of a device last has ended.
+/// Result of the last request to a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ObjectAnswer<'a> {
-    /// Nothing was asked since the network was started.
+    /// There was no request since the start of the network.
     NotAsked,
     /// It has not ended.
     Pending,
     /// The bytes that were read; none after a write.
     Done(&'a [u8]),
-    /// Why there are none.
+    /// The reason why there are none.
     Failed(ObjectError),
 }
 
-/// Why an object could not be read or written.
+/// Reason why an object could not be read or written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum ObjectError {
     /// The device has no objects, as a sensor on plain CAN.
@@ -55,7 +55,7 @@ pub enum ObjectError {
     /// The transfer was aborted.
     #[error("{0}")]
     Aborted(AbortCode),
-    /// The device does not answer in time, or was started anew meanwhile.
+    /// The device does not answer in time, or was restarted meanwhile.
     #[error("no answer")]
     NoAnswer,
 }

@@ -1,4 +1,4 @@
-//! Where an object lies in a dictionary.
+//! Address of an object in a dictionary.
 
 use std::fmt;
 

@@ -3,7 +3,7 @@
 use super::{AbortCode, Address, ObjectDictionary};
 use crate::time::Time;
 
-/// How far a reset goes.
+/// Extent of a reset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reset {
     /// Power-on, or as if: all objects are back at their power-on values.

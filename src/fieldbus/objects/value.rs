@@ -51,7 +51,7 @@ pub enum DataType {
     Unsigned64 = 0x1b,
 }
 
-/// How the bits of a basic type compare.
+/// Comparison rule for the bits of a basic type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Unsigned,

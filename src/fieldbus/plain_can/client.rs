@@ -35,7 +35,7 @@ pub struct Client {
     newest: Option<(Time, RawSample)>,
     /// Whether a whole sample has come since the start.
     has_begun: bool,
-    /// When the last whole sample came.
+    /// Arrival time of the last whole sample.
     last_at: Time,
     /// Whether a request has no answer yet.
     is_asked: bool,
@@ -77,7 +77,7 @@ impl Client {
         self.has_begun
     }
 
-    /// When [`Client::poll`] has to be called again at the latest.
+    /// Returns the latest time for the next call of [`Client::poll`].
     ///
     /// Real-time: yes.
     pub fn next_deadline(&self) -> Time {
@@ -93,7 +93,7 @@ impl Client {
         }
     }
 
-    /// Asks for a sample, if the sensor sends none by itself.
+    /// Requests a sample, if the sensor sends none without a request.
     ///
     /// Real-time: yes.
     pub fn read(&mut self, out: &mut impl Outbox) {

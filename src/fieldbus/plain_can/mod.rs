@@ -107,7 +107,7 @@ impl Protocol {
         }
     }
 
-    /// The sample of two frames of eight bytes that belong together; `None` if they are none.
+    /// The sample of two frames of eight bytes that belong together; `None` if they are no sample.
     fn decode(&self, frames: [&Frame; 2]) -> Option<RawSample> {
         match self {
             Protocol::Streaming(ids) => ids.decode(frames),
@@ -116,7 +116,7 @@ impl Protocol {
     }
 }
 
-/// How the master is connected to a sensor.
+/// Connection of the master to a sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Link {
     /// Protocol of the sensor.

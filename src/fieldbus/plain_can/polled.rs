@@ -19,7 +19,7 @@ use yieldwall_motion::sensing::RawSample;
 pub struct Format {
     /// Identifier of requests, 001h to 7F9h; answers have five and six more.
     pub base: u16,
-    /// How a number lies in its two bytes.
+    /// Byte order of a number.
     pub byte_order: ByteOrder,
     /// Bits of the status of which any means that a channel is at the end of its range.
     pub overload_bits: u16,
@@ -27,7 +27,7 @@ pub struct Format {
     pub invalid_bits: u16,
 }
 
-/// How a number lies in its two bytes.
+/// Byte order of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ByteOrder {
     /// The high byte first.

@@ -44,7 +44,7 @@ const MOST_PLAIN: f64 = 100_000.0;
 /// Pixels of the PNG for each of the SVG.
 const PICTURE_SCALE: f32 = 2.0;
 
-/// Why a chart could not be drawn.
+/// Reason why a chart could not be drawn.
 #[derive(Debug, Error)]
 pub enum DrawError {
     /// The encoder of pictures failed.
@@ -141,7 +141,7 @@ fn layout(panel: &Panel) -> Layout {
     layout
 }
 
-/// Where the points stand that have no place on the axes.
+/// Returns the words for the place of points that do not fit on the axes.
 fn edge_words(panel: &Panel) -> &'static str {
     let all = || panel.series.iter().flat_map(|series| beyond_values(panel, series));
     let is_below_powers = |(x, y): (f64, f64)| {

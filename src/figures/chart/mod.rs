@@ -50,13 +50,13 @@ pub struct Series {
     pub name: String,
     /// Points, in the order in which a line joins them.
     pub points: Vec<(f64, f64)>,
-    /// How they are drawn.
+    /// Style of the series.
     pub mark: Mark,
     /// Colour.
     pub color: Color,
 }
 
-/// How a series is drawn.
+/// Style of a series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mark {
     /// A line.
@@ -77,7 +77,7 @@ pub enum Mark {
     Cells(u32),
 }
 
-/// A value with the ends of its interval, which are not finite where there is none.
+/// A value with the ends of its interval, which are not finite without an interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// The value.

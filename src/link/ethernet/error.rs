@@ -1,4 +1,4 @@
-//! Why an Ethernet interface cannot be used, and what to try next.
+//! Reasons why an Ethernet interface cannot be used, with the next step to try.
 
 use std::io;
 

@@ -63,7 +63,7 @@ pub trait EthernetLink {
     /// Real-time: yes.
     ///
     /// # Errors
-    /// Why the frame is gone.
+    /// Reason for the loss of the frame.
     fn send(&mut self, frame: &[u8]) -> Result<(), SendError>;
 
     /// Waits until there is something to receive or `until` has come; whether there is something to receive. May return

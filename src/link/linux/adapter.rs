@@ -1,9 +1,9 @@
-//! How an interface hangs on this computer, as the file system of the kernel shows it.
+//! Connection of an interface to this computer, as the file system of the kernel shows it.
 
 use std::fs;
 use std::path::Path;
 
-/// Where the kernel describes its interfaces.
+/// Folder in which the kernel describes its interfaces.
 pub(super) const NET: &str = "/sys/class/net";
 
 /// Shortest cycle in us for an adapter that moves frames in steps of 1 ms, each way. The cycle holds a request, its answer and the next
@@ -17,7 +17,7 @@ const SHORTEST_HIGH_SPEED_US: u32 = 1000;
 /// Connection between the computer and the controller.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Attachment {
-    /// Nothing: the kernel knows of no device. That is so of a virtual interface, and of a serial line on older kernels.
+    /// Nothing: the kernel knows of no device. This is the case for a virtual interface, and of a serial line on older kernels.
     Virtual,
     /// USB of this speed in Mbit/s, where the kernel reports it.
     Usb {

@@ -29,7 +29,7 @@ const LONGEST_DELAY_NS: i64 = 10_000_000;
 /// that neither work nor memory grows with the number of frames.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ControllerClock {
-    /// When the present half began.
+    /// Start of the present half.
     began: Time,
     /// Least difference of the present half.
     present: Option<i64>,

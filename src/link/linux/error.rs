@@ -1,4 +1,4 @@
-//! Why an interface cannot be used, and what to try next.
+//! Reasons why an interface cannot be used, with the next step to try.
 
 use std::io;
 

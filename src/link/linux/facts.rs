@@ -90,7 +90,7 @@ impl InterfaceFacts {
         warnings.map(|check| check.to_string()).collect()
     }
 
-    /// How it is, for a rig of this bit rate in bit/s if one is known.
+    /// Returns the checks of the interface, for a rig of this bit rate in bit/s if one is known.
     pub fn checks(&self, wanted: Option<u32>) -> Vec<Check> {
         let name = &self.name;
         let kind = if self.is_virtual() { "virtual" } else { "with a controller" };

@@ -28,9 +28,9 @@ pub(super) struct Message {
 /// Contents of the control messages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct ControlMessages {
-    /// When the kernel had it, since the begin of the wall clock.
+    /// Time at which the kernel had it, since the start of the wall clock.
     pub(super) software: Option<Duration>,
-    /// When the controller had it, on a clock of its own.
+    /// Time at which the controller had it, on its own clock.
     pub(super) hardware: Option<Duration>,
     /// Messages that the socket has lost so far; wraps.
     pub(super) lost: Option<u32>,

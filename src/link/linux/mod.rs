@@ -74,7 +74,7 @@ pub struct SocketCanSettings {
     /// Roles of the link that only one process of this computer may have on the interface, for as long as the link lives. A process that
     /// only listens needs none.
     pub roles: Vec<Role>,
-    /// Whether frames that are none of CANopen come as well, as [`Received::Other`]: with 29-bit identifiers, and of CAN FD.
+    /// Whether frames other than CANopen come as well, as [`Received::Other`]: with 29-bit identifiers, and of CAN FD.
     pub hears_others: bool,
 }
 
@@ -99,7 +99,7 @@ impl SocketCanSettings {
     }
 }
 
-/// One socket and what is known of it.
+/// One socket and its state.
 #[derive(Debug)]
 struct Port {
     socket: CanSocket,
@@ -131,7 +131,7 @@ pub struct SocketCan {
     stamps: Stamps,
 }
 
-/// How many arrivals had the moment of which clock.
+/// Number of arrivals by the clock of their time stamp.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stamps {
     /// The controller's, the best: it is taken at the wire.
@@ -197,7 +197,7 @@ impl SocketCan {
         })
     }
 
-    /// Whose stamps counted so far.
+    /// Returns the numbers of arrivals so far, by the clock of their time stamp.
     pub fn stamps(&self) -> Stamps {
         self.stamps
     }

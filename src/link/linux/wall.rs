@@ -13,7 +13,7 @@ const FRESH: Duration = Duration::from_millis(10);
 /// Time between the looks at the clocks with which a comparison is kept; more, and something came in between.
 const CLOSE: Duration = Duration::from_micros(20);
 
-/// By how much the clock on the wall is ahead. Reading it anew for each frame costs a system call where the kernel has no
+/// Lead of the wall clock over the loop's clock. Reading it anew for each frame costs a system call where the kernel has no
 /// shared page for that, such as in a virtual machine without a stable clock.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Wall {

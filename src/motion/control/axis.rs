@@ -17,7 +17,7 @@ pub struct Gains {
 }
 
 impl Gains {
-    /// These gains, if they are finite, `K > 0`, `B >= 0` and `L >= 0`.
+    /// Returns these gains, if they are finite, `K > 0`, `B >= 0` and `L >= 0`.
     ///
     /// # Errors
     /// [`ControlError::OutOfRange`] names the first gain that is not.
@@ -147,7 +147,7 @@ pub trait AxisController {
     /// Real-time: yes.
     fn draw_back(&mut self, error: f64);
 
-    /// By how much [`AxisStep::wanted`] grows with the error of the same step: `K + B/T + L T`, N m/rad or N/m.
+    /// Returns the growth of [`AxisStep::wanted`] with the error of the same step: `K + B/T + L T`, N m/rad or N/m.
     fn step_stiffness(&self) -> f64;
 }
 

@@ -94,7 +94,7 @@ pub struct Grip {
     pub mass_kg: f64,
 }
 
-/// Where the position loop closes.
+/// Device that closes the position loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Follower {
     /// In the cycle of the fixture, with the rate of the error by differences.
@@ -109,7 +109,7 @@ pub enum Follower {
     Drive {
         /// Gains of the loop, with the true rates of line and joint.
         gains: Gains,
-        /// Its period in s, not above that of the fixture. It begins anew at each SYNC.
+        /// Its period in s, not above that of the fixture. It starts again at each SYNC.
         period_s: f64,
     },
     /// In the drives, on the integral of a rate. A cycle computes the rate `(r - r1)/T + k (r - encoder)`, which acts from the next SYNC on.
@@ -149,7 +149,7 @@ impl Follower {
     }
 }
 
-/// When the force is felt.
+/// Sampling of the force.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sampling {
     /// Time from one sample to the next in s, positive.
@@ -174,7 +174,7 @@ impl Sampling {
 pub struct Outer {
     /// Cycle `T` of the fixture in s.
     pub period_s: f64,
-    /// When the force is felt.
+    /// Sampling of the force.
     pub sampling: Sampling,
     /// First-order low pass of the samples, if any: its cut-off in Hz, and the interval of samples for which it is made, in s.
     pub low_pass: Option<(f64, f64)>,
@@ -271,7 +271,7 @@ pub fn lag_s(follower: &Follower, pose: &Pose, grip: &Grip, outer: &Outer) -> Re
 /// direction. Delays ask for more, so this says what cannot be had, not what can.
 ///
 /// # Errors
-/// [`ControlError::NotPositiveDefinite`] for a mass matrix that is none, [`ControlError::OutOfRange`] for a singular
+/// [`ControlError::NotPositiveDefinite`] for a mass matrix that is not positive definite, [`ControlError::OutOfRange`] for a singular
 /// Jacobian.
 ///
 /// # Source
@@ -293,7 +293,7 @@ fn inverse_jacobian(pose: &Pose) -> Result<Matrix2<f64>, ControlError> {
     pose.jacobian.try_inverse().filter(|inverse| inverse.iter().all(|x| x.is_finite())).ok_or(singular)
 }
 
-/// The masses among which stable ones are looked for, kg.
+/// Range of masses in the search for stable ones, kg.
 pub const MASSES_KG: [f64; 2] = [1e-3, 1e4];
 /// Points of the search, evenly in the logarithm: eight per decade.
 const SEARCH_POINTS: usize = 57;
@@ -315,7 +315,7 @@ pub struct StableMasses {
     pub greatest_at: usize,
 }
 
-/// The widest range of virtual masses that is stable in all of `loops`; `None` if there is none.
+/// Returns the widest range of virtual masses that is stable in all of `loops`; `None` if no mass is.
 ///
 /// It is the widest one of the first loop, narrowed by each of the others. Both ends are on the stable side, within
 /// 0.1 % of the edge.
@@ -337,7 +337,8 @@ pub fn stable_masses(loops: &[HeldLoop]) -> Option<StableMasses> {
 }
 
 impl StableMasses {
-    /// The part of this range that is stable in another loop too, which gets this number where it sets an end; `None` if there is none.
+    /// Returns the part of this range that is stable in another loop too; `None` if there is none. The other loop gets this number where it
+    /// sets an end.
     pub fn narrowed(self, number: usize, other: &HeldLoop) -> Option<Self> {
         let bounded = Self { greatest_kg: self.greatest_kg.min(MASSES_KG[1]), ..self };
         bounded.within(number, other).map(Self::unbounded)

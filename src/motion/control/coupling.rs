@@ -7,7 +7,7 @@ use super::error::positive;
 use super::{ControlError, Gains, ServoLoop, is_stable};
 use crate::elementary;
 
-/// Stiffnesses (N/m) and dampings (N s/m) among which the greatest is looked for.
+/// Stiffnesses (N/m) and dampings (N s/m) in the search for the greatest.
 const RANGE: [f64; 2] = [1e-6, 1e9];
 /// Points of the search, evenly in the logarithm.
 const SEARCH_POINTS: u32 = 150;
@@ -43,7 +43,7 @@ pub fn greatest_stiffness_n_per_m(
     })
 }
 
-/// The greatest virtual damping in N s/m with which the coupling of `servo`, whose own damping is not looked at, is
+/// Returns the greatest virtual damping in N s/m with which the coupling of `servo`, whose own damping is ignored, is
 /// stable with a factor of `reserve >= 1` to spare. `None` if none is.
 ///
 /// # Errors

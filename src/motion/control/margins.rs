@@ -19,7 +19,7 @@ use super::stability::{is_stable_about_one, product, sum};
 /// frequency grid dense enough for the delay's phase.
 pub const MAX_DELAY_CYCLES: f64 = 16.0;
 
-/// Points of the frequency grid on which crossovers are looked for, evenly in the logarithm.
+/// Points of the frequency grid in the search for crossovers, evenly in the logarithm.
 const GRID_POINTS: usize = 6000;
 /// Lowest frequency of the grid over the highest, the Nyquist frequency. A loop that crosses below, at less than 0.1 mHz for 1 kHz, is not
 /// a servo.
@@ -39,13 +39,13 @@ pub struct ServoLoop {
     pub delay_cycles: f64,
 }
 
-/// How far a loop is from instability. The signs of `gain_db`, `phase_deg` and `gain_reduction_db` say on which side.
+/// Distance of a loop from instability. The signs of `gain_db`, `phase_deg` and `gain_reduction_db` say on which side.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Margins {
-    /// How much all gains together may grow, dB; infinity if without bound. Negative: they must shrink by that much.
+    /// Factor by which all gains together may grow, dB; infinity if without bound. Negative: they must shrink by that much.
     /// Negative infinity if no common factor makes the loop stable.
     pub gain_db: f64,
-    /// How much all gains together may shrink, dB; infinity if without bound. The integral needs a least gain. Negative:
+    /// Factor by which all gains together may shrink, dB; infinity if without bound. The integral needs a least gain. Negative:
     /// they must grow.
     pub gain_reduction_db: f64,
     /// Least phase margin over all gain crossovers, degrees; negative if the loop is unstable. A loop whose gain never
@@ -389,7 +389,7 @@ fn step_response(t: f64, decay: f64) -> [f64; 2] {
     [position, coast(t, decay)]
 }
 
-/// Where `is` changes in `(low, high]`, at whose ends it differs; the ends are positive.
+/// Returns the place where `is` changes in `(low, high]`, at whose ends it differs; the ends are positive.
 fn change_between(mut low: f64, mut high: f64, is: impl Fn(f64) -> bool) -> f64 {
     let at_high = is(high);
     for _ in 0..BISECTIONS {

@@ -85,7 +85,7 @@ impl Psmc {
         })
     }
 
-    /// Where the inner proxy is, seen from the measured position: `q - p` of the last step, rad or m.
+    /// Returns the position of the inner proxy, seen from the measured position: `q - p` of the last step, rad or m.
     ///
     /// Real-time: yes.
     pub fn proxy_offset(&self) -> f64 {

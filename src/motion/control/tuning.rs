@@ -5,7 +5,7 @@ use crate::elementary;
 
 /// Halvings of the search for the bandwidth.
 const HALVINGS: u32 = 40;
-/// Bandwidths between which gains are looked for, as multiples of that of the shape.
+/// Range of bandwidths in the search for gains, as multiples of that of the shape.
 const BANDWIDTHS: [f64; 2] = [0.01, 100.0];
 
 /// Gains with what they leave.
@@ -19,7 +19,7 @@ pub struct Tuned {
     pub margins: Margins,
 }
 
-/// Gains of another bandwidth: stiffness by its square, damping by itself, integral by its cube, so that the shape of the loop
+/// Returns gains of another bandwidth: stiffness by its square, damping by itself, integral by its cube, so that the shape of the loop
 /// stays.
 pub fn at_bandwidth(shape: Gains, factor: f64) -> Gains {
     Gains {

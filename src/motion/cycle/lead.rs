@@ -5,7 +5,7 @@ use crate::quantity::{JointAngles, JointRates};
 /// An angle that is no way, rad: below it a joint is at its target.
 const NO_WAY_RAD: f64 = 1e-12;
 
-/// How fast joints are led.
+/// Limits of the motion of guided joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LeadLimits {
     /// Greatest rate of a joint in rad/s, positive.
@@ -15,16 +15,16 @@ pub struct LeadLimits {
 }
 
 impl LeadLimits {
-    /// How far a joint that is led may be from where it is led, rad: what a drive is behind by in a few periods, and a little more. A joint
-    /// that does not follow is stopped soon, whatever keeps it from that.
+    /// Largest distance of a guided joint from its reference, rad: the lag of a drive in a few periods, and a little more. A joint that
+    /// does not follow is stopped soon, whatever the reason.
     pub(super) fn following_error_rad(&self, period_s: f64) -> f64 {
         const LITTLE_RAD: f64 = 5e-3;
         const PERIODS: f64 = 3.0;
         LITTLE_RAD + PERIODS * period_s * self.rate_rad_per_s
     }
 
-    /// The angle and the rate of one joint after a period. It goes as fast as the limits let it come to rest at its target, which is
-    /// reached exactly where the target stays.
+    /// Returns the angle and the rate of one joint after a period. The joint moves as fast as the limits let it come to rest at its target.
+    /// A target that stays is reached exactly.
     ///
     /// With `v` the rate, `a` the acceleration and `T` the period, the way that is left has to be `v T + v^2 / (2 a)` at least, which
     /// gives `v = a (sqrt(T^2 + 2 d / a) - T)` for a way `d`.
@@ -42,7 +42,7 @@ impl LeadLimits {
     }
 }
 
-/// Where the joints are led, and how fast they go.
+/// Targets of the guided joints, and their rates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Lead {
     limits: LeadLimits,
@@ -51,7 +51,7 @@ pub(super) struct Lead {
 }
 
 impl Lead {
-    /// Joints that are not led yet.
+    /// Creates joints that are not guided yet.
     pub(super) fn new(limits: LeadLimits) -> Self {
         Self { limits, targets: None, rates: JointRates::default() }
     }
@@ -61,28 +61,28 @@ impl Lead {
         self.limits.following_error_rad(period_s)
     }
 
-    /// The joints rest here until they are led elsewhere.
+    /// Sets the angles at which the joints rest until they are guided elsewhere.
     pub(super) fn rest(&mut self, at: JointAngles) {
         (self.targets, self.rates) = (Some(at), JointRates::default());
     }
 
-    /// No joint is led any more.
+    /// Stops the guiding of all joints.
     pub(super) fn forget(&mut self) {
         (self.targets, self.rates) = (None, JointRates::default());
     }
 
-    /// Leads joints that rest or are led already to other targets.
+    /// Guides joints that rest, or are guided already, to other targets.
     pub(super) fn lead_to(&mut self, targets: JointAngles) {
         self.targets = self.targets.map(|before| if targets.is_finite() { targets } else { before });
     }
 
-    /// Whether the joints have come to their targets.
+    /// Whether the joints have reached their targets.
     pub(super) fn is_there(&self, at: JointAngles) -> bool {
         let is_near = |targets: JointAngles| (targets - at).norm() <= 2.0 * NO_WAY_RAD;
         self.targets.is_some_and(is_near) && self.rates == JointRates::default()
     }
 
-    /// The angles after a period, from where the joints are led now.
+    /// Returns the angles one period after `from`, the present reference of the joints.
     pub(super) fn step(&mut self, from: JointAngles, period_s: f64) -> JointAngles {
         let Some(targets) = self.targets else { return from };
         let of = |from, rate, target| self.limits.approach(from, rate, target, period_s);

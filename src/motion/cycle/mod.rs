@@ -52,7 +52,7 @@ pub struct LinkEvents {
     pub late: DeviceSet,
     /// A node announced its start.
     pub node_reset: DeviceSet,
-    /// A heartbeat stayed away, or a node left Operational.
+    /// A heartbeat is missing, or a node left Operational.
     pub heartbeat_lost: DeviceSet,
     /// Two devices answer to one node id.
     pub duplicate_node: DeviceSet,
@@ -60,7 +60,7 @@ pub struct LinkEvents {
     pub emergency: DeviceSet,
     /// An emergency message that is a warning arrived.
     pub emergency_warning: DeviceSet,
-    /// Somebody else sent NMT commands, SYNC or set-points, or has written to a node by SDO.
+    /// Another participant sent NMT commands, SYNC or set-points, or has written to a node by SDO.
     pub intruder: bool,
     /// The interfaces that the frames of the last cycle have not left yet.
     pub transmit_stalled: DeviceSet,
@@ -107,14 +107,14 @@ impl std::ops::BitOr for LinkEvents {
     }
 }
 
-/// When the cycle ran, against its grid. All zero for a cycle in time.
+/// Time of the cycle, relative to its grid. All zero for a cycle in time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Timing {
     /// Time from the grid point to the moment at which SYNC was sent, ns.
     pub sync_late_ns: u32,
     /// Time from the planned moment of the computation to its begin, ns.
     pub compute_late_ns: u32,
-    /// How long the computation of the cycle before took until its frames were handed over, ns.
+    /// Duration of the computation of the cycle before until its frames were handed over, ns.
     pub last_compute_ns: u32,
     /// Grid points that passed without a cycle since the last one.
     pub skipped: u32,
@@ -161,7 +161,7 @@ pub struct Signals {
     pub tool: TipPoint,
     /// Proxy, or the measured tool point while there is no reference.
     pub proxy: TipPoint,
-    /// How far the fixture's surfaces have moved from their place.
+    /// Displacement of the fixture's surfaces from their place.
     pub surface: TipDisplacement,
     /// Angles that the proxy asks for.
     pub target_angles: JointAngles,
@@ -184,7 +184,7 @@ pub struct Signals {
 pub struct Settings {
     /// Cycle time in s, positive.
     pub period_s: f64,
-    /// Nearest that the arm may come to a singularity or to the workspace edge, in m.
+    /// Least distance of the arm to a singularity or to the workspace edge, in m.
     pub singularity_margin_m: f64,
     /// Greatest speed of the reference in m/s.
     pub tool_speed_limit_m_per_s: f64,
@@ -204,7 +204,7 @@ pub struct Settings {
     pub enabling_limit_s: [f64; 2],
     /// Longest time in s that a computation may take.
     pub compute_budget_s: f64,
-    /// How long the brakes take to close that the master holds, s: torque stays on meanwhile. 0 without any.
+    /// Closing time of the brakes that the master controls, s: torque stays on meanwhile. 0 without brakes.
     pub brake_s: f64,
 }
 
@@ -230,9 +230,9 @@ pub struct Cycle {
     halt: Option<StopRamp>,
     /// In place of the fixture.
     lead: Option<Lead>,
-    /// Whether the drives move the joints by themselves.
+    /// Whether the drives move the joints without the master.
     homes: bool,
-    /// Joints that are pushed and do not move, while they are led or their drives move them.
+    /// Joints that are pushed and do not move, while they are guided or their drives move them.
     blocked: DeviceSet,
     /// Torques that the reference's motion needs; known in torque mode alone.
     needed: Option<JointTorques>,
@@ -353,7 +353,7 @@ impl Cycle {
         self.sensing.set_bias(bias);
     }
 
-    /// Whether the reference rests where the joints are led.
+    /// Whether the reference rests at the targets of the joints.
     ///
     /// Real-time: yes.
     pub fn is_there(&self) -> bool {
@@ -388,7 +388,7 @@ impl Cycle {
         free.map_or(0.0, |step| f64::from(step) / steps)
     }
 
-    /// One cycle of the rig, from what the bus brought to what it shall carry.
+    /// Computes one cycle of the rig, from the received data to the data to send.
     ///
     /// Real-time: yes.
     pub fn step(&mut self, inputs: &Inputs) -> Outputs {

@@ -16,13 +16,13 @@ const BRAKING_RESERVE_M: f64 = 0.01;
 const BRAKING_STEPS: u32 = 3;
 /// Step of the difference quotient for the gradient of the clearance, m.
 const GRADIENT_STEP_M: f64 = 1e-6;
-/// How exactly a clearance is kept, m.
+/// Tolerance of a clearance, m.
 const CLEARANCE_TOLERANCE_M: f64 = 1e-8;
 
 /// The reference of one cycle, its derivatives by backward differences over one period.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reference {
-    /// Where the tool shall be.
+    /// Desired state of the tool.
     pub point: TipPoint,
     /// Its velocity.
     pub velocity: TipVelocity,
@@ -54,7 +54,7 @@ impl Reference {
         }
     }
 
-    /// The reference of the next cycle, which has come to this point within `period_s`.
+    /// Returns the reference of the next cycle, which reached this point within `period_s`.
     ///
     /// Real-time: yes.
     #[must_use]
@@ -88,7 +88,7 @@ impl Track {
         self.slots[usize::from(self.is_second)].as_ref()
     }
 
-    /// The one to come.
+    /// Returns the next reference.
     #[inline]
     pub(super) fn next(&self) -> Option<&Reference> {
         self.slots[usize::from(!self.is_second)].as_ref()
@@ -207,7 +207,7 @@ impl Cycle {
         if point.is_finite() { Ok(point) } else { Err(Fault::NotFinite) }
     }
 
-    /// Where the joints are led; where the linkage does not go they stay. After a halt they stay until they are led again.
+    /// Guides the joints. They stay where the linkage cannot follow. After a halt they stay until they are guided again.
     fn led(&mut self, last: &Last) -> TipPoint {
         let was_halted = self.halt.take().is_some();
         let period_s = self.settings.period_s;

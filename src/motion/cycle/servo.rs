@@ -12,7 +12,7 @@ use crate::linkage::{FiveBar, MassModel, Posture};
 use crate::quantity::{Force, JointAngles, JointRates, JointTorques, TipDisplacement};
 use crate::setvalued::gsat;
 
-/// How the rig commands its joints.
+/// Command mode of the joints.
 #[derive(Clone, Debug)]
 pub enum Servo {
     /// The drives close the position loop (CSP).
@@ -141,12 +141,12 @@ pub struct TorqueStep {
     pub torques: JointTorques,
     /// Torques that the motion of the reference needs, with a model of the arm's inertia.
     pub needed: Option<JointTorques>,
-    /// How much nearer the reference would have to be for the controllers alone to keep within their limit; `None` if they do. A
+    /// Distance by which the reference is too far for the controllers alone to keep within their limit; `None` if they do. A
     /// feed-forward does not count: the acceleration of a proxy that stops at once asks for any torque, for one cycle.
     pub overreach: Option<Deviation>,
 }
 
-/// How far one state of the arm lies from another, in what the controllers act on.
+/// Difference of two states of the arm, in the coordinates of the controllers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Deviation {
     /// Angles of the proximal links.
@@ -156,7 +156,7 @@ pub enum Deviation {
 }
 
 impl Deviation {
-    /// One number for each controller: left and right in rad, or along x and y in m.
+    /// Returns one number for each controller: left and right in rad, or along x and y in m.
     fn to_array(self) -> [f64; 2] {
         match self {
             Self::Joints(by) => by.to_array(),
@@ -220,7 +220,7 @@ impl TorqueServo {
         Ok(TorqueStep { torques, needed, overreach })
     }
 
-    /// How far the reference lies from the measured arm.
+    /// Returns the deviation of the reference from the measured arm.
     fn error(&self, reference: &Reference, posture: &Posture) -> Deviation {
         if self.is_cartesian {
             Deviation::Tool(reference.point - posture.tip)

@@ -101,7 +101,7 @@ mod tests {
 
     const T: f64 = 1e-3;
 
-    /// How often a swing at `frequency_hz` with this speed is chatter in two seconds.
+    /// Returns how often a swing at `frequency_hz` with this speed is chatter in two seconds.
     fn chatters(frequency_hz: f64, speed: f64) -> usize {
         let mut chatter = Chatter::default();
         let at = |step: u32| speed * elementary::cos(TAU * frequency_hz * f64::from(step) * T);

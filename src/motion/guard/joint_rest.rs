@@ -12,7 +12,7 @@ const MOVING_LIMIT_S: f64 = 1.0;
 /// Whether the joints of a rig rest after a quick stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct JointRest {
-    /// Where the joints came to rest, if they have been measured.
+    /// Angles at which the joints came to rest, if they have been measured.
     place: Option<JointAngles>,
     resting_s: f64,
     stopped_s: f64,

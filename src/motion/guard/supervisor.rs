@@ -7,7 +7,7 @@
 //!   |                                                 v
 //!   +------- reset ------ Stopped*, Disabled*, Lost* <-- Stopping (ramp)
 //! ```
-//! States with `*` latch: only [`Request::Reset`] leaves them, and nothing enables by itself.
+//! States with `*` latch: only [`Request::Reset`] leaves them, and nothing enables the drives automatically.
 
 use yieldwall_drives::cia402;
 
@@ -27,7 +27,7 @@ pub enum State {
     Enabling,
     /// The fixture moves the reference.
     Running,
-    /// The reference is at rest or comes to rest; clears by itself when the fault has gone.
+    /// The reference is at rest or comes to rest; clears automatically when the fault has gone.
     Holding,
     /// The reference comes to rest along a ramp; a quick stop follows.
     Stopping,
@@ -162,7 +162,7 @@ impl Supervisor {
         self.cause
     }
 
-    /// One cycle.
+    /// Computes one cycle.
     ///
     /// Real-time: yes.
     pub fn step(&mut self, view: &View) -> Directive {

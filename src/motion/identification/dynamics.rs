@@ -9,9 +9,9 @@ use crate::elementary;
 
 /// Cycles before a record that a passage needs: a torque may act that much later than it is set, less two cycles.
 pub const MOST_SHIFTS: usize = 18;
-/// Longest delay that is looked for, cycles.
+/// Longest delay of the search, cycles.
 const LONGEST_DELAY: f64 = (MOST_SHIFTS - 2) as f64;
-/// Steps per cycle in which delays are looked for first.
+/// Steps per cycle of the first search for delays.
 const STEPS_PER_CYCLE: f64 = 20.0;
 /// Divisions of the interval around the best of them.
 const DIVISIONS: u32 = 60;
@@ -25,7 +25,7 @@ pub struct Passage {
     pub torques_n_m: Vec<f64>,
 }
 
-/// How a joint answers a torque at one frequency.
+/// Response of a joint to a torque at one frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Response {
     /// The frequency, Hz.

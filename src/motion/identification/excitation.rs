@@ -84,7 +84,7 @@ impl Excitation {
         self.angles_rad.iter().zip(next).map(|(now, next)| (next - now).abs()).fold(0.0, f64::max) / period_s
     }
 
-    /// The angle in a cycle, rad; after a record it begins anew.
+    /// Returns the angle in a cycle, rad; it repeats after a record.
     pub fn angle_rad(&self, cycle: u32) -> f64 {
         let at = cycle as usize % self.angles_rad.len().max(1);
         self.angles_rad.get(at).copied().unwrap_or_default()

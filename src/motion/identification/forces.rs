@@ -29,7 +29,7 @@ impl ForceMap {
         [elementary::hypot(xx, yx), elementary::hypot(xy, yy)]
     }
 
-    /// By how much both axes are turned together, counter-clockwise, rad: the rotation that is nearest to the map.
+    /// Returns the common rotation of both axes, counter-clockwise, rad: the rotation that is nearest to the map.
     pub fn turn_rad(&self) -> f64 {
         let [[xx, xy], [yx, yy]] = self.matrix;
         elementary::atan2(yx - xy, xx + yy)

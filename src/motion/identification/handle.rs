@@ -12,15 +12,15 @@ use nalgebra::{Complex, Matrix3, Vector3};
 use super::{Estimate, Excitation, NotIdentified};
 use crate::elementary;
 
-/// Longest age that is looked for, s.
+/// Longest age of the search, s.
 const LONGEST_S: f64 = 0.03;
 /// Cycles by which a force may be younger than the angles: it comes after SYNC.
 const YOUNGEST: f64 = -1.0;
 /// Cycles that a record needs behind it: those that are younger, and one for the difference.
 pub const BEHIND: usize = 2;
-/// Steps per cycle in which ages are looked for first.
+/// Steps per cycle of the first search for ages.
 const STEPS_PER_CYCLE: f64 = 4.0;
-/// Time constants of a low pass that are looked at first, s.
+/// Time constants of a low pass that are tried first, s.
 const LAGS_S: [f64; 7] = [0.0, 0.3e-3, 0.6e-3, 1.25e-3, 2.5e-3, 5e-3, 10e-3];
 /// Steps of the refinement.
 const REFINEMENTS: u32 = 40;

@@ -13,12 +13,12 @@ const STEP: f64 = 1e-6;
 /// Iterations at most, and the change of any parameter below which they end.
 const ITERATIONS: usize = 100;
 const SETTLED: f64 = 1e-12;
-/// How often the damping is raised before an iteration is given up.
+/// Number of increases of the damping before an iteration is abandoned.
 const TRIES: usize = 12;
 /// Greatest half width of an interval, as a share of a link: beyond it the points do not determine the parameters.
 const WIDEST: f64 = 0.05;
 
-/// Points of which pairs that were exchanged are looked for, at most.
+/// Largest number of points with a search for exchanged pairs.
 const MOST_EXCHANGED: usize = 24;
 
 /// A point of the tool in the base frame, and the joint angles there, rad.
@@ -56,7 +56,7 @@ impl Candidate {
         Geometry { proximal_m: [a, b], distal_m: [c, d], ..*like }
     }
 
-    /// By how much the tool is beside each point, m; nothing where the linkage does not close.
+    /// Returns the offset of the tool from each point, m; nothing where the linkage does not close.
     fn residuals(&self, like: &Geometry, visited: &[Visited]) -> Option<Vec<f64>> {
         let [.., left, right]: [f64; PARAMETERS] = self.0.into();
         let linkage = FiveBar::new(self.geometry(like)).ok()?;
@@ -142,7 +142,7 @@ pub fn kinematics(geometry: &Geometry, visited: &[Visited]) -> Result<Kinematics
 pub enum Mistaken {
     /// This point: the others fit without it.
     Point(usize),
-    /// These two were visited in the other order.
+    /// The tool visited these two in the other order.
     Exchanged(usize, usize),
 }
 

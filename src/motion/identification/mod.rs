@@ -36,7 +36,7 @@ pub use kinematics::{Kinematics, Mistaken, Visited, kinematics, mistaken};
 
 use thiserror::Error;
 
-/// Why something was not identified.
+/// Reason why something was not identified.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum NotIdentified {
     /// Fewer samples than it takes.
@@ -57,7 +57,7 @@ pub enum NotIdentified {
     /// The points do not determine the lengths and zeros of an arm, or the arm cannot be at them.
     #[error("the points do not tell links and zeros apart, or no such arm is at them")]
     Apart,
-    /// No delay within the range that is looked at fits.
+    /// No delay within the range of the search fits.
     #[error("no delay up to {longest_s} s fits")]
     NoDelay {
         /// The longest one, s.

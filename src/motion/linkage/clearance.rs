@@ -53,7 +53,7 @@ impl Clearance {
         candidates.into_iter().fold(start, |best, next| if next.1 <= best.1 { next } else { best })
     }
 
-    /// How far the nearest singularity is in m, as [`nearest`](Self::nearest) says.
+    /// Returns the distance of the nearest singularity in m, as [`nearest`](Self::nearest).
     ///
     /// Real-time: yes.
     pub fn least_m(&self) -> f64 {
@@ -69,15 +69,15 @@ impl Clearance {
 pub struct DiscError {
     /// The point.
     pub tip: TipPoint,
-    /// Why it is refused.
+    /// Reason why it is refused.
     #[source]
     pub cause: LinkageError,
 }
 
 impl FiveBar {
-    /// How far a posture of this linkage is from each singularity.
+    /// Returns the distance of a posture of this linkage from each singularity.
     ///
-    /// The sides of the elbows are not looked at: see [`require_clearance`](Self::require_clearance).
+    /// The sides of the elbows are not checked: see [`require_clearance`](Self::require_clearance).
     ///
     /// Real-time: yes.
     pub fn clearance(&self, posture: &Posture) -> Clearance {

@@ -2,7 +2,7 @@ use super::geometry::{Chain, Side};
 use super::singularity::Singularity;
 use thiserror::Error;
 
-/// Why a position, an angle or a motion is refused. Every variant carries the numbers that decided.
+/// Reason why a position, an angle or a motion is refused. Every variant carries the numbers behind it.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum LinkageError {
     /// A number is NaN or infinite, or so large that the result would be.
@@ -80,9 +80,9 @@ pub enum LinkageError {
     NearSingularity {
         /// The nearest singularity.
         singularity: Singularity,
-        /// How near.
+        /// The distance.
         clearance_m: f64,
-        /// How near is allowed.
+        /// The smallest allowed distance.
         margin_m: f64,
     },
     /// The Jacobian cannot be inverted.

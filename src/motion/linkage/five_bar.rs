@@ -46,7 +46,7 @@ pub struct Closure {
     cross: f64,
 }
 
-/// How the wrist of a closed loop moves with the joints.
+/// Motion of a closed loop's wrist with the joints.
 pub(super) struct Transmission {
     /// `x = dual[0] r[0] + dual[1] r[1]` solves `distal[i] . x = r[i]`.
     pub(super) dual: [Complex; 2],
@@ -60,7 +60,7 @@ impl Closure {
         self.angles
     }
 
-    /// With an angle that is none, as a bit that flips leaves it.
+    /// With an angle that is not finite, as after a bit flip.
     #[cfg(test)]
     pub fn at_no_angle(self) -> Self {
         Self { angles: JointAngles::new(f64::NAN, self.angles.right()), ..self }

@@ -99,7 +99,7 @@ impl WristSide {
     }
 }
 
-/// Where the tool point sits on the linkage.
+/// Position of the tool point on the linkage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tool {
     /// The chain whose distal link holds the tool.
@@ -127,7 +127,7 @@ pub struct Geometry {
     pub tool: Tool,
 }
 
-/// Why a set of parameters is not one of a machine.
+/// Reason why a set of parameters is not that of a machine.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum GeometryError {
     /// A length is NaN, not positive or beyond any machine.

@@ -18,7 +18,7 @@ pub enum MountedOn {
     RightDistal,
 }
 
-/// How the sensor sits on its link. Its z axis points up as the base frame's.
+/// Mounting of the sensor on its link. Its z axis points up as the base frame's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mounting {
     link: MountedOn,

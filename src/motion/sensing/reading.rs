@@ -18,7 +18,7 @@ const GREATEST_N: f64 = 1e150;
 pub struct SensingParameters {
     /// Counts to wrench.
     pub calibration: Calibration,
-    /// How the sensor sits on its link.
+    /// Mounting of the sensor on its link.
     pub mounting: Mounting,
     /// Mass on the hand's side of the sensor, kg, not negative.
     pub handle_mass_kg: f64,
@@ -296,7 +296,7 @@ impl Sensing {
         }
     }
 
-    /// Gives a tare under way its sample; whether this sample belonged to one.
+    /// Adds a sample to a tare under way; returns whether the sample belonged to a tare.
     fn is_taring(&mut self, sample: &RawSample, wrench: &Wrench) -> bool {
         let Some(tare) = &mut self.tare else {
             return false;
@@ -323,7 +323,7 @@ impl Sensing {
         Ok(())
     }
 
-    /// Where the last started tare stands; none if there never was one.
+    /// Returns the progress of the last started tare; none if no tare was ever started.
     pub fn tare_state(&self) -> Option<TareState> {
         self.tare.as_ref().map(Tare::state)
     }
@@ -345,7 +345,7 @@ impl Sensing {
         &self.calibration
     }
 
-    /// How the sensor sits on its link.
+    /// Mounting of the sensor on its link.
     pub fn mounting(&self) -> Mounting {
         self.mounting
     }

@@ -8,7 +8,7 @@ use super::error::{SensingError, not_negative};
 /// Most samples of a tare: a minute at 1 kHz. Longer, and drift is what is measured.
 const MOST_SAMPLES: u32 = 60_000;
 
-/// How a tare is taken.
+/// Parameters of a tare.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TareParameters {
     /// Samples whose mean is the bias, 1 to 60 000.
@@ -19,7 +19,7 @@ pub struct TareParameters {
     pub torque_spread_limit_n_m: f64,
 }
 
-/// Why a tare failed.
+/// Reason why a tare failed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum TareFault {
     /// A sample was saturated.
@@ -33,12 +33,12 @@ pub enum TareFault {
     },
 }
 
-/// Where a tare stands.
+/// Progress of a tare.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum TareState {
     /// Taking samples.
     Collecting {
-        /// How many are still to come.
+        /// Number of samples still to come.
         remaining: u32,
     },
     /// Finished with this bias, sensor frame.
@@ -104,7 +104,7 @@ impl Tare {
         self.state
     }
 
-    /// Where it stands.
+    /// Returns its progress.
     pub fn state(&self) -> TareState {
         self.state
     }

@@ -23,11 +23,11 @@ const MAX_NAME: usize = 64;
 pub struct Saved {
     /// The fault and its devices.
     pub cause: Cause,
-    /// The state that it led to.
+    /// State of the rig after it.
     pub state: State,
     /// Time of the scene at which it did, in s; minus infinity before the scene.
     pub scene_time_s: f64,
-    /// The file, or why there is none or not all of it.
+    /// The file, or the reason why it is missing or incomplete.
     pub file: Result<PathBuf, io::Error>,
 }
 

@@ -1,8 +1,8 @@
-//! Why a recording cannot be read.
+//! Reasons why a recording cannot be read.
 
 use std::io;
 
-/// Why a file is no recording of this program, or none that it can use.
+/// Reason why a file is no recording of this program, or not a usable one.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
     /// The file cannot be read.
@@ -11,7 +11,7 @@ pub enum ReadError {
     /// The first bytes are not those of MCAP.
     #[error("is not an MCAP file")]
     NotMcap,
-    /// Nothing says what was recorded: the file ends too early, or another program wrote it.
+    /// The description of the run is missing: the file ends too early, or another program wrote it.
     #[error("has no description of what was recorded{}", .0.as_ref().map(|damage| format!(": {damage}")).unwrap_or_default())]
     NoDescription(Option<super::Damage>),
     /// The description of the run differs from the one written.

@@ -6,11 +6,11 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// How long the emptying thread rests when it finds nothing.
+/// Rest of the emptying thread when it finds nothing.
 const REST: Duration = Duration::from_millis(2);
-/// How long the filling side rests when it waits for room.
+/// Rest of the filling side when it waits for room.
 const WAIT: Duration = Duration::from_micros(100);
-/// How often that is done for a thread that takes nothing: about a second.
+/// Number of such rests for a thread that takes nothing: about a second.
 const PATIENCE: u32 = 10_000;
 
 /// Takes what comes out of a ring, on a thread of its own.
@@ -33,7 +33,7 @@ pub trait Sink<T>: Send + 'static {
     /// If something of it is lost.
     fn finish(&mut self) -> io::Result<()>;
 
-    /// How many items are in place for good.
+    /// Returns the number of items that are stored for good.
     fn stored(&self) -> u64;
 
     /// Ends, and returns the final report.
@@ -50,7 +50,7 @@ pub enum Backpressure {
     Wait,
 }
 
-/// How many items went which way.
+/// Numbers of items by their fate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Items that are where they belong.
@@ -153,12 +153,12 @@ pub struct Feed<R> {
     thread: JoinHandle<(R, Counts, Option<io::Error>)>,
 }
 
-/// How a feed ended.
+/// Result of a feed.
 #[derive(Debug)]
 pub struct Finished<R> {
     /// Report of the sink.
     pub report: R,
-    /// How many items went which way.
+    /// Numbers of items by their fate.
     pub counts: Counts,
     /// The first error of the sink.
     pub error: Option<io::Error>,

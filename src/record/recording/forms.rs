@@ -86,7 +86,7 @@ impl Visitor for Encoder<'_> {
     }
 }
 
-/// Why bytes are no record.
+/// Reason why bytes are no record.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DecodeError {
     /// Another encoding.
@@ -113,7 +113,7 @@ pub enum DecodeError {
 /// The record that these bytes are.
 ///
 /// # Errors
-/// If they are none.
+/// If the bytes are no record.
 pub fn decode<T: Recorded>(bytes: &[u8]) -> Result<T, DecodeError> {
     let data = bytes.strip_prefix(&ENCAPSULATION).ok_or(DecodeError::Encapsulation)?;
     let mut decoder = Decoder { data, at: 0, error: None };

@@ -1,4 +1,4 @@
-//! Recordings: every cycle on disk, to be looked at elsewhere and to be run again here.
+//! Recordings: every cycle on disk, for other programs to read and for this program to run again.
 //!
 //! ```text
 //! cycle -> CycleRecord -> Producer (wait-free ring) ... Feed (own thread) -> Recorder: cycles.mcap, cycles.csv

@@ -32,7 +32,7 @@ const MAX_DAMAGE: usize = 16;
 /// A place at which something of the file is lost.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Damage {
-    /// Where the record begins that is lost or cut, in bytes from the begin of the file.
+    /// Start of the lost or cut record, in bytes from the start of the file.
     pub offset: u64,
     /// Fault at this place.
     pub what: String,

@@ -16,7 +16,7 @@ pub trait Recorded: Copy + Send + 'static {
     /// Whether recordings of this machine hold such records.
     fn fits(machine: &Machine) -> bool;
 
-    /// One to be filled in.
+    /// Returns a record to fill in.
     fn blank() -> Self;
 
     /// Shows `visitor` every field in its order.
@@ -25,10 +25,10 @@ pub trait Recorded: Copy + Send + 'static {
     /// Number among its kind.
     fn index(&self) -> u64;
 
-    /// When it began, in ns of its own clock.
+    /// Start time, in ns of its own clock.
     fn begun_ns(&self) -> u64;
 
-    /// When its inputs were complete, in ns of its own clock.
+    /// Time at which its inputs were complete, in ns of its own clock.
     fn complete_ns(&self) -> u64;
 
     /// Time of the scene in s; minus infinity before.

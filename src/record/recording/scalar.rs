@@ -15,7 +15,7 @@ pub trait Scalar: Copy {
     /// Its bits, in the lowest [`Scalar::SIZE`] bytes.
     fn bits(self) -> u64;
 
-    /// The value with these bits; `None` if there is none.
+    /// Returns the value with these bits; `None` if no value has them.
     fn of_bits(bits: u64) -> Option<Self>;
 
     /// As text.

@@ -40,7 +40,7 @@ impl<W: Write, T: Recorded> Writer<W, T> {
     /// A file that says what `about` says and has no cycles yet.
     ///
     /// # Errors
-    /// Those of `out`.
+    /// Errors of `out`.
     pub fn new(out: W, about: &About) -> io::Result<Self> {
         let options = mcap::WriteOptions::new()
             // Chunks are put together in memory and written whole.
@@ -60,7 +60,7 @@ impl<W: Write, T: Recorded> Writer<W, T> {
     /// Appends a cycle.
     ///
     /// # Errors
-    /// Those of the file; nothing can be appended afterwards.
+    /// Errors of the file; nothing can be appended afterwards.
     pub fn write(&mut self, record: &T) -> io::Result<()> {
         let stretch = Some(record.begun_ns() / CHUNK_NS);
         if self.stretch != stretch {
@@ -82,7 +82,7 @@ impl<W: Write, T: Recorded> Writer<W, T> {
     /// Closes the chunk and hands everything to the operating system.
     ///
     /// # Errors
-    /// Those of the file.
+    /// Errors of the file.
     pub fn flush(&mut self) -> io::Result<()> {
         self.mcap.flush().map_err(io_error)?;
         self.stored = self.written;
@@ -97,7 +97,7 @@ impl<W: Write, T: Recorded> Writer<W, T> {
     /// Writes what belongs at the end.
     ///
     /// # Errors
-    /// Those of the file.
+    /// Errors of the file.
     pub fn finish(&mut self) -> io::Result<()> {
         self.flush()?;
         self.mcap.finish().map_err(io_error).map(|_| ())
@@ -139,7 +139,7 @@ impl<W: Write, T: Recorded> Recorder<W, T> {
     /// Writes the cycles to `mcap` and, as text, to `csv`.
     ///
     /// # Errors
-    /// Those of the two.
+    /// Errors of both.
     pub fn new(mcap: W, csv: W, about: &About) -> io::Result<Self> {
         let mut csv = BufWriter::new(csv);
         writeln!(csv, "{}", forms::csv_header::<T>())?;

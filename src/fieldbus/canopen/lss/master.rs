@@ -42,7 +42,7 @@ pub enum LssRequest {
     Fastscan,
 }
 
-/// How a request ended.
+/// Result of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LssOutcome {
     /// Confirmed, or sent where nobody answers.
@@ -58,7 +58,7 @@ pub enum LssOutcome {
         /// Vendor specific.
         detail: u8,
     },
-    /// Nobody answered in time.
+    /// No device answered in time.
     NoAnswer,
 }
 
@@ -104,7 +104,7 @@ impl LssMaster {
         !matches!(self.phase, Phase::Idle)
     }
 
-    /// When to poll next.
+    /// Returns the time of the next poll.
     pub const fn next_deadline(&self) -> Time {
         self.deadline
     }

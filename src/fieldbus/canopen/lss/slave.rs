@@ -55,7 +55,7 @@ impl LssSlave {
         *self = Self::new(self.address, self.stored);
     }
 
-    /// Takes the configured node id over, as a reset does; `None` if there is none.
+    /// Takes over the configured node id, as a reset does; `None` if none is configured.
     pub(in super::super) fn activate(&mut self) -> Option<NodeId> {
         self.active = self.pending;
         self.active

@@ -5,7 +5,7 @@ use super::super::pdo::NO_ID;
 use super::super::{CanopenError, EmcyCode, ErrorRegister, Frame, cob, emcy};
 use crate::objects::{Address, Handle, ObjectDictionary};
 
-/// Most errors that are active at once; one more is reported but cannot be cleared by itself.
+/// Most errors that are active at once; one more is reported but cannot be cleared alone.
 const MAX_ACTIVE: usize = 16;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

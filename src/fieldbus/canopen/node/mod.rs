@@ -77,7 +77,7 @@ pub struct Node {
     is_powered: bool,
     /// Time from a reset to the boot-up message.
     reset_time: Duration,
-    /// When that is sent.
+    /// Time at which it is sent.
     starts_at: Time,
     /// Time from an SDO request to what answers it.
     sdo_time: Duration,
@@ -158,7 +158,7 @@ impl Node {
         self.lss.forget_node_id();
     }
 
-    /// Where among its PDOs the one of this place is.
+    /// Returns the index of the PDO of this place among its PDOs.
     fn at(&self, place: u8) -> Option<usize> {
         self.places.iter().position(|known| *known == place)
     }
@@ -186,18 +186,18 @@ impl Node {
         }
     }
 
-    /// How long the SDO server waits for the next request of a transfer before it aborts; 1 s unless set. In a block
+    /// Sets how long the SDO server waits for the next request of a transfer before it aborts; 1 s unless set. In a block
     /// transfer it waits four times as long, and repeats an acknowledgement after half the time.
     pub fn set_sdo_timeout(&mut self, timeout: Duration) {
         self.sdo.set_timeout(timeout);
     }
 
-    /// How long the device takes from a reset to its boot-up message, deaf and silent; it is there at once unless set.
+    /// Sets the time from a reset to the boot-up message, in which the device is deaf and silent; zero unless set.
     pub fn set_reset_time(&mut self, time: Duration) {
         self.reset_time = time;
     }
 
-    /// How long the SDO server takes to answer; it answers at once unless set.
+    /// Sets the answer time of the SDO server; zero unless set.
     pub fn set_sdo_time(&mut self, time: Duration) {
         self.sdo_time = time;
     }
@@ -273,7 +273,7 @@ impl Node {
         }
     }
 
-    /// When to poll next: possibly earlier than the next thing due, never later. After a poll it lies in the future.
+    /// Returns the time of the next poll: possibly earlier than the next action is due, never later. After a poll it lies in the future.
     pub fn next_deadline(&self) -> Time {
         self.next
     }

@@ -214,7 +214,7 @@ impl Tpdo {
         Some(self.frame(od))
     }
 
-    /// When an event-driven PDO is due.
+    /// Returns the time at which an event-driven PDO is due.
     pub(in super::super) fn deadline(&self) -> Time {
         if !self.is_event_driven() {
             return Time::NEVER;

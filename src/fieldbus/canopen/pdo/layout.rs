@@ -1,4 +1,4 @@
-//! Where each mapped object lies in a PDO.
+//! Positions of the mapped objects in a PDO.
 
 use canopen_rs::MappingEntry;
 
@@ -111,7 +111,7 @@ impl Layout {
         Ok(layout)
     }
 
-    /// Where an object lies; `None` if it is not mapped or a dummy. An object mapped twice gives its first place.
+    /// Returns the position of an object; `None` if it is not mapped or a dummy. An object mapped twice has its first position.
     pub fn field(&self, index: u16, sub: u8) -> Option<Field> {
         let wanted = |entry: &MappingEntry| entry.address.index == index && entry.address.subindex == sub;
         self.entries.iter().find(|(entry, _)| wanted(entry) && !is_dummy(index)).map(|&(_, field)| field)

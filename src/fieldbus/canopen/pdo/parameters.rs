@@ -51,7 +51,7 @@ pub(in super::super) fn locate(index: u16) -> Option<(Pdo, bool)> {
     }
 }
 
-/// Whether a client may write `value` to a PDO parameter now; other objects are none of this function's business.
+/// Whether a client may write `value` to a PDO parameter now; the function does not check other objects.
 pub(in super::super) fn check_write(od: &ObjectDictionary, at: Address, value: u64) -> Result<(), AbortCode> {
     let Some((pdo, is_mapping)) = locate(at.index) else { return Ok(()) };
     let old_cob_id = od.raw(pdo.communication(), 1) as u32;
@@ -106,7 +106,7 @@ pub(in super::super) fn verify(od: &ObjectDictionary, pdo: Pdo) -> Result<(), Ca
     Mapping::compile(od, pdo, count).map(|_| ()).map_err(|_| CanopenError::PdoBits(bits))
 }
 
-/// Where the word of a mapped object lies in the dictionary; `None` for a dummy.
+/// Position of a mapped object's word in the dictionary; `None` for a dummy.
 fn target(od: &ObjectDictionary, pdo: Pdo, entry: MappingEntry) -> Result<Option<usize>, AbortCode> {
     if is_dummy(entry.address.index) {
         let is_allowed = matches!(pdo, Pdo::Receive(_)) && entry.address.subindex == 0;

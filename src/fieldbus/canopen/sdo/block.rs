@@ -76,7 +76,7 @@ impl BlockSender {
         self.sent > before
     }
 
-    /// When the next segment is due; [`Time::NEVER`] while an acknowledgement is awaited.
+    /// Returns the time at which the next segment is due; [`Time::NEVER`] while an acknowledgement is awaited.
     pub(super) const fn next_at(&self) -> Time {
         self.next_at
     }

@@ -12,14 +12,14 @@ use crate::time::Time;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SdoTicket(u64);
 
-/// How a request ended.
+/// Result of a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SdoReply {
     /// The request.
     pub ticket: SdoTicket,
     /// The node.
     pub node: NodeId,
-    /// How its transfer ended.
+    /// Result of its transfer.
     pub outcome: SdoOutcome,
     /// The bytes that were read or written.
     pub data: Vec<u8>,
@@ -115,7 +115,7 @@ impl SdoClients {
         })
     }
 
-    /// When to poll next.
+    /// Returns the time of the next poll.
     pub fn next_deadline(&self) -> Time {
         self.lanes.iter().map(|lane| lane.client.next_deadline()).fold(Time::NEVER, Time::min)
     }

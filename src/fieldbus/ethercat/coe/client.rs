@@ -20,7 +20,7 @@ pub enum CoeRequest<'a> {
         /// All sub-indices at once.
         complete: bool,
     },
-    /// That an object takes a value.
+    /// Write of an object's value.
     Write {
         /// The object.
         at: Address,
@@ -54,7 +54,7 @@ pub enum CoeAnswer {
     Object(ObjectDescription),
     /// The description of an entry.
     Entry(EntryDescription),
-    /// Why there is none.
+    /// The reason why there is no answer.
     Failed(ObjectError),
 }
 
@@ -65,7 +65,7 @@ pub enum CoeEvent {
     Emergency(CoeEmergency),
     /// Part of the answer, or its end.
     Answer,
-    /// Nothing that was waited for: late, of another request, or not understood. The request goes on.
+    /// A message that the client did not wait for: late, of another request, or not understood. The request goes on.
     Foreign,
 }
 
@@ -203,7 +203,7 @@ impl CoeClient {
         self.value.clear();
     }
 
-    /// When to call [`CoeClient::poll`] at the latest.
+    /// Returns the latest time for the next call of [`CoeClient::poll`].
     pub fn next_deadline(&self) -> Time {
         self.deadline
     }

@@ -18,7 +18,7 @@ pub struct CoeEmergency {
 }
 
 impl CoeEmergency {
-    /// From a message; `None` for one that is none.
+    /// Reads a message; `None` if it is no emergency.
     pub fn decode(message: &[u8]) -> Option<Self> {
         if Service::of(message) != Some(Service::Emergency) || message.len() < HEADER + 8 {
             return None;

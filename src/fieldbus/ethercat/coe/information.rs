@@ -24,7 +24,7 @@ pub(super) mod operation {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u16)]
 pub enum ListKind {
-    /// How many objects the five lists hold.
+    /// Lengths of the five lists.
     Lengths = 0,
     /// All objects.
     All = 1,
@@ -42,7 +42,7 @@ impl ListKind {
     const LISTS: [ListKind; 5] =
         [ListKind::All, ListKind::Outputs, ListKind::Inputs, ListKind::Backup, ListKind::Settings];
 
-    /// The list of a number; `None` if there is none.
+    /// Returns the list of a number; `None` for a number without a list.
     pub const fn from_number(number: u16) -> Option<Self> {
         Some(match number {
             0 => ListKind::Lengths,
@@ -97,7 +97,7 @@ pub(super) fn list(od: &ObjectDictionary, kind: ListKind, value: &mut Vec<u8>) {
     }
 }
 
-/// The fragment of a response from `sent` on; gives the bytes of the message and those of the response in it.
+/// Writes the fragment of a response from `sent` on; returns the bytes of the message and those of the response in it.
 pub(super) fn fragment(buffer: &mut [u8], operation: u8, value: &[u8], sent: usize) -> (usize, usize) {
     let room = buffer.len().saturating_sub(INFORMATION);
     let rest = value.get(sent..).unwrap_or_default();
@@ -181,7 +181,7 @@ impl ObjectDescription {
 /// Description of an entry by its device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EntryDescription {
-    /// Where it lies.
+    /// Its address.
     pub at: Address,
     /// Index of the data type.
     pub data_type: u16,

@@ -192,7 +192,7 @@ pub(super) fn abort(buffer: &mut [u8], at: Address, code: AbortCode) -> usize {
     Writer::sdo(buffer, Service::SdoRequest, ABORT, at).put(&code.0.to_le_bytes()).finish()
 }
 
-/// The start of a download or of the answer to an upload: `command` is 20h or 40h. Gives the bytes of the message and those of the
+/// The start of a download or of the answer to an upload: `command` is 20h or 40h. Returns the bytes of the message and those of the
 /// value in it.
 pub(super) fn initiate(
     buffer: &mut [u8],
@@ -213,7 +213,7 @@ pub(super) fn initiate(
     (written.put(first).finish(), first.len())
 }
 
-/// The segment of `value` from `sent` on; gives the bytes of the message, those of the value in it, and whether it is the last.
+/// Writes the segment of `value` from `sent` on; returns the bytes of the message, those of the value in it, and whether it is the last.
 pub(super) fn segment(
     buffer: &mut [u8],
     service: Service,

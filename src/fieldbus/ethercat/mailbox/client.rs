@@ -24,10 +24,10 @@ use crate::objects::{AbortCode, ObjectAnswer, ObjectError, ObjectRequest};
 use crate::time::Time;
 use std::time::Duration;
 
-/// Registers of sync manager 1, which gives the device's messages.
+/// Registers of sync manager 1, which holds the device's messages.
 const STATUS: u16 = register::SYNC_MANAGER + (SyncManager::SIZE + SyncManager::STATUS) as u16;
 const ACTIVATE: u16 = register::SYNC_MANAGER + (SyncManager::SIZE + SyncManager::ACTIVATE) as u16;
-/// Time between two looks for an answer, and for what a device says by itself.
+/// Time between two polls for an answer, or for an unsolicited message of the device.
 const LOOK_FOR_ANSWER: Duration = Duration::from_micros(200);
 const LOOK_FOR_EMERGENCY: Duration = Duration::from_millis(20);
 /// Most bytes of a value that is read or written.
@@ -39,7 +39,7 @@ const IN_DOUBT: u8 = 2;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Step {
-    /// Nothing is being moved.
+    /// No transfer is running.
     Rest,
     /// A message is to be written.
     Write,
@@ -69,12 +69,12 @@ pub struct MailboxClient {
     step: Step,
     /// The message that is being written may be there already.
     is_retry: bool,
-    /// When a message that the device did not take is written anew.
+    /// Time at which a message that the device did not take is written again.
     write_at: Option<Time>,
     /// Last value of the repeat bit.
     repeat: bool,
     look_at: Time,
-    /// Why the device refused the last message, if it did.
+    /// Reason why the device refused the last message, if it did.
     refused: Option<MailboxError>,
     /// Messages that nobody waited for.
     pub unexpected: u32,
@@ -109,12 +109,12 @@ impl MailboxClient {
         Self { commands, ..Self::new(0u16.wrapping_sub(position), timeout) }
     }
 
-    /// Begins anew with a device that has just come to PRE-OP, with mailboxes where its SII says.
+    /// Starts again with a device that has just reached PRE-OP, with the mailboxes of its SII.
     pub fn start(&mut self, to_device: MailboxArea, from_device: MailboxArea) {
         self.start_with(to_device, from_device, Counter::FIRST);
     }
 
-    /// Begins anew with a device that may have received messages before; new messages begin with this counter. A device drops a message
+    /// Starts again with a device that may have received messages before; new messages begin with this counter. A device drops a message
     /// whose counter equals the counter of the last message that it received.
     pub fn start_with(&mut self, to_device: MailboxArea, from_device: MailboxArea, counter: Counter) {
         (self.to_device, self.from_device) = (to_device, from_device);
@@ -163,7 +163,7 @@ impl MailboxClient {
         })
     }
 
-    /// How the last request has ended.
+    /// Returns the result of the last request.
     pub fn answer(&self) -> ObjectAnswer<'_> {
         match self.client.answer() {
             CoeAnswer::Idle => ObjectAnswer::NotAsked,
@@ -191,7 +191,7 @@ impl MailboxClient {
         self.client.forget();
     }
 
-    /// Why the device refused the last message, if it did.
+    /// Reason why the device refused the last message, if it did.
     pub fn refused(&self) -> Option<MailboxError> {
         self.refused
     }
@@ -201,7 +201,7 @@ impl MailboxClient {
         self.client.is_busy() || self.step != Step::Rest
     }
 
-    /// When there is something to send at the latest; [`Time::NEVER`] without a mailbox.
+    /// Returns the latest time at which there is something to send; [`Time::NEVER`] without a mailbox.
     ///
     /// Real-time: yes.
     pub fn next_deadline(&self) -> Time {

@@ -38,7 +38,7 @@ pub enum Protocol {
 }
 
 impl Protocol {
-    /// The protocol of a number; `None` if there is none.
+    /// Returns the protocol of a number; `None` for a number without a protocol.
     pub const fn from_number(number: u8) -> Option<Protocol> {
         Some(match number {
             0 => Protocol::Error,
@@ -139,7 +139,7 @@ impl Counter {
     }
 }
 
-/// Why a device could not take a mailbox.
+/// Reason why a device could not take a mailbox message.
 ///
 /// # Source
 /// ETG.1000.4, table of mailbox errors.

@@ -261,14 +261,14 @@ impl Sii {
         self.coe_details & (coe_details::SDO | coe_details::INFORMATION) == coe_details::SDO
     }
 
-    /// Where the first sync manager of a kind is; `None` without one, and for one without bytes.
+    /// Returns the area of the first sync manager of a kind; `None` without one, or if it has no bytes.
     fn manager_area(&self, kind: u8) -> Option<MailboxArea> {
         let manager = self.sync_managers.iter().find(|manager| manager.kind == kind)?.settings;
         (manager.len > 0).then_some(MailboxArea { start: manager.start, len: manager.len })
     }
 }
 
-/// Why an image cannot be read. Words are counted from 0, as tools show them.
+/// Reason why an image cannot be read. Words are counted from 0, as tools show them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SiiError {
@@ -308,7 +308,7 @@ pub fn is_loaded(image: &[u8]) -> bool {
     word == UNCHECKED || word & 0xff == u16::from(checksum(head))
 }
 
-/// Makes the checksum of an image anew; nothing without a head.
+/// Updates the checksum of an image; does nothing without a head.
 pub fn seal(image: &mut [u8]) {
     let Some(head) = image.first_chunk().copied() else { return };
     let sum = checksum(&head);
@@ -317,7 +317,7 @@ pub fn seal(image: &mut [u8]) {
     }
 }
 
-/// Gives an image another alias, 0 for none, and makes its checksum anew.
+/// Sets another alias in an image, 0 for none, and updates its checksum.
 pub fn set_alias(image: &mut [u8], alias: u16) {
     if let Some(word) = image.get_mut(2 * ALIAS..2 * ALIAS + 2) {
         word.copy_from_slice(&alias.to_le_bytes());

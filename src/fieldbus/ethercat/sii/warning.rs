@@ -117,9 +117,9 @@ pub enum SiiWarning {
     TwoMailboxes {
         /// First of the two words in the head.
         word: usize,
-        /// Where these have it.
+        /// Area by these words.
         area: MailboxArea,
-        /// Where the sync manager has it.
+        /// Area by the sync manager.
         manager: MailboxArea,
     },
 }

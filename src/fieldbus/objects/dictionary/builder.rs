@@ -4,7 +4,7 @@ use super::super::value::mask;
 use super::super::{Address, DataType, DictionaryError, Scalar};
 use super::{Access, Entry, Mappable, ObjectDictionary, WORD, check_limits, is_above, key};
 
-/// One object to be declared: read-write, not mappable and without limits unless said otherwise.
+/// One object to be declared: read-write, not mappable and without limits by default.
 #[derive(Clone, Debug)]
 pub struct Object {
     at: Address,

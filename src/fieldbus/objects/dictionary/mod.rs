@@ -60,7 +60,7 @@ pub(super) struct Entry {
 /// Description of one object of a dictionary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Description {
-    /// Where it lies.
+    /// Its address.
     pub at: Address,
     /// Its name; empty if it has none.
     pub name: &'static str,
@@ -169,7 +169,7 @@ impl ObjectDictionary {
     /// Writes over the bus, subject to access rights, length and limits.
     ///
     /// # Errors
-    /// Those of [`ObjectDictionary::check_write`]; the value is then unchanged.
+    /// Errors of [`ObjectDictionary::check_write`]; the value is then unchanged.
     pub fn write(&mut self, at: Address, data: &[u8]) -> Result<(), AbortCode> {
         self.check_write(at, data)?;
         self.store(at, data);
@@ -195,7 +195,7 @@ impl ObjectDictionary {
     /// Whether a value of `len` bytes may be written, before its bytes are known.
     ///
     /// # Errors
-    /// Those of [`ObjectDictionary::check_write`] that do not depend on the value.
+    /// Errors of [`ObjectDictionary::check_write`] that do not depend on the value.
     pub fn check_write_len(&self, at: Address, len: usize) -> Result<(), AbortCode> {
         self.check_size(at, len).map(|_| ())
     }
@@ -313,7 +313,7 @@ impl ObjectDictionary {
         self.entries.iter().map(|entry| entry.capacity).max().unwrap_or(0)
     }
 
-    /// Where a mappable object's word lies in the arena.
+    /// Returns the position of a mappable object's word in the arena.
     ///
     /// # Errors
     /// 06020000h no object, 06090011h no sub-index, 06040041h not mappable in this direction or with so many bits.

@@ -241,7 +241,7 @@ mod tests {
     }
 
     proptest! {
-        /// Forces and masses have one unit, and gears that are stiff are none.
+        /// Forces and masses have one unit, and stiff gears count as none.
         #[test]
         fn the_admittance_scales_with_all_forces(
             factor in 0.2_f64..5.0, lever in 0.2_f64..2.0, hz in 0.1_f64..30.0, handle in 0.0_f64..1.0,

@@ -19,7 +19,7 @@ const GREATEST_ENTRY: f64 = 1e150;
 /// Events nearer to each other than this are of one moment, s.
 const MOMENT_S: f64 = 1e-12;
 
-/// How far behind an event a sample is that sees what the event did, in phases of a cycle.
+/// Delay from an event to the first sample that shows its effect, in phases of a cycle.
 const BEHIND: f64 = 1e-6;
 
 /// Places of the state, two components each. The first three are moved on together, with elastic gears position and rate of the links too,
@@ -87,7 +87,7 @@ pub struct HeldLoop {
     size: usize,
 }
 
-/// How arm and hand move between two events under a held effort.
+/// Motion of arm and hand between two events under a held effort.
 #[derive(Clone, Debug)]
 enum Body {
     /// Position, rate, effort.

@@ -1,4 +1,4 @@
-//! Where a fault was seen.
+//! Devices at which a fault was seen.
 
 use std::fmt;
 
@@ -100,7 +100,7 @@ impl DeviceSet {
         if is_so { self } else { Self::NONE }
     }
 
-    /// Whether there is none.
+    /// Whether the set is empty.
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }

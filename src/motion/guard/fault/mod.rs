@@ -14,12 +14,12 @@ pub use table::TABLE;
 
 use super::State;
 
-/// How the rig answers a fault. Ordered: of several at once the greatest acts.
+/// Reaction of the rig to a fault. Ordered: if there are several at once, the greatest acts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Reaction {
     /// R0. Counted; nothing else.
     Count,
-    /// R1: the force input is forced to zero and the reference comes to rest; clears by itself.
+    /// R1: the force input is forced to zero and the reference comes to rest; clears automatically.
     Freeze,
     /// R2: the reference stops along a jerk-limited ramp, then the drives quick-stop.
     StopRamp,
@@ -67,11 +67,11 @@ pub enum Fault {
     PdoLate,
     /// A node announced its start while it should be running.
     NodeReset,
-    /// A node's heartbeat stayed away longer than its consumer time, or it left Operational.
+    /// A node's heartbeat was missing for longer than its consumer time, or it left Operational.
     HeartbeatLost,
     /// Two devices share a node id.
     DuplicateNode,
-    /// Somebody else sends frames that only this master may send.
+    /// Another participant sends frames that only this master may send.
     Intruder,
     /// A node sent an emergency message.
     Emergency,
@@ -103,7 +103,7 @@ pub enum Fault {
     OverSpeed,
     /// A stage of the cycle produced a value that is not finite.
     NotFinite,
-    /// The drives did not come to Operation Enabled in time.
+    /// The drives did not reach Operation Enabled in time.
     EnablingTimeout,
     /// SYNC left more than a fifth of a period beside its moment.
     SyncJitter,
@@ -179,14 +179,14 @@ pub enum Stage {
     Link,
 }
 
-/// How often a fault has to be seen before a reaction.
+/// Number of observations of a fault before a reaction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rate {
     /// This often in a row, at least once. In cycles, and for [`Stage::Sensing`] in samples of the sensor.
     InARow(u16),
     /// This often, at least once and at most [`FaultCounts::MAX_WITHIN`] times, within so many cycles.
     Within {
-        /// How often.
+        /// Number of observations.
         count: u16,
         /// Cycles, the present one included.
         cycles: u16,
@@ -207,22 +207,22 @@ pub enum Bound {
 /// One step of a fault's escalation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Step {
-    /// When it is reached.
+    /// Rate of observations that starts the step.
     pub rate: Rate,
     /// The reaction.
     pub reaction: Reaction,
-    /// How soon it acts.
+    /// Longest time to its effect.
     pub bound: Bound,
 }
 
-/// One fault with all that is known of it.
+/// Table row of one fault.
 #[derive(Clone, Copy, Debug)]
 pub struct FaultRow {
     /// The fault.
     pub fault: Fault,
     /// Short name, unique, as it stands in reports.
     pub name: &'static str,
-    /// Where it shows.
+    /// Stage at which it shows.
     pub stage: Stage,
     /// Meaning of the fault.
     pub meaning: &'static str,

@@ -10,7 +10,7 @@ use super::wire;
 use crate::objects::{AbortCode, Address, Scalar, write_patience};
 use crate::time::Time;
 
-/// How a transfer ended.
+/// Result of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SdoOutcome {
     /// The value is in [`SdoClient::data`].
@@ -31,7 +31,7 @@ pub enum SdoOutcome {
     Aborted {
         /// Object.
         at: Address,
-        /// Why.
+        /// The reason.
         code: AbortCode,
         /// Whether the device aborted; otherwise this client aborted and sent an abort to the device.
         is_by_device: bool,
@@ -86,8 +86,8 @@ const SWITCH_BELOW: u8 = 28;
 
 /// One SDO client: expedited, segmented and block transfers to one node, one at a time.
 ///
-/// A read is begun anew a bounded number of times when an answer does not come or its checksum differs. A write is never
-/// begun anew by itself, since the device may have carried it out: see [`SdoOutcome::TimedOut`]. Within a block transfer
+/// The client repeats a read a bounded number of times when an answer does not come or its checksum differs. A write is never
+/// repeated automatically, since the device may have carried it out: see [`SdoOutcome::TimedOut`]. Within a block transfer
 /// lost frames of both sides are sent again; the device writes the object at the end of a transfer only.
 #[derive(Clone, Debug)]
 pub struct SdoClient {
@@ -155,12 +155,12 @@ impl SdoClient {
         self.timeout = timeout;
     }
 
-    /// How often a read is begun anew, and a frame of a block transfer repeated, when no answer comes; 2 unless set.
+    /// Sets how often a read, and a frame of a block transfer, is repeated when no answer comes; 2 unless set.
     pub fn set_retries(&mut self, retries: u8) {
         self.retries = retries;
     }
 
-    /// How long a whole transfer may take; ten minutes unless set.
+    /// Sets how long a whole transfer may take; ten minutes unless set.
     pub fn set_longest_transfer(&mut self, longest: Duration) {
         self.longest = longest;
     }
@@ -306,7 +306,7 @@ impl SdoClient {
         if now < self.deadline { None } else { self.on_silence(now, out) }
     }
 
-    /// When to poll next; [`Time::NEVER`] without a transfer.
+    /// Returns the time of the next poll; [`Time::NEVER`] without a transfer.
     pub fn next_deadline(&self) -> Time {
         let answer_by = self.deadline.min(self.give_up_at);
         match &self.phase {

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::*;
 
-/// Where the table begins in the page.
+/// Start of the table in the page.
 const MARK: &str = "<!-- From here on: the table of src/motion/guard/fault/table.rs, compared by a test. -->\n";
 
 fn stage(stage: Stage) -> &'static str {
