@@ -17,7 +17,7 @@ pub enum Packet<'a> {
 }
 
 impl<'a> Packet<'a> {
-    /// The frame, if it went over a CAN bus.
+    /// Returns the frame, if it went over a CAN bus.
     pub fn can(self) -> Option<&'a Frame> {
         match self {
             Packet::Can(frame) => Some(frame),

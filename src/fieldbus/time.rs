@@ -23,7 +23,7 @@ impl Time {
         self.0 as f64 * 1e-9
     }
 
-    /// Time elapsed since `earlier`, zero if `earlier` is later.
+    /// Returns the time elapsed since `earlier`, zero if `earlier` is later.
     #[inline]
     pub const fn since(self, earlier: Time) -> Duration {
         Duration::from_nanos(self.0.saturating_sub(earlier.0))

@@ -25,7 +25,7 @@ const HELD_SHARE: f64 = 0.025;
 /// Width of the band on the forbidden side, px.
 const BAND: f64 = 14.0;
 
-/// The tool of each run with its force, the yield force as a circle and the surfaces, as an animated SVG that repeats.
+/// Returns the tool of each run with its force, the yield force as a circle and the surfaces, as an animated SVG that repeats.
 /// All panels show the same part of the plane, cropped to the ways of the tools, for the time of the shortest run.
 ///
 /// # Errors
@@ -156,7 +156,7 @@ impl Frames {
         Self { tools, tips, is_held, gone_from, lasts_s: count as f64 / RATE_HZ }
     }
 
-    /// An element that moves an attribute through all pictures.
+    /// Returns an element that moves an attribute through all pictures.
     fn animate(&self, attribute: &str, mode: &str, values: impl Iterator<Item = String>) -> String {
         let values = values.collect::<Vec<_>>().join(";");
         format!(
@@ -201,7 +201,7 @@ impl Frames {
     }
 }
 
-/// Way of the tool after the hand has released it for good, m; `None` if it never does.
+/// Returns the way of the tool after the hand has released it for good, m; `None` if it never does.
 fn thrown_back_m(trace: &Trace, rows: &[&Row]) -> Option<f64> {
     let is_held = |row: &&&Row| is_held_in(trace, row);
     let (last, end) = (rows.iter().rev().find(is_held)?, rows.last()?);
@@ -209,7 +209,7 @@ fn thrown_back_m(trace: &Trace, rows: &[&Row]) -> Option<f64> {
     (end.time_s > last.time_s + 0.1).then(|| hypot(way_m[0], way_m[1]))
 }
 
-/// Force between hand and tool in the plane, N.
+/// Returns the force between hand and tool in the plane, N.
 fn force_n(trace: &Trace, row: &Row) -> f64 {
     let [x, y, _] = trace.force_on_hand_n(row);
     hypot(x, y)

@@ -44,7 +44,7 @@ impl Axes {
         Self { frame, x: about(x, width), y: about(y, height) }
     }
 
-    /// Place of a pair of values on the page.
+    /// Returns the place of a pair of values on the page.
     pub(super) fn place(&self, x: f64, y: f64) -> Point {
         let Frame { left, top, right, bottom } = self.frame;
         let across = (x - self.x[0]) / (self.x[1] - self.x[0]);
@@ -57,7 +57,7 @@ impl Axes {
         (upright / self.length_per_unit() - 1.0).abs() < 1e-6
     }
 
-    /// Length on the page of one unit of x.
+    /// Returns the length on the page of one unit of x.
     pub(super) fn length_per_unit(&self) -> f64 {
         (self.frame.right - self.frame.left) / (self.x[1] - self.x[0])
     }
@@ -162,12 +162,12 @@ impl Ticks {
     }
 }
 
-/// A number with a true minus sign.
+/// Returns a number with a true minus sign.
 pub(super) fn number(value: f64, decimals: usize) -> String {
     format!("{value:.decimals$}").replace('-', "\u{2212}")
 }
 
-/// Least range that holds all values; widened to `least` about its middle, and by a part of itself on both sides.
+/// Returns the least range that holds all values; widened to `least` about its middle, and by a part of itself on both sides.
 pub(super) fn range_of(values: impl Iterator<Item = f64>, least: f64, margin: f64) -> [f64; 2] {
     let (low, high) =
         values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));

@@ -127,7 +127,7 @@ impl<'a> Overlaid<'a> {
         Ok(Self { trace, places: Places::new(trace, &excerpt), excerpt })
     }
 
-    /// The way of the tool, in mm.
+    /// Returns the way of the tool, in mm.
     fn way(&self) -> impl Iterator<Item = (f64, f64)> {
         self.excerpt.rows.iter().map(|row| plane::in_mm(row.tool_m))
     }
@@ -139,7 +139,7 @@ fn is_new(all: &[Overlaid<'_>], at: usize) -> bool {
     all.get(at).is_some_and(|one| all.iter().take(at).all(|before| drawn(before) != drawn(one)))
 }
 
-/// A line over time, which lies closer than a way.
+/// Returns a line over time, which lies closer than a way.
 fn thinner(line: Stroke) -> Stroke {
     Stroke { width: 0.75 * line.width, ..line }
 }

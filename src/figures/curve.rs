@@ -25,7 +25,7 @@ impl Frame {
         (self.left..=self.right).contains(&x) && (self.top..=self.bottom).contains(&y)
     }
 
-    /// The part of a straight line that lies inside.
+    /// Returns the part of a straight line that lies inside.
     ///
     /// # Source
     /// Liang and Barsky, A New Concept and Method for Line Clipping, ACM TOG 3(1), 1984.
@@ -59,7 +59,7 @@ impl Frame {
     }
 }
 
-/// The pieces of a chain that lie inside a frame.
+/// Returns the pieces of a chain that lie inside a frame.
 pub(super) fn clip(points: &[Point], frame: Frame) -> Vec<Vec<Point>> {
     let mut pieces: Vec<Vec<Point>> = Vec::new();
     for pair in points.windows(2) {
@@ -154,7 +154,7 @@ pub(super) fn thin_history(points: &[Point]) -> Vec<Point> {
     kept
 }
 
-/// The strokes of a dashed chain; the pattern runs on around corners. An empty pattern returns the chain itself.
+/// Returns the strokes of a dashed chain; the pattern runs on around corners. An empty pattern returns the chain itself.
 pub(super) fn dashes(points: &[Point], pattern: &[f64]) -> Vec<Vec<Point>> {
     let Some(&first) = points.first() else { return Vec::new() };
     if pattern.is_empty() {

@@ -28,7 +28,7 @@ const MOST_COLUMNS: usize = 3;
 const LEFT: f64 = 100.0;
 const RIGHT: f64 = 60.0;
 
-/// The force component along the normal; without a surface the magnitude of the force.
+/// Returns the force component along the normal; without a surface the magnitude of the force.
 pub(super) fn shown_force_n(trace: &Trace, row: &Row) -> f64 {
     if trace.references.is_empty() {
         return row.force_n.iter().map(|component| component * component).sum::<f64>().sqrt();
@@ -52,7 +52,7 @@ pub(super) fn power_panel(page: &mut Page, axes: &Axes, excerpt: &Excerpt<'_>) {
     axes.curve(page, values, Kind::History, Stroke { color: GREY, ..FORCE });
 }
 
-/// Range of the force axis: all values and zero, and `R` on each side on which the force goes beyond half of `F`.
+/// Returns the range of the force axis: all values and zero, and `R` on each side on which the force goes beyond half of `F`.
 pub(super) fn force_range<'a>(excerpts: impl Iterator<Item = (&'a Trace, &'a Excerpt<'a>)> + Clone) -> [f64; 2] {
     let values = excerpts
         .clone()
@@ -76,7 +76,7 @@ pub(super) fn time_range(excerpt: &Excerpt<'_>) -> [f64; 2] {
     range_of(excerpt.span.into_iter(), 1e-3, 0.0)
 }
 
-/// The greatest and the least force on the hand that the surface answers with. A wall answers along its normal alone: the
+/// Returns the greatest and the least force on the hand that the surface answers with. A wall answers along its normal alone: the
 /// hand pulls off it against `F`.
 fn yields_n(trace: &Trace) -> [Option<f64>; 2] {
     let against = |sign: f64| {

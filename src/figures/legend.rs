@@ -57,12 +57,12 @@ pub(super) fn text_width(text: &str) -> f64 {
     LETTER_WIDTH * f64::from(LETTER) * text.chars().count() as f64
 }
 
-/// Height of a legend beyond its first row.
+/// Returns the height of a legend beyond its first row.
 pub(super) fn further_height(entries: &[Entry], room: f64) -> f64 {
     places(entries, room).last().map_or(0.0, |(_, row)| ROW * *row as f64)
 }
 
-/// Distance from the left, and row, of each entry.
+/// Returns the distance from the left, and row, of each entry.
 fn places(entries: &[Entry], room: f64) -> Vec<(f64, usize)> {
     let (mut left, mut row) = (0.0, 0);
     let place = |entry: &Entry| {

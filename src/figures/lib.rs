@@ -96,12 +96,12 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// The figure as an SVG document, 160 mm wide.
+    /// Returns the figure as an SVG document, 160 mm wide.
     pub fn svg(&self) -> String {
         self.page.svg(self.is_font_embedded)
     }
 
-    /// The figure as a PNG picture; 1890 pixels across give 300 dots per inch.
+    /// Returns the figure as a PNG picture; 1890 pixels across give 300 dots per inch.
     ///
     /// # Errors
     /// [`Error::PictureWidth`] outside 100 to 20 000 pixels; [`Error::Encode`] when the encoder fails.
@@ -172,12 +172,12 @@ impl<'a> Excerpt<'a> {
         Ok(Self { rows, led, origin_s, per_second, label, span })
     }
 
-    /// The rows in which a proxy leads the tool.
+    /// Returns the rows in which a proxy leads the tool.
     fn led(&self) -> impl Iterator<Item = &'a Row> + '_ {
         self.rows.iter().take(self.led).copied()
     }
 
-    /// The faults within the span: the shown time and the name of each, and where the tool was.
+    /// Returns the faults within the span: the shown time and the name of each, and where the tool was.
     fn faults(&self, trace: &Trace) -> Vec<(f64, &'static str, [f64; 3])> {
         let seen = |mark: &FaultMark| {
             let row = self.rows.iter().find(|row| row.time_s >= mark.time_s)?;
@@ -187,7 +187,7 @@ impl<'a> Excerpt<'a> {
         trace.faults.iter().filter_map(seen).collect()
     }
 
-    /// Time of a moment on the shown axis.
+    /// Returns the time of a moment on the shown axis.
     fn shown_time(&self, time_s: f64) -> f64 {
         (time_s - self.origin_s) * self.per_second
     }
@@ -223,7 +223,7 @@ pub fn surface_lines(references: &[Reference], window_m: [f64; 4]) -> Vec<Surfac
     plane::lines_m(references, window_m)
 }
 
-/// The drawing of one run: trajectory with forces, force and power against time.
+/// Returns the drawing of one run: trajectory with forces, force and power against time.
 ///
 /// # Errors
 /// As [`trajectory_and_time`].

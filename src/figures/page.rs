@@ -210,7 +210,7 @@ impl Page {
         });
     }
 
-    /// The sheet as SVG. The back end counts in pixels and leaves corners pointed, which draws noise as a
+    /// Returns the sheet as SVG. The back end counts in pixels and leaves corners pointed, which draws noise as a
     /// thick bar; the head is rewritten to millimetres and round corners.
     pub(super) fn svg(&self, is_font_embedded: bool) -> String {
         let svg = SvgBackend::new().with_embedded_font(is_font_embedded).render_scene(&self.scene);
@@ -224,7 +224,7 @@ impl Page {
         svg.replacen(&counted, &measured, 1)
     }
 
-    /// The sheet as PNG.
+    /// Returns the sheet as PNG.
     pub(super) fn png(&self, width_px: u32) -> Result<Vec<u8>, Error> {
         if !PICTURE_WIDTHS_PX.contains(&width_px) {
             return Err(Error::PictureWidth { width_px });
@@ -234,7 +234,7 @@ impl Page {
     }
 }
 
-/// The crate reads `$..$` as mathematics; a dollar of ours is a dollar.
+/// Escapes each dollar sign, since the crate reads `$..$` as mathematics.
 fn literal(content: &str) -> String {
     content.replace('$', "\\$")
 }

@@ -71,7 +71,7 @@ impl Places {
         Self { first, last, moves, heights_mm: heights_m.map(|heights| heights.map(|height| height * MM_PER_M)) }
     }
 
-    /// Both ends of what is shown.
+    /// Returns both ends of what is shown.
     pub(super) fn ends(&self) -> impl Iterator<Item = [f64; 3]> + use<> {
         std::iter::once(self.first).chain(self.last)
     }
@@ -114,7 +114,7 @@ impl Places {
     }
 }
 
-/// Lowest and highest z of the proxy on the surface, in m; where it never lies there, those of the tool.
+/// Returns the lowest and highest z of the proxy on the surface, in m; where it never lies there, those of the tool.
 fn heights_m(excerpt: &Excerpt<'_>) -> [f64; 2] {
     let on = || excerpt.rows.iter().filter(|row| row.is_on_surface).map(|row| row.proxy_m[2]);
     if on().next().is_some() {
@@ -319,7 +319,7 @@ pub(super) fn lines_m(references: &[Reference], window_m: [f64; 4]) -> Vec<Surfa
     references.iter().filter_map(in_m).collect()
 }
 
-/// Points of a circle: against the clock, or with it where the inside is to be on the right.
+/// Returns the points of a circle: against the clock, or with it where the inside is to be on the right.
 fn round((x, y): Point, radius: f64, is_clockwise: bool, axes: &Axes) -> Vec<Point> {
     let on_paper = radius * axes.length_per_unit();
     let corners = (TAU / (8.0 * SAGITTA / on_paper).sqrt()).clamp(60.0, MOST_CORNERS).ceil();
@@ -363,7 +363,7 @@ pub(super) fn way_entries() -> Vec<Entry> {
     [("tool", TOOL), ("proxy", PROXY)].map(|(name, stroke)| Entry::new(Sample::Lines(vec![stroke]), name)).into()
 }
 
-/// A frame from its left upper corner and its size.
+/// Returns a frame from its left upper corner and its size.
 pub(super) fn frame(left: f64, top: f64, width: f64, height: f64) -> Frame {
     Frame { left, top, right: left + width, bottom: top + height }
 }

@@ -228,7 +228,7 @@ impl Arrows {
         is_pointed
     }
 
-    /// An arrow of a round force, for scale.
+    /// Returns an arrow of a round force, for scale.
     fn entry(&self, trace: &Trace) -> Entry {
         let power = elementary::powf(10.0, elementary::log10(ARROW_LENGTH / self.length_per_n).floor());
         let fits = |force: &f64| force * self.length_per_n <= ARROW_LENGTH;
@@ -308,7 +308,7 @@ fn phase_letters(page: &mut Page, axes: &Axes, trace: &Trace, excerpt: &Excerpt<
     }
 }
 
-/// Unit vector on the page across a motion, on the side away from a force; at rest, straight away from the force.
+/// Returns the unit vector on the page across a motion, on the side away from a force; at rest, straight away from the force.
 fn beside(motion: Point, force: Point) -> Point {
     let unit = |(x, y): Point| {
         let length = elementary::hypot(x, y);

@@ -15,7 +15,7 @@ pub struct CandumpWriter<W> {
 }
 
 impl<W: Write> CandumpWriter<W> {
-    /// A log that names in each line one of the `interfaces`: the first for frames of the first bus ([`Frame::bus`]), and so on; a
+    /// Creates a log that names in each line one of the `interfaces`: the first for frames of the first bus ([`Frame::bus`]), and so on; a
     /// bus without one is `-`. `out` should be buffered.
     pub fn new<I: Into<String>>(out: W, interfaces: impl IntoIterator<Item = I>) -> Self {
         CandumpWriter { out, interfaces: interfaces.into_iter().map(Into::into).collect() }

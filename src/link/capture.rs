@@ -48,7 +48,7 @@ pub struct CaptureWriter<W> {
 }
 
 impl<W: Write> CaptureWriter<W> {
-    /// A capture of these buses, in the order of their numbers. `out` should be buffered.
+    /// Returns a capture of these buses, in the order of their numbers. `out` should be buffered.
     ///
     /// # Errors
     /// Errors of the writer.
@@ -186,7 +186,7 @@ pub fn whole_blocks(mut file: impl Read) -> io::Result<Whole> {
     Ok(whole)
 }
 
-/// A word at a place of a block, if the block is so long.
+/// Returns a word at a place of a block, if the block is so long.
 fn word(block: &[u8], at: usize) -> Option<u32> {
     Some(u32::from_le_bytes(*block.get(at..)?.first_chunk()?))
 }
@@ -238,7 +238,7 @@ mod tests {
         assert_eq!(blocks[5].1[20..], [0x40, 0, 7, 5, 1, 0, 0, 0]);
     }
 
-    /// A capture with a frame of a segment and two of CAN, and where each block ends.
+    /// Returns a capture with a frame of a segment and two of CAN, and where each block ends.
     fn captured() -> (Vec<u8>, Vec<usize>) {
         let mut file = Vec::new();
         let buses = ["main", "sensor"].map(|name| CapturedBus { name, is_segment: name == "main", interface: None });

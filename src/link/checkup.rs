@@ -45,38 +45,38 @@ pub struct Check {
 }
 
 impl Check {
-    /// Something that was found, from which nothing follows yet.
+    /// Creates a finding, from which nothing follows yet.
     pub fn new(subject: &'static str, verdict: Verdict, found: impl Into<String>) -> Self {
         Self { subject, verdict, found: found.into(), follows: String::new(), mend: None }
     }
 
-    /// Something that is as it should be.
+    /// Creates a finding that is as it should be.
     pub fn ok(subject: &'static str, found: impl Into<String>) -> Self {
         Self::new(subject, Verdict::Ok, found)
     }
 
-    /// Something that could not be read.
+    /// Creates a finding that could not be read.
     pub fn unknown(subject: &'static str, found: impl Into<String>) -> Self {
         Self::new(subject, Verdict::Unknown, found)
     }
 
-    /// Something with which a rig runs less well.
+    /// Creates a finding with which a rig runs less well.
     pub fn warning(subject: &'static str, found: impl Into<String>) -> Self {
         Self::new(subject, Verdict::Warning, found)
     }
 
-    /// Something that keeps a rig from running.
+    /// Creates a finding that keeps a rig from running.
     pub fn wrong(subject: &'static str, found: impl Into<String>) -> Self {
         Self::new(subject, Verdict::Wrong, found)
     }
 
-    /// With what follows from it.
+    /// Adds the consequence.
     #[must_use]
     pub fn follows(self, follows: impl Into<String>) -> Self {
         Self { follows: follows.into(), ..self }
     }
 
-    /// With the command that fixes it.
+    /// Adds the command that fixes it.
     #[must_use]
     pub fn mend(self, command: impl Into<String>) -> Self {
         Self { mend: Some(command.into()), ..self }

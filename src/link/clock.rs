@@ -7,7 +7,7 @@ use rustix::time::{ClockId, clock_gettime};
 
 use yieldwall_fieldbus::time::Time;
 
-/// The clock of the loop.
+/// Returns the clock of the loop.
 pub(super) fn monotonic() -> Time {
     Time(nanos(since_begin(ClockId::Monotonic)))
 }

@@ -77,7 +77,7 @@ fn stream() -> Result<OwnedFd, Errno> {
     socket_with(AddressFamily::UNIX, SocketType::STREAM, SocketFlags::CLOEXEC | SocketFlags::NONBLOCK, None)
 }
 
-/// The process that listens at an address; `None` if nobody does, if too many have asked it before, or if it is none of this
+/// Returns the process that listens at an address; `None` if nobody does, if too many have asked it before, or if it is none of this
 /// process namespace.
 fn who_listens(address: &SocketAddrUnix) -> Result<Option<Holder>, Errno> {
     let socket = stream()?;
@@ -132,7 +132,7 @@ fn holder(pid: i32, uid: u32) -> Holder {
     Holder { pid, user, command: command_of(pid) }
 }
 
-/// The name of a user, without what a terminal would act on.
+/// Returns the name of a user, without what a terminal would act on.
 fn name_of(uid: u32) -> Option<String> {
     let users = fs::read_to_string("/etc/passwd").ok()?;
     let mut users = users.lines().map(|line| line.split(':').collect::<Vec<_>>());
@@ -140,7 +140,7 @@ fn name_of(uid: u32) -> Option<String> {
     user.first().map(|name| name.chars().filter(|letter| !letter.is_control()).collect())
 }
 
-/// The command line of a process, its words with spaces in between and nothing in it that a terminal would act on.
+/// Returns the command line of a process, its words with spaces in between and nothing in it that a terminal would act on.
 fn command_of(pid: i32) -> Option<String> {
     let bytes = fs::read(format!("/proc/{pid}/cmdline")).ok()?;
     let words = String::from_utf8_lossy(&bytes).replace('\0', " ");
@@ -152,7 +152,7 @@ fn command_of(pid: i32) -> Option<String> {
 mod tests {
     use super::*;
 
-    /// An interface that no other test names; none has to be there.
+    /// Returns an interface that no other test names; none has to be there.
     fn interface(name: &str) -> String {
         format!("{name}{}", std::process::id())
     }

@@ -23,17 +23,17 @@ impl Interfaces {
         Self { can, segment }
     }
 
-    /// The interfaces of the CAN buses, in the order of the buses.
+    /// Returns the interfaces of the CAN buses, in the order of the buses.
     pub fn can(&self) -> impl Iterator<Item = &SocketCan> {
         self.can.links()
     }
 
-    /// The CAN buses alone.
+    /// Returns the CAN buses alone.
     pub fn can_mut(&mut self) -> &mut SocketCans {
         &mut self.can
     }
 
-    /// The interface of the segment.
+    /// Returns the interface of the segment.
     pub fn segment(&self) -> Option<&PacketSocket> {
         self.segment.as_ref()
     }

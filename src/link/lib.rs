@@ -119,12 +119,12 @@ pub enum SendError {
 
 /// One participant's access to a bus, or to several whose frames say which is theirs ([`Frame::bus`]).
 pub trait CanLink {
-    /// The time of the clock on which frames arrive.
+    /// Returns the time of the clock on which frames arrive.
     ///
     /// Real-time: yes.
     fn now(&self) -> Time;
 
-    /// The next thing that has come; never waits. Process data come before services, each in the order of the wire, and of
+    /// Returns the next thing that has come; never waits. Process data come before services, each in the order of the wire, and of
     /// several wires in the order of time.
     ///
     /// Real-time: yes; a caller in a cycle bounds how often it asks.
@@ -146,12 +146,12 @@ pub trait CanLink {
 /// One participant's access to all wires of a rig: its CAN buses, and its EtherCAT segment if it has one. [`CanLink::wait`] ends when an
 /// event arrives on any of them.
 pub trait Wires: CanLink {
-    /// The source address of frames over the segment; that of [`EthernetLink::source`] on an interface.
+    /// Returns the source address of frames over the segment; that of [`EthernetLink::source`] on an interface.
     fn source(&self) -> [u8; 6] {
         yieldwall_fieldbus::ethercat::frame::SOURCE
     }
 
-    /// The next thing that has come over the segment, a frame in `buffer`; never waits.
+    /// Returns the next thing that has come over the segment, a frame in `buffer`; never waits.
     ///
     /// Real-time: yes; a caller in a cycle bounds how often it asks.
     fn receive_ethernet(&mut self, _buffer: &mut [u8]) -> Option<EthernetArrival> {
@@ -205,12 +205,12 @@ impl<'a, L: CanLink + ?Sized> LinkOutbox<'a, L> {
         Self { link, failed: 0, failure: None }
     }
 
-    /// Why the first of all was not sent, with its bus.
+    /// Returns why the first frame of all was not sent, with its bus.
     pub fn failure(&self) -> Option<(BusId, SendError)> {
         self.failure
     }
 
-    /// The buses on which something was not sent; the master wants to know it as [`LinkEvent::SendFailed`].
+    /// Returns the buses on which something was not sent; the master wants to know it as [`LinkEvent::SendFailed`].
     pub fn failed_buses(&self) -> impl Iterator<Item = BusId> + use<L> {
         let failed = self.failed;
         // Nearly always none, and asked after each frame.
@@ -220,7 +220,7 @@ impl<'a, L: CanLink + ?Sized> LinkOutbox<'a, L> {
 }
 
 impl<L: CanLink + ?Sized> LinkOutbox<'_, L> {
-    /// Why a frame could not be sent now; nothing on a bus on which something could not be sent before.
+    /// Sends a frame; returns the reason if it could not be sent, and nothing on a bus that has failed before.
     fn try_send(&mut self, frame: &Frame) -> Option<Result<(), SendError>> {
         let is_failed = self.failed & frame.bus().bit() != 0;
         (!is_failed).then(|| self.link.send(frame))

@@ -41,7 +41,7 @@ macro_rules! planar {
                 self.0.x.is_finite() && self.0.y.is_finite()
             }
 
-            /// The two components as an array.
+            /// Returns the two components as an array.
             pub fn to_array(self) -> [f64; 2] {
                 [self.0.x, self.0.y]
             }
@@ -66,7 +66,7 @@ macro_rules! linear {
         planar!($(#[$doc])* $name, $($component)*);
 
         impl $name {
-            /// The greater of the two components, both without their sign.
+            /// Returns the greater of the two components, both without their sign.
             pub fn max_abs(self) -> f64 {
                 self.0.amax()
             }
@@ -197,7 +197,7 @@ impl AddAssign<TipDisplacement> for TipPoint {
 }
 
 impl TipDisplacement {
-    /// The mean velocity of what is displaced so in `time_s`.
+    /// Returns the mean velocity of what is displaced so in `time_s`.
     pub fn over_s(self, time_s: f64) -> TipVelocity {
         TipVelocity(self.0 / time_s)
     }
@@ -211,7 +211,7 @@ impl TipVelocity {
 }
 
 impl JointAngles {
-    /// The mean rates of joints that turn so far in `time_s`.
+    /// Returns the mean rates of joints that turn so far in `time_s`.
     pub fn over_s(self, time_s: f64) -> JointRates {
         JointRates(self.0 / time_s)
     }

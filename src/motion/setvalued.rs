@@ -24,7 +24,7 @@ pub fn gsat(a: f64, x: f64, b: f64) -> f64 {
     }
 }
 
-/// The interval `gsgn(a, x, b)` as its two ends: `[b, b]` for `x > 0`, `[a, a]` for `x < 0`, `[a, b]` at zero.
+/// Returns the interval `gsgn(a, x, b)` as its two ends: `[b, b]` for `x > 0`, `[a, a]` for `x < 0`, `[a, b]` at zero.
 ///
 /// Real-time: yes.
 ///

@@ -88,7 +88,7 @@ pub struct CycleRecord {
 }
 
 impl CycleRecord {
-    /// The record of a cycle that took `inputs` and gave `outputs`.
+    /// Returns the record of a cycle that took `inputs` and gave `outputs`.
     ///
     /// Real-time: yes.
     pub fn new(moment: Moment, inputs: &Inputs, outputs: &Outputs, cause: Option<Cause>, truth: Option<Truth>) -> Self {

@@ -60,7 +60,7 @@ pub enum ForceMeaning {
 }
 
 impl ForceMeaning {
-    /// Force of the device on the hand in N, base frame: `-h` of an admittance rig, `f` of an impedance rig.
+    /// Returns the force of the device on the hand in N, base frame: `-h` of an admittance rig, `f` of an impedance rig.
     pub fn on_hand_n(self, row: &Row) -> [f64; 3] {
         match self {
             ForceMeaning::HandOnTool => row.force_n.map(|component| -component),
@@ -198,7 +198,7 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// Force of the device on the hand in N, base frame: `-h` of an admittance rig, `f` of an impedance rig.
+    /// Returns the force of the device on the hand in N, base frame: `-h` of an admittance rig, `f` of an impedance rig.
     ///
     /// # Source
     /// [KTF08, text to Figs 8 and 11].
@@ -206,7 +206,7 @@ impl Trace {
         self.force_meaning.on_hand_n(row)
     }
 
-    /// The rows in which the proxy, off the surface in the row before, lies on it or has passed to its other side, in
+    /// Returns the rows in which the proxy, off the surface in the row before, lies on it or has passed to its other side, in
     /// order of time. It has passed there if its way is as long as both distances; otherwise another surface is nearer.
     pub fn contacts(&self) -> impl Iterator<Item = usize> + '_ {
         let distance = |at: usize| self.rows[at].signed_distance_m;
@@ -217,14 +217,14 @@ impl Trace {
         })
     }
 
-    /// Way of the proxy to row `at` from the one before, in m, as seen from the surfaces.
+    /// Returns the way of the proxy to row `at` from the one before, in m, as seen from the surfaces.
     pub fn way_m(&self, at: usize) -> f64 {
         let seen = |row: &Row, axis: usize| row.proxy_m[axis] - row.surface_m[axis];
         let way: [f64; 3] = std::array::from_fn(|axis| seen(&self.rows[at], axis) - seen(&self.rows[at - 1], axis));
         dot(way, way).sqrt()
     }
 
-    /// Component of [`Trace::force_on_hand_n`] along the normal at the tool's foot, in N.
+    /// Returns the component of [`Trace::force_on_hand_n`] along the normal at the tool's foot, in N.
     pub fn normal_force_n(&self, row: &Row) -> f64 {
         dot(self.force_on_hand_n(row), row.tool_normal)
     }

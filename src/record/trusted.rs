@@ -113,7 +113,7 @@ fn check_owner(_: &Path, _: &Metadata) -> io::Result<()> {
     Ok(())
 }
 
-/// A path as a shell takes it.
+/// Returns a path as a shell takes it.
 fn quoted(path: &Path) -> String {
     let text = path.display().to_string();
     let is_plain = |one: char| one.is_ascii_alphanumeric() || "/._-+,:@%".contains(one);
@@ -134,7 +134,7 @@ mod tests {
     struct Folder(PathBuf);
 
     impl Folder {
-        /// A new folder whose name a shell would take for several words.
+        /// Creates a new folder whose name a shell would take for several words.
         fn new(name: &str) -> Self {
             let folder = std::env::temp_dir().join(format!("yieldwall it's {name} {}", std::process::id()));
             let _ = fs::remove_dir_all(&folder);

@@ -20,7 +20,7 @@ pub const LSS_REQUEST: u16 = 0x7e5;
 /// Bit 31 of a PDO or EMCY COB-ID: set means that the object does not exist.
 pub const INVALID: u32 = 0x8000_0000;
 
-/// A node id.
+/// Returns a node id.
 ///
 /// # Errors
 /// Outside 1 to 127.
@@ -53,12 +53,12 @@ pub const fn heartbeat(node: NodeId) -> u16 {
     0x700 + node.raw() as u16
 }
 
-/// The default RPDO `number` (1 to 4) of a node, 201h to 57Fh; `None` for another number.
+/// Returns the default RPDO `number` (1 to 4) of a node, 201h to 57Fh; `None` for another number.
 pub const fn rpdo(number: u8, node: NodeId) -> Option<u16> {
     canopen_rs::pdo::default_cob_id(PdoKind::Receive, number, node)
 }
 
-/// The default TPDO `number` (1 to 4) of a node, 181h to 4FFh; `None` for another number.
+/// Returns the default TPDO `number` (1 to 4) of a node, 181h to 4FFh; `None` for another number.
 pub const fn tpdo(number: u8, node: NodeId) -> Option<u16> {
     canopen_rs::pdo::default_cob_id(PdoKind::Transmit, number, node)
 }

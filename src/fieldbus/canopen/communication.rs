@@ -148,7 +148,7 @@ impl CommunicationProfile {
         self
     }
 
-    /// The objects. Mappings are checked by [`Node::new`](super::Node::new).
+    /// Returns the objects. Mappings are checked by [`Node::new`](super::Node::new).
     ///
     /// # Errors
     /// [`CanopenError::PdoNumber`] or [`CanopenError::PdoEntries`] for a PDO that cannot be declared.

@@ -29,7 +29,7 @@ impl EmcyCode {
     /// Following error.
     pub const FOLLOWING_ERROR: EmcyCode = EmcyCode(0x8611);
 
-    /// The codes that have a meaning of their own, ascending.
+    /// Returns the codes that have a meaning of their own, ascending.
     pub fn listed() -> impl Iterator<Item = Self> {
         codes::LISTED.iter().map(|code| Self(*code))
     }
@@ -87,7 +87,7 @@ pub struct Emergency {
 }
 
 impl Emergency {
-    /// The emergency message in a frame with a default identifier (081h to 0FFh) and eight bytes; `None` otherwise.
+    /// Returns the emergency message in a frame with a default identifier (081h to 0FFh) and eight bytes; `None` otherwise.
     ///
     /// Real-time: yes.
     pub fn decode(frame: &Frame) -> Option<Self> {
@@ -101,7 +101,7 @@ impl Emergency {
         })
     }
 
-    /// The message as a frame at 080h + node id.
+    /// Returns the message as a frame at 080h + node id.
     ///
     /// Real-time: yes.
     pub fn frame(&self) -> Frame {
@@ -137,7 +137,7 @@ impl fmt::Display for PastError {
     }
 }
 
-/// An emergency message at any identifier.
+/// Returns an emergency message at any identifier.
 pub(super) fn frame(id: u16, code: EmcyCode, register: ErrorRegister, vendor: [u8; 5]) -> Frame {
     Frame::new(id, &canopen_rs::EmergencyMessage::new(code.0, register, vendor).encode())
 }

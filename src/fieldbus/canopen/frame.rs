@@ -12,12 +12,12 @@ impl BusId {
     /// The first bus, also where there is no other.
     pub const FIRST: Self = Self(0);
 
-    /// The bus with this number, counted from 0.
+    /// Returns the bus with this number, counted from 0.
     pub const fn new(number: u8) -> Self {
         Self(number)
     }
 
-    /// All buses, in the order of their numbers.
+    /// Returns all buses, in the order of their numbers.
     pub fn all() -> impl DoubleEndedIterator<Item = Self> {
         (0..=u8::MAX).map(Self)
     }
@@ -64,7 +64,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// A frame with identifier `id` (0 to 7FFh; higher bits are cut off) and up to 8 bytes of `data` (the rest is cut
+    /// Creates a frame with identifier `id` (0 to 7FFh; higher bits are cut off) and up to 8 bytes of `data` (the rest is cut
     /// off). Bytes beyond the length are zero.
     ///
     /// Real-time: yes.
@@ -77,7 +77,7 @@ impl Frame {
         frame
     }
 
-    /// The frame whose payload is the low `len` bytes of `bits`, little-endian.
+    /// Returns the frame whose payload is the low `len` bytes of `bits`, little-endian.
     ///
     /// Real-time: yes.
     pub fn from_bits(id: u16, bits: u64, len: u8) -> Self {
@@ -86,7 +86,7 @@ impl Frame {
         Frame { id: id & 0x7ff, len, requested: None, bus: BusId::FIRST, data: kept.to_le_bytes() }
     }
 
-    /// The remote frame that asks for the `len` (at most 8) bytes of `id`.
+    /// Returns the remote frame that asks for the `len` (at most 8) bytes of `id`.
     ///
     /// Real-time: yes.
     pub fn remote(id: u16, len: u8) -> Self {
@@ -101,7 +101,7 @@ impl Frame {
         Frame { bus, ..self }
     }
 
-    /// The bus that it comes from or goes to; the first where there is one.
+    /// Returns the bus that it comes from or goes to; the first where there is one.
     pub const fn bus(&self) -> BusId {
         self.bus
     }
@@ -134,17 +134,17 @@ impl Frame {
         self.len == 0
     }
 
-    /// The payload.
+    /// Returns the payload.
     pub fn data(&self) -> &[u8] {
         self.data.get(..usize::from(self.len)).unwrap_or_default()
     }
 
-    /// All eight bytes; those beyond the length are zero.
+    /// Returns all eight bytes; those beyond the length are zero.
     pub const fn bytes(&self) -> &[u8; 8] {
         &self.data
     }
 
-    /// All eight bytes as one little-endian word; those beyond the length are zero.
+    /// Returns all eight bytes as one little-endian word; those beyond the length are zero.
     pub const fn bits(&self) -> u64 {
         u64::from_le_bytes(self.data)
     }

@@ -32,7 +32,7 @@ impl LifeGuard {
         self.deadline
     }
 
-    /// The answer to a request, and whether the master had been lost.
+    /// Returns the answer to a request, and whether the master had been lost.
     pub(super) fn answer(&mut self, now: Time, node: NodeId, state: NmtState) -> (Frame, bool) {
         let frame = Frame::new(cob::heartbeat(node), &[canopen_rs::nmt::encode_node_guard(state, self.toggle)]);
         self.toggle = !self.toggle;

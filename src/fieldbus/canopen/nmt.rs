@@ -5,14 +5,14 @@ use std::time::Duration;
 use super::{Frame, NmtCommand, NmtState, NodeId, cob};
 use crate::time::Time;
 
-/// The command frame to one node, or to all nodes for `None`.
+/// Returns the command frame to one node, or to all nodes for `None`.
 ///
 /// Real-time: yes.
 pub fn command(command: NmtCommand, node: Option<NodeId>) -> Frame {
     Frame::new(cob::NMT, &canopen_rs::nmt::encode_command(command, node.unwrap_or(NodeId::BROADCAST)))
 }
 
-/// The command in a frame, and its addressee, `None` for all nodes; `None` if the frame is not an NMT command.
+/// Returns the command in a frame, and its addressee, `None` for all nodes; `None` if the frame is not an NMT command.
 ///
 /// Real-time: yes.
 pub fn decode_command(frame: &Frame) -> Option<(NmtCommand, Option<NodeId>)> {
@@ -24,7 +24,7 @@ pub fn decode_command(frame: &Frame) -> Option<(NmtCommand, Option<NodeId>)> {
     Some((command, (node != NodeId::BROADCAST).then_some(node)))
 }
 
-/// The heartbeat of a node; with [`NmtState::Initialising`] the boot-up message.
+/// Returns the heartbeat of a node; with [`NmtState::Initialising`] the boot-up message.
 ///
 /// Real-time: yes.
 pub fn heartbeat(node: NodeId, state: NmtState) -> Frame {
@@ -144,7 +144,7 @@ impl HeartbeatConsumer {
         self.next = Time::NEVER;
     }
 
-    /// The last state heard from `node`; `None` if it is not watched, was never heard or is lost.
+    /// Returns the last state heard from `node`; `None` if it is not watched, was never heard or is lost.
     pub fn state(&self, node: NodeId) -> Option<NmtState> {
         let place = *self.slots.get(usize::from(node.raw()))?;
         self.watched.get(usize::from(place))?.state
@@ -172,7 +172,7 @@ impl HeartbeatConsumer {
         Some(HeartbeatEvent { node, change })
     }
 
-    /// The next node whose time is up; call until `None`.
+    /// Returns the next node whose time is up; call until `None`.
     ///
     /// Real-time: yes.
     pub fn poll(&mut self, now: Time) -> Option<HeartbeatEvent> {

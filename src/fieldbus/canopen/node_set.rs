@@ -49,7 +49,7 @@ impl NodeSet {
         (1..=127).filter_map(|raw| NodeId::new(raw).ok()).filter(move |node| self.contains(*node))
     }
 
-    /// A node id is 1 to 127, so that there is a bit for each.
+    /// Returns the bit of a node. A node id is 1 to 127, so that there is a bit for each.
     fn bit(node: NodeId) -> u128 {
         1u128.checked_shl(node.raw().into()).unwrap_or_default()
     }

@@ -24,7 +24,7 @@ impl SyncProducer {
         Ok(SyncProducer { id, counter })
     }
 
-    /// The next SYNC frame.
+    /// Returns the next SYNC frame.
     ///
     /// Real-time: yes.
     pub fn next_frame(&mut self) -> Frame {

@@ -7,7 +7,7 @@ use super::Frame;
 
 pub use canopen_rs::time::TimeOfDay;
 
-/// The time in the payload of a TIME frame; `None` unless it has six bytes and less than a day of milliseconds.
+/// Returns the time in the payload of a TIME frame; `None` unless it has six bytes and less than a day of milliseconds.
 ///
 /// Real-time: yes.
 pub fn decode(frame: &Frame) -> Option<TimeOfDay> {

@@ -78,7 +78,7 @@ impl AlControl {
         AlControl(state as u16 | Self::ACKNOWLEDGE)
     }
 
-    /// The state that is asked for; `None` for one that there is not.
+    /// Returns the state that is asked for; `None` for one that there is not.
     pub const fn state(self) -> Option<AlState> {
         AlState::from_number((self.0 & 0x0f) as u8)
     }
@@ -107,7 +107,7 @@ impl AlStatus {
         AlStatus(state as u16 | if has_error { Self::ERROR } else { 0 })
     }
 
-    /// The state; `None` for one that there is not, as where several devices answer a BRD.
+    /// Returns the state; `None` for one that there is not, as where several devices answer a BRD.
     pub const fn state(self) -> Option<AlState> {
         AlState::from_number((self.0 & 0x0f) as u8)
     }

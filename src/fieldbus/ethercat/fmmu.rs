@@ -90,7 +90,7 @@ impl Fmmu {
         self.start_bit == 0 && self.end_bit == 7 && self.physical_bit == 0
     }
 
-    /// Bits that it maps; 0 for one that ends before it begins.
+    /// Returns the bits that it maps; 0 for one that ends before it begins.
     pub const fn bit_len(&self) -> u32 {
         if self.len == 0 {
             return 0;

@@ -47,7 +47,7 @@ const GROUP: u8 = 0x01;
 /// Source address of a master on a segment where nobody else can be: a simulated one in its own process.
 pub const SOURCE: [u8; 6] = [0x10; 6];
 
-/// The source address of a master on an interface, drawn by `random`: the address of one station, without the mark of devices.
+/// Returns the source address of a master on an interface, drawn by `random`: the address of one station, without the mark of devices.
 ///
 /// Two masters with one address would take each other's frames for their own.
 pub const fn source(random: u64) -> [u8; 6] {
@@ -98,7 +98,7 @@ impl Command {
         [Nop, Aprd, Apwr, Aprw, Fprd, Fpwr, Fprw, Brd, Bwr, Brw, Lrd, Lwr, Lrw, Armw, Frmw]
     };
 
-    /// The command of a byte; `None` if the standard defines none.
+    /// Returns the command of a byte; `None` if the standard defines none.
     pub const fn from_byte(byte: u8) -> Option<Command> {
         if (byte as usize) < Self::ALL.len() { Some(Self::ALL[byte as usize]) } else { None }
     }
@@ -152,7 +152,7 @@ pub struct DatagramHeader {
 }
 
 impl DatagramHeader {
-    /// The header in ten bytes.
+    /// Returns the header in ten bytes.
     pub const fn decode(bytes: &[u8; DATAGRAM_HEADER]) -> Self {
         let length = u16::from_le_bytes([bytes[6], bytes[7]]);
         Self {
@@ -166,7 +166,7 @@ impl DatagramHeader {
         }
     }
 
-    /// The ten bytes of the header.
+    /// Returns the ten bytes of the header.
     pub fn encode(&self) -> [u8; DATAGRAM_HEADER] {
         let bit = |is_set: bool, mask: u16| if is_set { mask } else { 0 };
         let length = (self.len & LENGTH) | bit(self.is_circulating, CIRCULATING) | bit(self.has_more, MORE);
@@ -175,7 +175,7 @@ impl DatagramHeader {
         [self.command, self.index, a, b, c, d, e, f, g, h]
     }
 
-    /// Position or station address: the low word of the address.
+    /// Returns the position or station address: the low word of the address.
     pub const fn adp(&self) -> u16 {
         self.address as u16
     }
@@ -186,7 +186,7 @@ impl DatagramHeader {
     }
 }
 
-/// Position or station address, and offset, as one address.
+/// Returns the position or station address, and offset, as one address.
 pub const fn address(adp: u16, ado: u16) -> u32 {
     adp as u32 | (ado as u32) << 16
 }
@@ -203,7 +203,7 @@ pub struct Ask {
 }
 
 impl Ask {
-    /// A datagram with so many bytes.
+    /// Creates a datagram with so many bytes.
     pub const fn new(command: Command, address: u32, len: usize) -> Self {
         Ask { command, address, len }
     }
@@ -244,7 +244,7 @@ pub fn end(frame: &[u8]) -> Result<usize, EthercatError> {
     if frame.len() < needed { Err(EthercatError::Short { what, len: frame.len(), needed }) } else { Ok(needed) }
 }
 
-/// The datagram that begins at `at` of a frame whose datagrams end at `end`.
+/// Returns the datagram that begins at `at` of a frame whose datagrams end at `end`.
 ///
 /// # Errors
 /// If it does not end there or before.
@@ -281,7 +281,7 @@ pub struct Datagrams<'a> {
 }
 
 impl<'a> Datagrams<'a> {
-    /// The datagrams of a frame.
+    /// Returns the datagrams of a frame.
     ///
     /// # Errors
     /// If it is not EtherCAT, or shorter than its header says.
@@ -334,8 +334,8 @@ fn kept<'a>(datagram: &Datagram<'a>) -> (u8, u8, u32, u16, bool, &'a [u8]) {
     (command, index, address, len, has_more, data)
 }
 
-/// A number for what devices leave of a frame as it was sent. Frames that [`answers`] takes for one another have one number; other frames
-/// have it once in 2^64.
+/// Returns a number for what devices leave of a frame as it was sent. Frames that [`answers`] takes for one another have one number; other
+/// frames have it once in 2^64.
 ///
 /// Real-time: yes.
 pub fn digest(frame: &[u8]) -> u64 {
@@ -366,7 +366,7 @@ pub struct FrameWriter<'a> {
 }
 
 impl<'a> FrameWriter<'a> {
-    /// A frame to all, from a source address.
+    /// Creates a frame to all, from a source address.
     ///
     /// # Errors
     /// If the buffer does not hold the headers.
@@ -421,7 +421,7 @@ impl<'a> FrameWriter<'a> {
         Ok(first..first + data.len())
     }
 
-    /// The frame as it is sent, not padded.
+    /// Returns the frame as it is sent, not padded.
     pub fn finish(self) -> &'a mut [u8] {
         let length = (self.len - HEADER) as u16 & LENGTH | DATAGRAMS << 12;
         let frame = self.buffer.get_mut(..self.len).unwrap_or_default();

@@ -96,7 +96,7 @@ pub const DC_SYNC1_CYCLE: u16 = 0x09a4;
 /// First byte of the process data memory.
 pub const PROCESS_DATA: u16 = 0x1000;
 
-/// The difference in [`DC_DIFFERENCE`] in ns, below 0 if the own time is behind.
+/// Returns the difference in [`DC_DIFFERENCE`] in ns, below 0 if the own time is behind.
 pub const fn difference_ns(raw: u32) -> i64 {
     let magnitude = (raw & 0x7fff_ffff) as i64;
     if raw >> 31 == 0 { magnitude } else { -magnitude }

@@ -62,7 +62,7 @@ impl SyncManager {
         }
     }
 
-    /// The registers as a master writes them.
+    /// Returns the registers as a master writes them.
     pub fn encode(&self) -> [u8; Self::SIZE] {
         let ([a, b], [c, d]) = (self.start.to_le_bytes(), self.len.to_le_bytes());
         [a, b, c, d, self.control, 0, u8::from(self.is_enabled) | u8::from(self.repeat) << 1, 0]

@@ -20,7 +20,7 @@ pub struct DeviceIdentity {
 }
 
 impl DeviceIdentity {
-    /// The objects that say it: 1000h, 1008h and 1018h.
+    /// Returns the objects that say it: 1000h, 1008h and 1018h.
     pub fn objects(&self) -> [Object; 7] {
         let own = |index, sub, value: u32, name| Object::new(index, sub, value).access(Access::ReadOnly).named(name);
         [

@@ -17,10 +17,10 @@ pub enum Reset {
 /// Methods but the two that lend have defaults that do nothing. To send an emergency or inputs, remember the wish; whoever owns
 /// device and server calls the server afterwards.
 pub trait ServedDevice {
-    /// The dictionary.
+    /// Returns the dictionary.
     fn od(&self) -> &ObjectDictionary;
 
-    /// The dictionary, to be written.
+    /// Returns the dictionary, to be written.
     fn od_mut(&mut self) -> &mut ObjectDictionary;
 
     /// A client writes `data` (little-endian) to an object; access, length and limits are in order.

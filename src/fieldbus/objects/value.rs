@@ -61,7 +61,7 @@ pub(super) enum Kind {
 }
 
 impl DataType {
-    /// Length in bits as in a PDO mapping: 1 for BOOLEAN; `None` for strings and domains.
+    /// Returns the length in bits as in a PDO mapping: 1 for BOOLEAN; `None` for strings and domains.
     pub const fn bits(self) -> Option<u8> {
         use DataType::*;
         Some(match self {
@@ -78,7 +78,7 @@ impl DataType {
         })
     }
 
-    /// Length in bytes as in an SDO; `None` for strings and domains.
+    /// Returns the length in bytes as in an SDO; `None` for strings and domains.
     pub const fn size(self) -> Option<usize> {
         match self.bits() {
             Some(bits) => Some((bits as usize).div_ceil(8)),
@@ -122,7 +122,7 @@ impl fmt::Display for DataType {
     }
 }
 
-/// The low `bits` (0 to 64) bits set.
+/// Returns the low `bits` (0 to 64) bits set.
 pub const fn mask(bits: u8) -> u64 {
     match bits {
         0 => 0,
@@ -131,7 +131,7 @@ pub const fn mask(bits: u8) -> u64 {
     }
 }
 
-/// The low `bits` (1 to 64) bits of `raw` read as two's complement; 0 for no bits.
+/// Returns the low `bits` (1 to 64) bits of `raw` read as two's complement; 0 for no bits.
 pub const fn sign_extend(raw: u64, bits: u8) -> i64 {
     match bits {
         0 => 0,
@@ -148,13 +148,13 @@ pub trait Scalar: Copy {
     /// Whether every value of `data_type` fits: `i32` also holds INTEGER24, `u64` also UNSIGNED40 to 56.
     fn holds(data_type: DataType) -> bool;
 
-    /// The value as little-endian bits, sign-extended to 64.
+    /// Returns the value as little-endian bits, sign-extended to 64.
     fn to_word(self) -> u64;
 
-    /// The value from the low `bits` bits.
+    /// Returns the value from the low `bits` bits.
     fn from_word(raw: u64, bits: u8) -> Self;
 
-    /// The value from little-endian `data` of exactly the size of [`Scalar::DATA_TYPE`]; `None` for another size.
+    /// Returns the value from little-endian `data` of exactly the size of [`Scalar::DATA_TYPE`]; `None` for another size.
     fn from_le_slice(data: &[u8]) -> Option<Self> {
         let bits = Self::DATA_TYPE.bits()?;
         (Self::DATA_TYPE.size() == Some(data.len())).then(|| Self::from_word(load_le(data), bits))

@@ -128,7 +128,7 @@ impl Client {
         SensorEvent::Half
     }
 
-    /// The newest sample that came since the last call.
+    /// Returns the newest sample that came since the last call.
     ///
     /// Real-time: yes.
     pub fn take(&mut self, now: Time) -> Option<RawSample> {

@@ -65,7 +65,7 @@ pub enum Protocol {
 }
 
 impl Protocol {
-    /// Identifier of orders.
+    /// Returns the identifier of orders.
     pub fn order_id(&self) -> u16 {
         match self {
             Protocol::Streaming(ids) => ids.command,
@@ -81,7 +81,7 @@ impl Protocol {
         }
     }
 
-    /// The frame of an order; `None` if such a sensor takes none.
+    /// Returns the frame of an order; `None` if such a sensor takes none.
     ///
     /// Real-time: yes.
     pub fn order(&self, order: Order) -> Option<Frame> {
@@ -91,7 +91,7 @@ impl Protocol {
         }
     }
 
-    /// The order that a frame is, for the sensor's side.
+    /// Returns the order that a frame is, for the sensor's side.
     pub fn understand(&self, frame: &Frame) -> Option<Order> {
         match self {
             Protocol::Streaming(ids) => ids.understand(frame),
@@ -99,7 +99,7 @@ impl Protocol {
         }
     }
 
-    /// The frames of a sample, in the order in which they are sent.
+    /// Returns the frames of a sample, in the order in which they are sent.
     pub fn encode(&self, telling: &Telling) -> [Frame; 2] {
         match self {
             Protocol::Streaming(ids) => ids.encode(telling),
@@ -107,7 +107,7 @@ impl Protocol {
         }
     }
 
-    /// The sample of two frames of eight bytes that belong together; `None` if they are no sample.
+    /// Returns the sample of two frames of eight bytes that belong together; `None` if they are no sample.
     fn decode(&self, frames: [&Frame; 2]) -> Option<RawSample> {
         match self {
             Protocol::Streaming(ids) => ids.decode(frames),

@@ -52,12 +52,12 @@ pub enum DrawError {
     Encode(String),
 }
 
-/// A chart as an SVG document.
+/// Returns a chart as an SVG document.
 pub fn svg(chart: &Chart) -> String {
     SvgBackend::new().render_scene(&scene(chart))
 }
 
-/// A chart as a PNG picture.
+/// Returns a chart as a PNG picture.
 ///
 /// # Errors
 /// If the encoder fails.
@@ -154,7 +154,7 @@ fn edge_words(panel: &Panel) -> &'static str {
     }
 }
 
-/// The size of letters in which a text takes no more than so many pixels: `most`, or as small as it has to be.
+/// Returns the size of letters in which a text takes no more than so many pixels: `most`, or as small as it has to be.
 fn fitting(text: &str, pixels: f64, most: u32) -> u32 {
     let letters = text.chars().count().max(1) as f64;
     ((pixels / (LETTER_WIDTH * letters)) as u32).clamp(LEAST_LETTERS, most)
@@ -172,7 +172,7 @@ fn tick(value: f64, is_plain: bool) -> String {
     if is_plain { exact.parse::<f64>().map_or_else(|_| exact.clone(), |value| value.to_string()) } else { exact }
 }
 
-/// Range of an axis: as given, or that of what is drawn with a twentieth of it on both sides.
+/// Returns the range of an axis: as given, or that of what is drawn with a twentieth of it on both sides.
 fn range(axis: &Axis, panel: &Panel, which: usize) -> (f64, f64) {
     if let Some([low, high]) = axis.range {
         return (low, high);
@@ -194,7 +194,7 @@ fn range(axis: &Axis, panel: &Panel, which: usize) -> (f64, f64) {
     }
 }
 
-/// The points of a line: those that every axis can show, within its range or beyond.
+/// Returns the points of a line: those that every axis can show, within its range or beyond.
 fn drawable(panel: &Panel, series: &Series) -> Vec<(f64, f64)> {
     let has_place = |value: f64, axis: &Axis| value.is_finite() && (value > 0.0 || !axis.is_logarithmic);
     series.points.iter().copied().filter(|&(x, y)| has_place(x, &panel.x) && has_place(y, &panel.y)).collect()
@@ -207,12 +207,12 @@ fn is_within(panel: &Panel, (x, y): (f64, f64)) -> bool {
     holds(x, &panel.x) && holds(y, &panel.y)
 }
 
-/// The points that have a place on the axes.
+/// Returns the points that have a place on the axes.
 fn drawn(panel: &Panel, series: &Series) -> Vec<(f64, f64)> {
     drawable(panel, series).into_iter().filter(|&point| is_within(panel, point)).collect()
 }
 
-/// The values of the marks that have none. A line alone has no marks.
+/// Returns the values of the marks that have none. A line alone has no marks.
 fn beyond_values(panel: &Panel, series: &Series) -> Vec<(f64, f64)> {
     if !matches!(series.mark, Mark::MarkedLine | Mark::MarkedDashes | Mark::Marks) {
         return Vec::new();
@@ -231,7 +231,7 @@ fn beyond(panel: &Panel, series: &Series, row: usize) -> Vec<((f64, f64), bool)>
     values.into_iter().map(|point| (at(point), point.1 < at(point).1)).collect()
 }
 
-/// A value on the axis, or the place within the end that it lies beyond, by a share of the axis.
+/// Returns a value on the axis, or the place within the end that it lies beyond, by a share of the axis.
 fn edge(value: f64, axis: &Axis, (low, high): (f64, f64), inward: f64) -> f64 {
     let share = match value {
         _ if value < low => inward,
@@ -297,7 +297,7 @@ fn plots(panel: &Panel) -> Vec<Plot> {
     plots
 }
 
-/// The shape of a series' marks. Triangles are those of points beyond the edge.
+/// Returns the shape of a series' marks. Triangles are those of points beyond the edge.
 fn shape(series: &Series) -> MarkerShape {
     let (on_line, on_dashes) = match series.color {
         Color::Blue => (MarkerShape::Circle, MarkerShape::Cross),

@@ -95,7 +95,7 @@ impl From<f64> for Estimate {
 }
 
 impl Series {
-    /// A series without points.
+    /// Creates a series without points.
     pub fn new(name: String, mark: Mark, color: Color) -> Self {
         Self { name, points: Vec::new(), mark, color }
     }

@@ -45,15 +45,15 @@ pub enum EthernetReceived {
 
 /// One participant's access to a wire. It hears the frames of others with the type of EtherCAT (88A4h), and not its own.
 pub trait EthernetLink {
-    /// The time of the clock on which frames arrive.
+    /// Returns the time of the clock on which frames arrive.
     ///
     /// Real-time: yes.
     fn now(&self) -> Time;
 
-    /// The source address of frames that leave by this link: another one for each master on an interface.
+    /// Returns the source address of frames that leave by this link: another one for each master on an interface.
     fn source(&self) -> [u8; 6];
 
-    /// The next thing that has come, a frame in `buffer`; never waits.
+    /// Returns the next thing that has come, a frame in `buffer`; never waits.
     ///
     /// Real-time: yes; a caller in a cycle bounds how often it asks.
     fn receive(&mut self, buffer: &mut [u8]) -> Option<EthernetArrival>;

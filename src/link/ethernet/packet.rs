@@ -81,7 +81,7 @@ impl PacketSocket {
         Ok(Self { socket, interface: interface.to_owned(), source, is_down: false, _hold: hold })
     }
 
-    /// Name of the interface.
+    /// Returns the name of the interface.
     pub fn interface(&self) -> &str {
         &self.interface
     }
@@ -166,7 +166,7 @@ impl PacketSocket {
     }
 }
 
-/// The Ethernet interfaces that are there, by name.
+/// Returns the Ethernet interfaces that are there, by name.
 fn interfaces(asking: BorrowedFd<'_>) -> Vec<String> {
     // Of the network namespace of this process, which `/sys` need not be of.
     let table = fs::read_to_string("/proc/self/net/dev").unwrap_or_default();

@@ -76,7 +76,7 @@ fn set<T>(socket: BorrowedFd<'_>, option: libc::c_int, value: &T) -> io::Result<
     if result == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }
 
-/// The next frame without waiting: its length, which may be more than the buffer holds, and whether this machine has sent it.
+/// Returns the next frame without waiting: its length, which may be more than the buffer holds, and whether this machine has sent it.
 ///
 /// # Errors
 /// `WouldBlock` if there is none, `Interrupted` after a signal, and the socket's pending error.

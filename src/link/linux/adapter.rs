@@ -144,7 +144,7 @@ mod tests {
             symlink(self.0.join(target), path).unwrap();
         }
 
-        /// An interface on USB whose device has this speed.
+        /// Creates an interface on USB whose device has this speed.
         fn usb(name: &str, speed: Option<&str>) -> Self {
             let tree = Self::new(name);
             tree.file("net/can0/flags", "0x40081\n");

@@ -38,8 +38,8 @@ pub(super) struct ControllerClock {
 }
 
 impl ControllerClock {
-    /// The moment of a frame on the clock of `software`, at which the kernel had it: not after `software`, and before it by
-    /// 10 ms at most, whatever `hardware` says.
+    /// Returns the moment of a frame on the clock of `software`, at which the kernel had it. The moment is not after `software`, and at
+    /// most 10 ms before it, whatever `hardware` says.
     ///
     /// Real-time: yes.
     pub(super) fn moment_of(&mut self, software: Time, hardware: Duration) -> Time {

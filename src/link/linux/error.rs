@@ -200,18 +200,18 @@ impl LinkError {
 /// The command that loads CAN sockets.
 const LOAD: &str = "sudo modprobe can-raw";
 
-/// The command that takes an interface up.
+/// Returns the command that takes an interface up.
 fn up(interface: &str, bit_rate: Option<u32>) -> String {
     let bit_rate = bit_rate.map_or_else(String::new, |bit_rate| format!(" type can bitrate {bit_rate}"));
     format!("sudo ip link set {interface} up{bit_rate}")
 }
 
-/// The command that starts a controller after bus-off.
+/// Returns the command that starts a controller after bus-off.
 fn restart(interface: &str) -> String {
     format!("sudo ip link set {interface} type can restart")
 }
 
-/// The command that gives an interface another bit rate.
+/// Returns the command that gives an interface another bit rate.
 fn change(interface: &str, bit_rate: u32) -> String {
     format!("sudo ip link set {interface} down && sudo ip link set {interface} up type can bitrate {bit_rate}")
 }
@@ -228,7 +228,7 @@ fn is_virtual(interface: &str) -> bool {
     ["vcan", "vxcan"].iter().any(|kind| interface.starts_with(kind))
 }
 
-/// The command that makes a virtual interface.
+/// Returns the command that makes a virtual interface.
 fn make(interface: &str) -> String {
     format!("sudo ip link add {interface} type vcan && sudo ip link set {interface} up")
 }

@@ -216,7 +216,7 @@ impl InterfaceFacts {
         }
     }
 
-    /// The command that sets an option, which is possible only while the interface is down.
+    /// Returns the command that sets an option, which is possible only while the interface is down.
     fn anew(&self, option: &str) -> String {
         let name = &self.name;
         format!("sudo ip link set {name} down && sudo ip link set {name} up type can {option}")
@@ -264,7 +264,7 @@ impl InterfaceFacts {
     }
 }
 
-/// The CAN interfaces that are there, by name.
+/// Returns the CAN interfaces that are there, by name.
 pub fn interfaces() -> Vec<String> {
     let Ok(entries) = fs::read_dir("/sys/class/net") else { return Vec::new() };
     let is_can = |entry: &fs::DirEntry| {
@@ -276,7 +276,7 @@ pub fn interfaces() -> Vec<String> {
     names
 }
 
-/// The index of an interface, once it is clear that there are CAN sockets at all.
+/// Returns the index of an interface, once it is clear that there are CAN sockets at all.
 pub(super) fn find(name: &str, wanted: Option<u32>) -> Result<u32, LinkError> {
     // Of no interface in particular.
     CanSocket::open_iface(0).map_err(|source| LinkError::from_open(name, source, interfaces))?;
@@ -402,7 +402,7 @@ mod tests {
         assert!(reporting.contains("up type can berr-reporting off`"), "{reporting}");
     }
 
-    /// The one check that is not as it should be.
+    /// Returns the one check that is not as it should be.
     fn only(facts: &InterfaceFacts, wanted: Option<u32>) -> Check {
         let mut bad: Vec<Check> =
             facts.checks(wanted).into_iter().filter(|check| check.verdict >= Verdict::Warning).collect();

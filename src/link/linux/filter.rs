@@ -17,13 +17,13 @@ impl CobFilter {
     /// Every frame with an 11-bit identifier.
     pub const EVERYTHING: Self = Self { id: 0, mask: 0 };
 
-    /// The data frames of one identifier (its low 11 bits). The kernel finds these without searching, however many there
+    /// Passes the data frames of one identifier (its low 11 bits). The kernel finds these without searching, however many there
     /// are.
     pub const fn only(id: u16) -> Self {
         Self { id: id & IDENTIFIER, mask: IDENTIFIER }
     }
 
-    /// All identifiers that agree with `id` in the bits of `mask`, data and remote frames.
+    /// Passes all identifiers that agree with `id` in the bits of `mask`, data and remote frames.
     pub const fn matching(id: u16, mask: u16) -> Self {
         Self { id: id & mask & IDENTIFIER, mask: mask & IDENTIFIER }
     }
@@ -33,14 +33,14 @@ impl CobFilter {
         (id ^ self.id) & self.mask == 0
     }
 
-    /// The filter as the kernel takes it. Frames with 29-bit identifiers never pass.
+    /// Returns the filter in the form of the kernel. Frames with 29-bit identifiers never pass.
     pub(super) fn of_kernel(&self) -> CanFilter {
         let remote = if self.mask == IDENTIFIER { libc::CAN_RTR_FLAG } else { 0 };
         CanFilter::new(self.id.into(), u32::from(self.mask) | libc::CAN_EFF_FLAG | remote)
     }
 }
 
-/// Every frame, also with 29-bit identifiers.
+/// Passes every frame, also with 29-bit identifiers.
 pub(super) fn no_filter() -> CanFilter {
     CanFilter::new(0, 0)
 }

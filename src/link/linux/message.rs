@@ -72,7 +72,7 @@ fn stamp(data: &[u8], at: usize) -> Option<Duration> {
     Some(Duration::new(seconds, nanos)).filter(|stamp| !stamp.is_zero())
 }
 
-/// A signed number of 4 or 8 bytes of this machine.
+/// Returns a signed number of 4 or 8 bytes of this machine.
 fn number(data: &[u8], from: usize, size: usize) -> Option<i64> {
     let bytes = data.get(from..from + size)?;
     match size {
@@ -85,7 +85,7 @@ fn number(data: &[u8], from: usize, size: usize) -> Option<i64> {
 #[repr(C, align(8))]
 struct Control([u8; 128]);
 
-/// The next message of a CAN socket, without waiting if `flags` are `MSG_DONTWAIT`, else within its timeout.
+/// Returns the next message of a CAN socket, without waiting if `flags` are `MSG_DONTWAIT`, else within its timeout.
 ///
 /// # Errors
 /// `WouldBlock` if there is none, `Interrupted` after a signal, the socket's pending error, and `InvalidData` for what is no

@@ -222,7 +222,7 @@ impl SocketCan {
         std::iter::once(&self.first).chain(&self.second)
     }
 
-    /// The next arrival of one socket.
+    /// Returns the next arrival of one socket.
     fn take(&mut self, is_first: bool) -> Option<Arrival> {
         let port = if is_first { Some(&mut self.first) } else { self.second.as_mut() }?;
         if let Some(arrival) = port.pending.take() {
@@ -362,7 +362,7 @@ impl AsFd for Port {
     }
 }
 
-/// The content of a message.
+/// Returns the content of a message.
 fn decode(message: &Message) -> Received {
     let Message { frame, is_own, is_fd, .. } = message;
     if frame.can_id & libc::CAN_ERR_FLAG != 0 {
@@ -383,7 +383,7 @@ fn decode(message: &Message) -> Received {
     if *is_own { Received::Echo(frame) } else { Received::Frame(frame) }
 }
 
-/// A `can_frame` of `include/uapi/linux/can.h`: identifier with flags, length, three bytes of nothing and the data.
+/// Returns a `can_frame` of `include/uapi/linux/can.h`: identifier with flags, length, three bytes of nothing and the data.
 fn encode(frame: &Frame) -> [u8; 16] {
     let flag = if frame.is_remote() { libc::CAN_RTR_FLAG } else { 0 };
     let [a, b, c, d] = (u32::from(frame.id()) | flag).to_ne_bytes();

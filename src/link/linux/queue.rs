@@ -15,7 +15,7 @@ const FEWEST: u32 = 10;
 /// Most frames that it should hold: 17 ms at 1 Mbit/s. Whatever is in it leaves, however old it has become.
 const MOST: u32 = 128;
 
-/// Name of the queueing discipline of an interface, asked over netlink; `None` if the kernel does not report it.
+/// Returns the name of the queueing discipline of an interface, asked over netlink; `None` if the kernel does not report it.
 pub(super) fn discipline(index: u32) -> Option<String> {
     let socket = NlSocketHandle::connect(NlFamily::Route, None, Groups::empty()).ok()?;
     let about = IfinfomsgBuilder::default()

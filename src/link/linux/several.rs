@@ -30,13 +30,13 @@ pub struct SocketCans {
 }
 
 impl SocketCans {
-    /// These interfaces, with nothing in the place of a bus that is not CAN; more than four are left out.
+    /// Combines these interfaces, with nothing in the place of a bus that is not CAN; more than four are left out.
     pub fn new(mut links: Vec<Option<SocketCan>>) -> Self {
         links.truncate(MOST);
         Self { links, merge: Merge::default() }
     }
 
-    /// The interfaces, in the order of the buses.
+    /// Returns the interfaces, in the order of the buses.
     pub fn links(&self) -> impl Iterator<Item = &SocketCan> {
         self.links.iter().flatten()
     }
@@ -46,7 +46,7 @@ impl SocketCans {
         !self.merge.is_empty() || self.links().any(SocketCan::has_pending)
     }
 
-    /// The sockets, at most [`MOST_PORTS`].
+    /// Returns the sockets, at most [`MOST_PORTS`].
     pub(crate) fn ports(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
         self.links().flat_map(SocketCan::ports).map(AsFd::as_fd)
     }
@@ -60,7 +60,7 @@ struct Merge {
 }
 
 impl Merge {
-    /// The oldest arrival, process data before services; `take` gives the next one of a bus, of its process data or not.
+    /// Returns the oldest arrival, process data before services; `take` gives the next one of a bus, of its process data or not.
     fn next(&mut self, mut take: impl FnMut(BusId, bool) -> Option<Arrival>) -> Option<Arrival> {
         for (heads, is_process) in self.heads.iter_mut().zip([true, false]) {
             for (bus, head) in BusId::all().zip(heads.iter_mut()) {
@@ -140,7 +140,7 @@ mod tests {
         Some(Arrival { time: Time::from_micros(us), bus: BusId::FIRST, what })
     }
 
-    /// All that comes out: time in us, bus and identifier.
+    /// Returns all that comes out: time in us, bus and identifier.
     fn merged(mut queues: Queues) -> Vec<(u64, usize, u16)> {
         let mut merge = Merge::default();
         let all = std::iter::from_fn(|| merge.next(|bus, is_process| take(&mut queues, bus, is_process)));

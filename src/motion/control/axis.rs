@@ -61,7 +61,7 @@ pub struct EffortRange {
 }
 
 impl EffortRange {
-    /// The range `[lower, upper]`. An end on the wrong side of zero, or not finite, becomes zero: a broken limit allows
+    /// Returns the range `[lower, upper]`. An end on the wrong side of zero, or not finite, becomes zero: a broken limit allows
     /// no effort in its direction.
     ///
     /// Real-time: yes.
@@ -71,14 +71,14 @@ impl EffortRange {
         Self { lower, upper }
     }
 
-    /// The range `[-limit, limit]`.
+    /// Returns the range `[-limit, limit]`.
     ///
     /// Real-time: yes.
     pub fn symmetric(limit: f64) -> Self {
         Self::new(-limit, limit)
     }
 
-    /// The feed-forward cut to `[-limit, limit]` and the range that is left for the law, so that their sum keeps within
+    /// Returns the feed-forward cut to `[-limit, limit]` and the range that is left for the law, so that their sum keeps within
     /// the limit whatever the law does.
     ///
     /// The second difference of a proxy that stops within one period asks for an inertia torque far above any limit;
@@ -92,12 +92,12 @@ impl EffortRange {
         (feed_forward, Self::new(-limit - feed_forward, limit - feed_forward))
     }
 
-    /// The least effort, at most zero.
+    /// Returns the least effort, at most zero.
     pub fn lower(&self) -> f64 {
         self.lower
     }
 
-    /// The greatest effort, at least zero.
+    /// Returns the greatest effort, at least zero.
     pub fn upper(&self) -> f64 {
         self.upper
     }
@@ -161,7 +161,7 @@ pub enum Law {
 }
 
 impl Law {
-    /// A controller of this law for one axis with sampling interval `period_s`. `sliding_time_s` is `H` of PSMC in s;
+    /// Returns a controller of this law for one axis with sampling interval `period_s`. `sliding_time_s` is `H` of PSMC in s;
     /// PID does not use it.
     ///
     /// # Errors

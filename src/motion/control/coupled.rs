@@ -139,7 +139,7 @@ impl Follower {
         stiffness == 0.0 && integral == 0.0
     }
 
-    /// The gains, with a stiffness of zero for a servo of the host that follows the rate alone.
+    /// Returns the gains, with a stiffness of zero for a servo of the host that follows the rate alone.
     fn checked(&self) -> Result<Gains, ControlError> {
         let gains = self.gains();
         if self.has_no_position() {
@@ -163,7 +163,7 @@ pub struct Sampling {
 }
 
 impl Sampling {
-    /// A sample at each SYNC.
+    /// Creates a sample at each SYNC.
     pub fn at_sync(period_s: f64) -> Self {
         Self { interval_s: period_s, oldest_s: 0.0, phases: 1 }
     }
@@ -267,7 +267,7 @@ pub fn lag_s(follower: &Follower, pose: &Pose, grip: &Grip, outer: &Outer) -> Re
     Ok(age_s + filter_s + way_s + servo_s)
 }
 
-/// The mass in kg below which no virtual mass is passive for every hand: the arm's own at the tool in its heaviest
+/// Returns the mass in kg below which no virtual mass is passive for every hand: the arm's own at the tool in its heaviest
 /// direction. Delays ask for more, so this says what cannot be had, not what can.
 ///
 /// # Errors
@@ -412,7 +412,7 @@ fn longest_run(flags: &[bool]) -> Option<[usize; 2]> {
     longest
 }
 
-/// The stable side of the edge between a stable and an unstable mass, kg.
+/// Returns the stable side of the edge between a stable and an unstable mass, kg.
 fn edge(one: &HeldLoop, mut stable_kg: f64, mut unstable_kg: f64) -> f64 {
     while (stable_kg / unstable_kg).max(unstable_kg / stable_kg) > EDGE_RATIO {
         let middle_kg = (stable_kg * unstable_kg).sqrt();

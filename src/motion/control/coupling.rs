@@ -60,7 +60,7 @@ pub fn greatest_damping_n_s_per_m(
     })
 }
 
-/// The greatest value that is stable when `reserve` times as large.
+/// Returns the greatest value that is stable when `reserve` times as large.
 fn greatest(reserve: f64, is_stable: impl Fn(f64) -> Result<bool, ControlError>) -> Result<Option<f64>, ControlError> {
     let reserve = positive("reserve", reserve)?;
     let [least, most] = RANGE;

@@ -74,7 +74,8 @@ pub fn margins(servo: &ServoLoop, inertia: f64, viscous: f64) -> Result<Margins,
     Ok(OpenLoop::new(servo, inertia, viscous)?.margins(&Frequency::grid(servo)))
 }
 
-/// The loop of [`margins`], opened at the controller's output, at a frequency in Hz above 0 and up to half of the sampling frequency.
+/// Returns the loop of [`margins`], opened at the controller's output, at a frequency in Hz above 0 and up to half of the sampling
+/// frequency.
 ///
 /// # Errors
 /// As [`margins`].
@@ -106,7 +107,7 @@ pub fn is_stable(servo: &ServoLoop, inertia: f64, viscous: f64) -> Result<bool, 
     Ok(OpenLoop::new(servo, inertia, viscous)?.is_stable(1.0))
 }
 
-/// The worst of [`margins`] over `inertias`: each figure the least of all, the crossover that of the least phase margin,
+/// Returns the worst of [`margins`] over `inertias`: each figure the least of all, the crossover that of the least phase margin,
 /// stable if all are.
 ///
 /// # Errors
@@ -128,7 +129,7 @@ pub fn worst_margins(servo: &ServoLoop, inertias: &[f64], viscous: f64) -> Resul
     worst.ok_or(ControlError::NoInertia)
 }
 
-/// The eigenvalues of a mass matrix, the lesser first: the inertias over which a pose's margins are taken, kg m^2 for
+/// Returns the eigenvalues of a mass matrix, the lesser first: the inertias over which a pose's margins are taken, kg m^2 for
 /// joint space or kg for Cartesian space.
 ///
 /// # Errors
@@ -372,12 +373,12 @@ fn controller_response(gains: &Gains, period_s: f64, theta: f64) -> Complex<f64>
     back * gains.damping + gains.stiffness + back.inv() * gains.integral
 }
 
-/// Position gained in the time `t` by a unit rate that friction slows with the rate constant `decay`, s.
+/// Returns the position gained in the time `t` by a unit rate that friction slows with the rate constant `decay`, s.
 fn coast(t: f64, decay: f64) -> f64 {
     if decay * t == 0.0 { t } else { -elementary::exp_m1(-decay * t) / decay }
 }
 
-/// Position (s^2) and rate (s) after the time `t` under a unit acceleration from rest, slowed with `decay`.
+/// Returns the position (s^2) and rate (s) after the time `t` under a unit acceleration from rest, slowed with `decay`.
 fn step_response(t: f64, decay: f64) -> [f64; 2] {
     let x = decay * t;
     let position = if x < 0.02 {

@@ -34,7 +34,7 @@ impl RateLaw {
         Ok(Self { gain_per_s: not_negative("rate gain", gain_per_s)?, limit: positive("rate limit", limit)? })
     }
 
-    /// The rate to command for `error` (desired minus measured, rad or m) and the desired rate (rad/s or m/s). Input
+    /// Returns the rate to command for `error` (desired minus measured, rad or m) and the desired rate (rad/s or m/s). Input
     /// that is not finite gives rate zero and `valid: false`.
     ///
     /// Real-time: yes.

@@ -249,7 +249,7 @@ pub struct Cycle {
 }
 
 impl Cycle {
-    /// A rig at rest: nothing measured yet, drives not enabled.
+    /// Creates a rig at rest: nothing measured yet, drives not enabled.
     pub fn new(
         settings: Settings,
         linkage: FiveBar,
@@ -437,7 +437,7 @@ impl Cycle {
         self.supervisor.state()
     }
 
-    /// The fault that led to the present state.
+    /// Returns the fault that led to the present state.
     pub fn cause(&self) -> Option<Cause> {
         self.supervisor.cause()
     }
@@ -447,22 +447,22 @@ impl Cycle {
         &self.faults
     }
 
-    /// The fixture, for reports.
+    /// Returns the fixture, for reports.
     pub fn fixture(&self) -> &Fixture<Shape2, 2> {
         &self.fixture
     }
 
-    /// The linkage, for reports.
+    /// Returns the linkage, for reports.
     pub fn linkage(&self) -> &FiveBar {
         &self.linkage
     }
 
-    /// The force sensing, for reports.
+    /// Returns the force sensing, for reports.
     pub fn sensing(&self) -> &Sensing {
         &self.sensing
     }
 
-    /// The control laws, for reports.
+    /// Returns the control laws, for reports.
     pub fn servo(&self) -> &Servo {
         &self.servo
     }
@@ -472,7 +472,7 @@ impl Cycle {
         &self.settings
     }
 
-    /// The gate, for reports.
+    /// Returns the gate, for reports.
     pub fn gate(&self) -> &Gate {
         &self.gate
     }
@@ -521,7 +521,7 @@ impl Cycle {
         }
     }
 
-    /// The command of this cycle. The reference that goes with it is followed from now on; a fault leaves the one that there was.
+    /// Returns the command of this cycle. The reference that goes with it is followed from now on; a fault leaves the one that there was.
     fn act(
         &mut self,
         motion: Motion,
@@ -547,7 +547,7 @@ impl Cycle {
         Ok(allowed)
     }
 
-    /// The command that moves nothing; forgets the reference, so that the next run starts from the measurement.
+    /// Returns the command that moves nothing; forgets the reference, so that the next run starts from the measurement.
     fn rest(&mut self) -> Allowed<JointCommand> {
         self.track.forget();
         self.halt = None;

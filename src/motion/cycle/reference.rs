@@ -37,7 +37,7 @@ pub struct Reference {
 }
 
 impl Reference {
-    /// The joint angles that put the tool there.
+    /// Returns the joint angles that put the tool there.
     pub fn angles(&self) -> JointAngles {
         self.closure.angles()
     }
@@ -82,7 +82,7 @@ pub(super) struct Track {
 }
 
 impl Track {
-    /// The reference that is followed.
+    /// Returns the reference that is followed.
     #[inline]
     pub(super) fn now(&self) -> Option<&Reference> {
         self.slots[usize::from(self.is_second)].as_ref()
@@ -120,7 +120,7 @@ impl Track {
         self.slots[usize::from(self.is_second)] = None;
     }
 
-    /// The reference that is followed, for tests that put one elsewhere.
+    /// Returns the reference that is followed, for tests that put one elsewhere.
     #[cfg(test)]
     pub(super) fn now_mut(&mut self) -> Option<&mut Reference> {
         self.slots[usize::from(self.is_second)].as_mut()
@@ -178,7 +178,7 @@ impl Cycle {
         if speed > self.settings.tool_speed_limit_m_per_s { Err(Fault::OverSpeed) } else { Ok(()) }
     }
 
-    /// The reference to come is where the arm is measured to be.
+    /// Sets the next reference to the measured position of the arm.
     #[cold]
     fn start(&mut self) -> Result<(), Fault> {
         let Some(posture) = &self.posture else { return Err(Fault::NotFinite) };
@@ -246,7 +246,7 @@ impl Cycle {
         }
     }
 
-    /// The next point of the ramp, which leads neither through a surface nor off one: there the reference stops at once, as it
+    /// Returns the next point of the ramp, which leads neither through a surface nor off one: there the reference stops at once, as it
     /// does at an impact.
     fn stop(&mut self, last: &Last) -> Result<TipPoint, Fault> {
         let is_led = self.lead.is_some();

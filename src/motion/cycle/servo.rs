@@ -60,7 +60,7 @@ pub struct TorqueServo {
 }
 
 impl Servo {
-    /// A command of this mode, for its kind only.
+    /// Returns a command of this mode, for its kind only.
     pub(super) fn rest(&self) -> JointCommand {
         match self {
             Servo::Position => JointCommand::Position(JointAngles::default()),
@@ -80,7 +80,7 @@ impl Servo {
         }
     }
 
-    /// The command that brings the measured joints to the reference, and what goes with it in torque mode.
+    /// Returns the command that brings the measured joints to the reference, and what goes with it in torque mode.
     ///
     /// # Errors
     /// [`Fault::NotFinite`] if a law was given or gave something that is not finite.
@@ -165,14 +165,14 @@ impl Deviation {
     }
 }
 
-/// The effort of a controller that makes this torque of a joint, in N m: of a Cartesian one at the longer proximal link.
+/// Returns the effort of a controller that makes this torque of a joint, in N m: of a Cartesian one at the longer proximal link.
 fn effort(torque_n_m: f64, is_cartesian: bool, linkage: &FiveBar) -> f64 {
     let [left_m, right_m] = linkage.geometry().proximal_m;
     if is_cartesian { torque_n_m / left_m.max(right_m) } else { torque_n_m }
 }
 
 impl TorqueServo {
-    /// A servo at rest for an arm with this linkage. The limit of a Cartesian controller is the force that makes the
+    /// Creates a servo at rest for an arm with this linkage. The limit of a Cartesian controller is the force that makes the
     /// greatest torque at the longer proximal link.
     ///
     /// # Errors
@@ -206,7 +206,7 @@ impl TorqueServo {
         self.effort_limit.iter_mut().for_each(|most| *most = most.min(limit));
     }
 
-    /// The torques that bring the arm in this posture to the reference.
+    /// Returns the torques that bring the arm in this posture to the reference.
     ///
     /// Real-time: yes.
     ///

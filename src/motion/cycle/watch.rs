@@ -87,7 +87,7 @@ impl Balance {
         self.acting = sent;
     }
 
-    /// The mean residual of each joint in N m.
+    /// Returns the mean residual of each joint in N m.
     pub(super) fn residual_n_m(&self) -> JointTorques {
         self.mean
     }

@@ -45,7 +45,7 @@ impl<T> Allowed<T> {
 }
 
 impl Allowed<JointCommand> {
-    /// The command that moves nothing: `angles`, no rate, no torque, in the mode of `like`.
+    /// Returns the command that moves nothing: `angles`, no rate, no torque, in the mode of `like`.
     ///
     /// Real-time: yes.
     pub fn rest(like: &JointCommand, angles: JointAngles) -> Self {
@@ -87,12 +87,12 @@ pub struct Gate {
 }
 
 impl Gate {
-    /// A gate that has let nothing through yet.
+    /// Creates a gate that has let nothing through yet.
     pub fn new(limits: Limits) -> Self {
         Self { limits, own_torque_n_m: limits.torque_n_m, last_target: None }
     }
 
-    /// The command that moves nothing, at the measured angles: [`Allowed::rest`]. After it a position target starts from
+    /// Returns the command that moves nothing, at the measured angles: [`Allowed::rest`]. After it a position target starts from
     /// there.
     ///
     /// Real-time: yes.

@@ -45,7 +45,7 @@ mod tests {
 
     const PERIOD_S: f64 = 1e-3;
 
-    /// The cycle after the quick stop in which torque may go.
+    /// Returns the cycle after the quick stop in which torque may go.
     fn goes_after(brake_s: f64, angle: impl Fn(f64) -> Option<f64>) -> usize {
         let mut rest = JointRest::default();
         let at = |cycle: usize| angle(cycle as f64 * PERIOD_S).map(|angle| JointAngles::new(0.3, angle));

@@ -15,7 +15,7 @@ pub struct StopRamp {
 }
 
 impl StopRamp {
-    /// A ramp from `start` and `velocity` with at most `deceleration_m_per_s2` (positive).
+    /// Creates a ramp from `start` and `velocity` with at most `deceleration_m_per_s2` (positive).
     ///
     /// Real-time: yes.
     pub fn new(start: TipPoint, velocity: TipVelocity, deceleration_m_per_s2: f64) -> Self {
@@ -23,7 +23,7 @@ impl StopRamp {
         Self { start, velocity, duration_s, elapsed_s: 0.0 }
     }
 
-    /// The reference `period_s` later.
+    /// Returns the reference `period_s` later.
     ///
     /// Real-time: yes.
     pub fn advance(&mut self, period_s: f64) -> TipPoint {

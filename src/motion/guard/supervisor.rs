@@ -152,12 +152,12 @@ impl Supervisor {
         Self::default()
     }
 
-    /// The state after the last step.
+    /// Returns the state after the last step.
     pub fn state(&self) -> State {
         self.state
     }
 
-    /// The fault that led to the present state, if one did.
+    /// Returns the fault that led to the present state, if one did.
     pub fn cause(&self) -> Option<Cause> {
         self.cause
     }

@@ -156,7 +156,7 @@ impl Equation {
         Ok(Self { turns, acceleration, rate })
     }
 
-    /// The inertia, the viscous friction and the delay that leave least, by torque and its slope over the delay in cycles.
+    /// Returns the inertia, the viscous friction and the delay that leave least, by torque and its slope over the delay in cycles.
     fn solve(&self, period_s: f64, torque: impl Fn(f64) -> Vec<[Complex<f64>; 2]>) -> Result<Dynamics, NotIdentified> {
         let rest = |delay: f64| self.fit(&torque(delay)).map_or(f64::INFINITY, |fit| fit.rest);
         let steps = (LONGEST_DELAY * STEPS_PER_CYCLE) as u32;
@@ -201,7 +201,7 @@ impl Equation {
         if is_finite { Ok(found) } else { Err(NotIdentified::Indistinct) }
     }
 
-    /// Least squares at a known delay.
+    /// Solves the least squares at a known delay.
     fn fit(&self, sides: &[[Complex<f64>; 2]]) -> Option<Fit> {
         let product = |one: &Complex<f64>, other: &Complex<f64>| one.re * other.re + one.im * other.im;
         let [mut aa, mut av, mut vv, mut aw, mut vw] = [0.0; 5];
@@ -263,7 +263,7 @@ struct Fit {
     rest: f64,
 }
 
-/// The amplitude of what `value` has of a frequency in a record, with a window that takes out what changes slowly.
+/// Returns the amplitude of what `value` has of a frequency in a record, with a window that takes out what changes slowly.
 fn windowed(turn: f64, record: usize, value: impl Fn(usize) -> f64) -> Complex<f64> {
     let sum: Complex<f64> = (0..record)
         .map(|at| {

@@ -17,14 +17,14 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// A value with its standard error, which was estimated with so many degrees of freedom, at least 1.
+    /// Creates a value with its standard error, which was estimated with so many degrees of freedom, at least 1.
     pub fn new(value: f64, standard_error: f64, degrees: f64) -> Self {
         let half = student(degrees) * standard_error;
         Self { value, low: value - half, high: value + half }
     }
 
-    /// The standard deviation of what these values were drawn from, each apart from the others, beside a line through them: what changes
-    /// steadily is no scatter. `None` of fewer than three.
+    /// Returns the standard deviation of what these values were drawn from, each apart from the others, beside a line through them: what
+    /// changes steadily is no scatter. `None` of fewer than three.
     pub fn scatter(values: &[f64]) -> Option<Self> {
         let degrees = values.len().checked_sub(2).filter(|degrees| *degrees > 0)?;
         let many = values.len() as f64;
@@ -53,7 +53,7 @@ impl Estimate {
     }
 }
 
-/// The 97.5 % quantile of Student's t distribution, to 0.5 % for whole degrees of freedom.
+/// Returns the 97.5 % quantile of Student's t distribution, to 0.5 % for whole degrees of freedom.
 ///
 /// # Source
 /// Abramowitz, Stegun, *Handbook of Mathematical Functions* (1964), 26.7.5; below four degrees of freedom from its table 26.10, between whole
@@ -73,7 +73,7 @@ fn student(degrees: f64) -> f64 {
         + (3.0 * z(7) + 19.0 * z(5) + 17.0 * z(3) - 15.0 * z(1)) / (384.0 * n * n * n)
 }
 
-/// The 2.5 % and the 97.5 % quantile of the chi-square distribution, to 5 %.
+/// Returns the 2.5 % and the 97.5 % quantile of the chi-square distribution, to 5 %.
 ///
 /// # Source
 /// Abramowitz, Stegun, *Handbook of Mathematical Functions* (1964), 26.4.17; below five degrees of freedom from its table 26.8.

@@ -36,7 +36,7 @@ pub struct Excitation {
 }
 
 impl Excitation {
-    /// An excitation whose records are so many cycles of `period_s` long, and whose rate is `rate_rad_per_s` at most.
+    /// Creates an excitation whose records are so many cycles of `period_s` long, and whose rate is `rate_rad_per_s` at most.
     pub fn new(period_s: f64, record_cycles: u32, rate_rad_per_s: f64) -> Self {
         let record_s = period_s * f64::from(record_cycles);
         let highest_hz = (HIGHEST_SHARE / period_s).min(HIGHEST_HZ);

@@ -35,7 +35,7 @@ impl ForceMap {
         elementary::atan2(yx - xy, xx + yy)
     }
 
-    /// The greatest share of a force that is felt along the other axis, once both are turned back.
+    /// Returns the greatest share of a force that is felt along the other axis, once both are turned back.
     pub fn cross_talk(&self) -> f64 {
         let (sin, cos) = elementary::sin_cos(-self.turn_rad());
         let straight = Matrix2::new(cos, -sin, sin, cos) * self.as_matrix();
@@ -48,7 +48,7 @@ impl ForceMap {
         self.as_matrix().determinant() < 0.0
     }
 
-    /// The map from what is felt, less the zero, to the true force; none if it has no inverse.
+    /// Returns the map from what is felt, less the zero, to the true force; none if it has no inverse.
     pub fn inverse(&self) -> Option<[[f64; 2]; 2]> {
         let inverse = self.as_matrix().try_inverse()?;
         Some([[inverse[(0, 0)], inverse[(0, 1)]], [inverse[(1, 0)], inverse[(1, 1)]]])

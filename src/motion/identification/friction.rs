@@ -182,7 +182,7 @@ mod tests {
 
     const INERTIA: f64 = 0.4;
 
-    /// A travel at a rate that is still settling; its torque has noise without a pattern.
+    /// Returns a travel at a rate that is still settling; its torque has noise without a pattern.
     fn travel(rate: f64, coulomb: f64, viscous: f64, noise_n_m: f64, seed: f64) -> Steady {
         let of = |sign: f64| {
             let (mut angle, period_s) = (0.1 - 0.1 * sign, 0.2 / rate / 300.0);

@@ -166,7 +166,7 @@ impl<'a> Spectra<'a> {
         Ok(seen)
     }
 
-    /// The amplitudes of a signal: line by line, of each passage along both axes.
+    /// Returns the amplitudes of a signal: line by line, of each passage along both axes.
     fn lines(&self, signal: impl Fn(&Shaken, usize, usize) -> f64) -> Vec<Complex<f64>> {
         let mut found = Vec::with_capacity(self.waves.len() * self.passages.len() * 2);
         for wave in &self.waves {
@@ -180,7 +180,7 @@ impl<'a> Spectra<'a> {
         found
     }
 
-    /// The amplitudes of the acceleration that many cycles before, m/s^2.
+    /// Returns the amplitudes of the acceleration that many cycles before, m/s^2.
     fn shifted(&mut self, shift: i64) -> &[Complex<f64>] {
         if !self.accelerations.contains_key(&shift) {
             let difference = |passage: &Shaken, axis: usize, cycle: usize| {

@@ -172,7 +172,7 @@ pub fn mistaken(geometry: &Geometry, visited: &[Visited], within_m: f64) -> Opti
     exchanged.chain(without).min_by(|(one, _), (other, _)| one.total_cmp(other)).map(|(_, mistaken)| mistaken)
 }
 
-/// The normal equations at a candidate: `J^T J` and `J^T r`.
+/// Returns the normal equations at a candidate: `J^T J` and `J^T r`.
 fn equations(
     candidate: &Candidate,
     geometry: &Geometry,
@@ -195,7 +195,7 @@ fn equations(
     Ok((normal, slope))
 }
 
-/// The point that is farthest from where the tool is, and how far, m.
+/// Returns the point that is farthest from where the tool is, and how far, m.
 fn worst(residuals: &[f64]) -> (usize, f64) {
     let distances = residuals.chunks(2).map(|off| squares(off).sqrt());
     distances.enumerate().fold((0, 0.0), |worst, (at, off)| if off > worst.1 { (at, off) } else { worst })
@@ -208,7 +208,7 @@ mod tests {
     use crate::quantity::TipDisplacement;
     use proptest::prelude::*;
 
-    /// An arm as a drawing has it, and the same as it was built.
+    /// Returns an arm as a drawing has it, and the same as it was built.
     fn drawn() -> Geometry {
         Geometry {
             base_m: [[-0.10, -0.45], [0.10, -0.45]],
@@ -220,7 +220,8 @@ mod tests {
         }
     }
 
-    /// Points on two circles about the task's origin, and the angles at which a built arm is there, by encoders with these zeros.
+    /// Returns the points on two circles about the task's origin, and the angles at which a built arm is there, by encoders with these
+    /// zeros.
     fn visited(built: &Geometry, zero_rad: [f64; 2], off_m: impl Fn(usize) -> f64) -> Vec<Visited> {
         let linkage = FiveBar::new(*built).unwrap();
         let of = |at: usize| {

@@ -14,9 +14,9 @@
 //! `torque = J q'' + b q' + constant`.
 //!
 //! # Why no derivative is taken
-//! The second difference of an angle is exactly a mean of its acceleration over two cycles, weighted by a triangle. If a torque is held
-//! from cycle to cycle, this mean of the torque is exactly a sum of three such torques, whatever share of a cycle the torque comes late. So
-//! both sides of the equation of motion are known without an error of discretisation, and the delay may be a share of a cycle.
+//! The second difference of an angle is exactly a mean of its acceleration over two cycles, weighted by a triangle. For a torque that is
+//! held from cycle to cycle, this mean is exactly a sum of three such torques, whatever share of a cycle it comes late. So both sides of
+//! the equation of motion are known without an error of discretisation, and the delay may be a share of a cycle.
 
 mod dynamics;
 mod estimate;

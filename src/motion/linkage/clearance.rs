@@ -37,7 +37,7 @@ pub struct Clearance {
 }
 
 impl Clearance {
-    /// The nearest singularity and how far it is in m; the edge only if it is nearer than what makes it.
+    /// Returns the nearest singularity and how far it is in m; the edge only if it is nearer than what makes it.
     ///
     /// Real-time: yes.
     pub fn nearest(&self) -> (Singularity, f64) {
@@ -106,7 +106,7 @@ impl FiveBar {
         }
     }
 
-    /// Way of the tool point, to first order, along which the reach of the chain without the tool changes by `gap_m`.
+    /// Returns the way of the tool point, to first order, along which the reach of the chain without the tool changes by `gap_m`.
     /// Infinite or not a number where the reach does not change.
     fn tool_way(&self, posture: &Posture, gap_m: f64) -> f64 {
         if self.wrist_ratio == Complex::new(1.0, 0.0) {
@@ -132,7 +132,7 @@ impl FiveBar {
         gap_m * lever.abs() * length / gradient.square().sqrt()
     }
 
-    /// The clearance of a posture, if both elbows lie on their sides and nothing is nearer than `margin_m`.
+    /// Returns the clearance of a posture, if both elbows lie on their sides and nothing is nearer than `margin_m`.
     ///
     /// Real-time: yes.
     ///

@@ -17,7 +17,7 @@ impl Complex {
         Self { re, im }
     }
 
-    /// The vector of the given length at the given angle.
+    /// Returns the vector of the given length at the given angle.
     #[inline]
     pub(super) fn polar(length: f64, angle_rad: f64) -> Self {
         let (sine, cosine) = elementary::sin_cos(angle_rad);

@@ -78,7 +78,7 @@ impl Dynamics {
 }
 
 impl FiveBar {
-    /// The equations of motion at a state, exact for any links, masses and tool offset.
+    /// Returns the equations of motion at a state, exact for any links, masses and tool offset.
     ///
     /// A uniform rod between points with velocities a and b has the kinetic energy `m / 6 (a.a + a.b + b.b)`, so the
     /// rods need no angular velocities. Cost: that of closing the loop and some 150 products; rods without mass cost

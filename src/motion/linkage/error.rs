@@ -103,7 +103,7 @@ pub enum LinkageError {
     },
 }
 
-/// The largest finite number in place of an infinite distance, so that an error carries finite numbers.
+/// Returns the largest finite number in place of an infinite distance, so that an error carries finite numbers.
 pub(super) fn finite(value: f64) -> f64 {
     value.min(f64::MAX)
 }

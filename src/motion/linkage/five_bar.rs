@@ -55,7 +55,7 @@ pub(super) struct Transmission {
 }
 
 impl Closure {
-    /// The joint angles.
+    /// Returns the joint angles.
     pub fn angles(&self) -> JointAngles {
         self.angles
     }
@@ -146,7 +146,7 @@ impl FiveBar {
         })
     }
 
-    /// The parameters that this linkage was made from.
+    /// Returns the parameters that this linkage was made from.
     pub fn geometry(&self) -> &Geometry {
         &self.geometry
     }
@@ -165,7 +165,7 @@ impl FiveBar {
         self.close_at(tip).map(|closure| closure.angles)
     }
 
-    /// The loop closed so that the tool point is at `tip`.
+    /// Returns the loop closed so that the tool point is at `tip`.
     fn close_at(&self, tip: TipPoint) -> Result<Closure, LinkageError> {
         if !tip.is_finite() {
             return Err(LinkageError::NotFinite { what: "tool point in m", values: tip.to_array() });
@@ -272,7 +272,7 @@ impl FiveBar {
         Ok(base * triangle.apex(square, area).0)
     }
 
-    /// The cross product of these distal vectors, if they belong to this assembly mode.
+    /// Returns the cross product of these distal vectors, if they belong to this assembly mode.
     fn check_assembly(&self, distal: [Complex; 2]) -> Result<f64, LinkageError> {
         let cross = distal[0].cross(distal[1]);
         if cross.abs() < self.least_cross {
@@ -284,7 +284,7 @@ impl FiveBar {
         Ok(cross)
     }
 
-    /// The kind of type 2 singularity at this vector from left to right elbow.
+    /// Returns the kind of type 2 singularity at this vector from left to right elbow.
     #[cold]
     fn type_2(&self, elbows: Complex) -> LinkageError {
         let elbow_distance_m = elbows.length();

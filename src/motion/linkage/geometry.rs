@@ -22,7 +22,7 @@ impl Chain {
     /// Both, in the order of the indices.
     pub const BOTH: [Self; 2] = [Self::Left, Self::Right];
 
-    /// Place in arrays and joint vectors.
+    /// Returns the place in arrays and joint vectors.
     pub const fn index(self) -> usize {
         match self {
             Self::Left => 0,

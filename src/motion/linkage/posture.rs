@@ -97,7 +97,7 @@ pub(super) fn matrix([left, right]: [Complex; 2]) -> Matrix2<f64> {
     Matrix2::new(left.re, right.re, left.im, right.im)
 }
 
-/// The vector, or an error that names it if a component is not finite.
+/// Returns the vector, or an error that names it if a component is not finite.
 #[inline]
 pub(super) fn finite_vector(what: &'static str, vector: Vector2<f64>) -> Result<Vector2<f64>, LinkageError> {
     if vector.x.is_finite() && vector.y.is_finite() {

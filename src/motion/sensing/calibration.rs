@@ -74,7 +74,7 @@ impl Calibration {
         Ok(Self { matrix, inverse, range_counts, saturated_counts })
     }
 
-    /// The wrench that the counts stand for, finite for any counts.
+    /// Returns the wrench that the counts stand for, finite for any counts.
     ///
     /// Real-time: yes.
     #[inline]
@@ -90,7 +90,7 @@ impl Calibration {
         sample.overload || sample.counts.iter().any(|count| count.unsigned_abs() >= self.saturated_counts)
     }
 
-    /// The counts that a sensor with this calibration shows under `wrench`: rounded to whole counts and clipped to the
+    /// Returns the counts that a sensor with this calibration shows under `wrench`: rounded to whole counts and clipped to the
     /// range. A component that is not finite shows as zero counts, or as the range if infinite.
     ///
     /// Real-time: yes.
@@ -106,7 +106,7 @@ impl Calibration {
         Wrench(self.matrix.abs() * Vector6::repeat(0.5))
     }
 
-    /// The range: counts lie in `-range_counts..=range_counts`.
+    /// Returns the range: counts lie in `-range_counts..=range_counts`.
     pub fn range_counts(&self) -> i32 {
         self.range_counts
     }

@@ -30,7 +30,7 @@ impl LowPass {
         Ok(filter)
     }
 
-    /// The next output after `output` for the input `input`.
+    /// Returns the next output after `output` for the input `input`.
     ///
     /// Real-time: yes.
     #[inline]

@@ -27,7 +27,7 @@ pub struct Mounting {
 }
 
 impl Mounting {
-    /// A sensor whose x axis stands at `angle_rad`, counter-clockwise, from the direction of this link.
+    /// Creates a sensor whose x axis stands at `angle_rad`, counter-clockwise, from the direction of this link.
     ///
     /// # Errors
     /// [`SensingError::OutOfRange`] if the angle is not finite.
@@ -39,7 +39,7 @@ impl Mounting {
         Ok(Self { link, rotation: UnitComplex::from_cos_sin_unchecked(cos, sin) })
     }
 
-    /// The rotation of the link it sits on, out of those of the left and right distal link from the base frame's x axis;
+    /// Returns the rotation of the link it sits on, out of those of the left and right distal link from the base frame's x axis;
     /// none on the base.
     ///
     /// Real-time: yes.
@@ -52,7 +52,7 @@ impl Mounting {
         }
     }
 
-    /// The planar force of a sensor-frame wrench in the base frame, N, with the link turned by `link` from the base frame's
+    /// Returns the planar force of a sensor-frame wrench in the base frame, N, with the link turned by `link` from the base frame's
     /// x axis.
     ///
     /// Real-time: yes.

@@ -143,7 +143,7 @@ pub struct Sensing {
 }
 
 impl Sensing {
-    /// A chain without bias that has seen no sample.
+    /// Creates a chain without bias that has seen no sample.
     ///
     /// # Errors
     /// [`SensingError::OutOfRange`] for a mass, rate, period, angle or cut-off that is not finite or outside its range.
@@ -201,8 +201,8 @@ impl Sensing {
     /// The handle's mass `m` lies between hand and sensor. The sensor therefore carries the hand's force less the force that accelerates
     /// the handle: `h = sensed + m a`.
     ///
-    /// Without a new sample the force stays as it is, in the base frame. The force stays too, and the reading is not valid, in two cases:
-    /// the sensor marks the sample as not valid, or the force would not be finite or is beyond 1e150 N. The limit bounds the change of the
+    /// Without a new sample the force stays as it is, in the base frame. The force stays too, and the reading is not valid, if the sensor
+    /// marks the sample as not valid. A force that is not finite or beyond 1e150 N has the same effect. The limit bounds the change of the
     /// force from the sample before, once for each sample interval between them. A force further away is moved from the last force by the
     /// limit. While a tare is under way the force is zero and not valid.
     ///
@@ -333,7 +333,7 @@ impl Sensing {
         (self.bias, self.tare) = (bias, None);
     }
 
-    /// The wrench that counts as zero, sensor frame.
+    /// Returns the wrench that counts as zero, sensor frame.
     pub fn bias(&self) -> Wrench {
         self.bias
     }

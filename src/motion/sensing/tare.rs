@@ -60,7 +60,7 @@ pub struct Tare {
 }
 
 impl Tare {
-    /// A tare that has seen no sample.
+    /// Creates a tare that has seen no sample.
     ///
     /// # Errors
     /// [`SensingError::TareSamples`], or [`SensingError::OutOfRange`] for limits that are not finite or negative.

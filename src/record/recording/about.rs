@@ -29,7 +29,7 @@ impl Machine {
         document
     }
 
-    /// Name of its document in a recording.
+    /// Returns the name of its document in a recording.
     pub fn name(&self) -> &'static str {
         match self {
             Machine::Rig(_) => RIG,
@@ -111,7 +111,7 @@ impl About {
     }
 }
 
-/// The sum of all names and values, each with its length before it.
+/// Returns the sum of all names and values, each with its length before it.
 fn sum(metadata: &BTreeMap<String, String>) -> String {
     let mut sum = crc32fast::Hasher::new();
     for text in metadata.iter().flat_map(|(key, value)| [key, value]) {

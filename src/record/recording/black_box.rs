@@ -74,7 +74,7 @@ impl BlackBox {
         }
     }
 
-    /// The files of a rig of this name in a folder, the newest first; none where the folder cannot be read.
+    /// Returns the files of a rig of this name in a folder, the newest first; none where the folder cannot be read.
     pub fn files_of(folder: &Path, name: &str) -> Vec<PathBuf> {
         let name = sanitised(name);
         let entries = fs::read_dir(folder).into_iter().flatten().flatten();
@@ -174,7 +174,7 @@ impl Sink<CycleRecord> for BlackBox {
     }
 }
 
-/// A name that means nothing to a file system.
+/// Returns a name that means nothing to a file system.
 fn sanitised(name: &str) -> String {
     let plain = |c: char| if c.is_ascii_alphanumeric() || c == '-' || c == '_' { c } else { '-' };
     let name: String = name.chars().take(MAX_NAME).map(plain).collect();
@@ -208,7 +208,7 @@ fn next_file(folder: &Path, name: &str) -> io::Result<(PathBuf, File)> {
     Ok((path, file))
 }
 
-/// The number in the name of a file of a black box; `None` for another file.
+/// Returns the number in the name of a file of a black box; `None` for another file.
 fn number(name: &str) -> Option<u32> {
     let (_, number) = name.strip_suffix(ENDING)?.rsplit_once('-')?;
     (6..=9).contains(&number.len()).then(|| number.parse().ok()).flatten()

@@ -123,7 +123,7 @@ pub struct Inlet<T>(rtrb::Producer<T>);
 /// the sink's own ring is available when that item is taken.
 pub struct Outlet<T>(rtrb::Consumer<T>);
 
-/// A ring beside that of a sink, with room for `capacity` items: for what comes seldom and belongs between its items.
+/// Returns a ring beside that of a sink, with room for `capacity` items: for what comes seldom and belongs between its items.
 pub fn side_ring<T: Copy>(capacity: usize) -> (Inlet<T>, Outlet<T>) {
     let (producer, consumer) = rtrb::RingBuffer::new(capacity);
     (Inlet(producer), Outlet(consumer))
@@ -165,7 +165,7 @@ pub struct Finished<R> {
 }
 
 impl<R: Send + 'static> Feed<R> {
-    /// A ring with room for `capacity` items, and a thread with `name` that empties it into `sink`.
+    /// Returns a ring with room for `capacity` items, and a thread with `name` that empties it into `sink`.
     ///
     /// # Errors
     /// If there is no thread to be had.

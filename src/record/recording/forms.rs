@@ -9,7 +9,7 @@ use super::scalar::Scalar;
 /// Header before the data of a message: plain CDR, little-endian.
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 
-/// The message definition: one line a field, with unit and meaning behind it, and before a field with few values these as
+/// Returns the message definition: one line a field, with unit and meaning behind it, and before a field with few values these as
 /// constants.
 pub fn definition<T: Recorded>() -> String {
     let mut definition = Definition(T::HEAD.to_owned());
@@ -31,7 +31,7 @@ impl Visitor for Definition {
     }
 }
 
-/// The fields as a table of a document.
+/// Returns the fields as a table of a document.
 pub fn table<T: Recorded>() -> String {
     let head = String::from("| field | type | unit | meaning |\n|---|---|---|---|\n");
     let mut table = Table { text: head, seen: Vec::new() };
@@ -110,7 +110,7 @@ pub enum DecodeError {
     },
 }
 
-/// The record that these bytes are.
+/// Returns the record that these bytes are.
 ///
 /// # Errors
 /// If the bytes are no record.
@@ -152,7 +152,7 @@ impl Visitor for Decoder<'_> {
     }
 }
 
-/// The bits in at most eight little-endian bytes.
+/// Returns the bits in at most eight little-endian bytes.
 fn bits_of(bytes: &[u8]) -> u64 {
     bytes.iter().rev().fold(0, |bits, byte| bits << 8 | u64::from(*byte))
 }
@@ -227,7 +227,7 @@ impl Visitor for Layout {
     }
 }
 
-/// The names of the fields, between commas.
+/// Returns the names of the fields, between commas.
 pub fn csv_header<T: Recorded>() -> String {
     let mut header = Header(String::new());
     T::blank().walk(&mut header);
@@ -284,7 +284,7 @@ pub struct Difference {
     pub other: String,
 }
 
-/// The first difference between two records; `None` if they are the same, bit by bit.
+/// Returns the first difference between two records; `None` if they are the same, bit by bit.
 pub fn difference<T: Recorded>(one: &T, other: &T) -> Option<Difference> {
     let mut values = Values(Vec::new());
     { *other }.walk(&mut values);
@@ -317,7 +317,7 @@ impl Visitor for Compare {
     }
 }
 
-/// A value as text, with its bits where these may differ although the text does not.
+/// Returns a value as text, with its bits where these may differ although the text does not.
 fn exact<S: Scalar>(value: S) -> String {
     let mut text = String::new();
     value.text(&mut text);

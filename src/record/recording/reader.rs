@@ -210,7 +210,7 @@ impl<R: Read, T: Recorded> Reader<R, T> {
         self.about.as_ref().unwrap_or(&NOTHING)
     }
 
-    /// The next record; `None` at the end.
+    /// Returns the next record; `None` at the end.
     ///
     /// # Errors
     /// If the file cannot be read.
@@ -219,7 +219,7 @@ impl<R: Read, T: Recorded> Reader<R, T> {
         Ok(self.ready.pop_front())
     }
 
-    /// The first places at which something is lost, as far as was read.
+    /// Returns the first places at which something is lost, as far as was read.
     pub fn damage(&self) -> &[Damage] {
         &self.damage
     }
@@ -316,7 +316,7 @@ impl<R: Read, T: Recorded> Reader<R, T> {
         Ok(Next::Body { opcode, offset, is_cut: read < length })
     }
 
-    /// The rest of the last record, and what may be behind it.
+    /// Returns the rest of the last record, and what may be behind it.
     fn take_footer(&mut self, offset: u64, length: u64) -> io::Result<()> {
         // Two places in the file, then the sum of the index and of all this up to the sum.
         let mut rest = Vec::new();

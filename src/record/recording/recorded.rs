@@ -22,16 +22,16 @@ pub trait Recorded: Copy + Send + 'static {
     /// Shows `visitor` every field in its order.
     fn walk<V: Visitor>(&mut self, visitor: &mut V);
 
-    /// Number among its kind.
+    /// Returns the number among its kind.
     fn index(&self) -> u64;
 
-    /// Start time, in ns of its own clock.
+    /// Returns the start time, in ns of its own clock.
     fn begun_ns(&self) -> u64;
 
-    /// Time at which its inputs were complete, in ns of its own clock.
+    /// Returns the time at which its inputs were complete, in ns of its own clock.
     fn complete_ns(&self) -> u64;
 
-    /// Time of the scene in s; minus infinity before.
+    /// Returns the time of the scene in s; minus infinity before.
     fn scene_time_s(&self) -> f64;
 }
 

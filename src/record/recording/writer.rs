@@ -37,7 +37,7 @@ pub struct Writer<W: Write, T = CycleRecord> {
 }
 
 impl<W: Write, T: Recorded> Writer<W, T> {
-    /// A file that says what `about` says and has no cycles yet.
+    /// Starts a file with the description `about` and without cycles.
     ///
     /// # Errors
     /// Errors of `out`.

@@ -50,7 +50,7 @@ pub struct LssAddress {
 }
 
 impl LssAddress {
-    /// The four numbers in the order of 1018h.
+    /// Returns the four numbers in the order of 1018h.
     const fn parts(self) -> [u32; 4] {
         [self.vendor_id, self.product_code, self.revision, self.serial]
     }

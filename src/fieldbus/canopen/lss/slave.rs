@@ -30,7 +30,7 @@ pub(in super::super) struct LssSlave {
 }
 
 impl LssSlave {
-    /// A device that was delivered with a node id, or without one.
+    /// Creates a device that was delivered with a node id, or without one.
     pub(in super::super) fn new(address: LssAddress, stored: Option<NodeId>) -> Self {
         LssSlave {
             address,
@@ -61,7 +61,7 @@ impl LssSlave {
         self.active
     }
 
-    /// The answer to a request, and what the device has to do.
+    /// Returns the answer to a request, and what the device has to do.
     pub(in super::super) fn on_request(&mut self, payload: &Payload) -> (Option<Payload>, Option<LssEvent>) {
         match payload[0] {
             command::SWITCH_GLOBAL => (None, self.switch(payload[1])),
@@ -88,7 +88,7 @@ impl LssSlave {
         is_new.then_some(LssEvent::Configured)
     }
 
-    /// The four numbers of an address have to come in order.
+    /// Takes one of the four numbers of an address, which have to come in order.
     fn select(&mut self, payload: &Payload) -> Option<Payload> {
         let part = payload[0] - command::SWITCH_SELECTIVE;
         let is_equal = self.address.parts().get(usize::from(part)) == Some(&number(payload));
@@ -104,7 +104,7 @@ impl LssSlave {
         Some(with_number(command::SELECTED, 0))
     }
 
-    /// Vendor and product have to be equal, revision and serial number within bounds.
+    /// Takes one number of an identification. Vendor and product have to be equal, revision and serial number within bounds.
     fn identify(&mut self, payload: &Payload) -> Option<Payload> {
         let part = payload[0] - command::IDENTIFY_FIRST;
         let wanted = number(payload);

@@ -27,7 +27,7 @@ use crate::time::Time;
 /// PDOs of each direction that every device has places for.
 const PDOS: usize = MAX_PDOS as usize;
 
-/// The places of PDOs: the first ones, and those of other axes that are declared.
+/// Returns the places of PDOs: the first ones, and those of other axes that are declared.
 fn places(od: &ObjectDictionary) -> Vec<u8> {
     let is_declared = |place: &u8| {
         let place = u16::from(*place);
@@ -91,7 +91,7 @@ pub struct Node {
 }
 
 impl Node {
-    /// The node of a device whose dictionary contains a [`CommunicationProfile`](super::CommunicationProfile); it is silent
+    /// Returns the node of a device whose dictionary contains a [`CommunicationProfile`](super::CommunicationProfile); it is silent
     /// until [`Node::boot`]. The dictionary that methods are given later has to be this one.
     ///
     /// # Errors

@@ -164,7 +164,7 @@ impl Tpdo {
         (self.is_triggered, self.inhibited_until, self.event_at) = (false, Time::default(), Time::NEVER);
     }
 
-    /// The frame to send at this SYNC, whose counter is `count`.
+    /// Returns the frame to send at this SYNC, whose counter is `count`.
     ///
     /// Real-time: yes.
     pub(in super::super) fn on_sync(&mut self, count: Option<u8>, od: &ObjectDictionary) -> Option<Frame> {
@@ -197,7 +197,7 @@ impl Tpdo {
         self.is_triggered = self.id != NO_ID;
     }
 
-    /// The frame that is due by trigger or event timer.
+    /// Returns the frame that is due by trigger or event timer.
     ///
     /// Real-time: yes.
     pub(in super::super) fn poll(&mut self, now: Time, od: &ObjectDictionary) -> Option<Frame> {

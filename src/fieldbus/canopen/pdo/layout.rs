@@ -13,29 +13,29 @@ pub struct Field {
 }
 
 impl Field {
-    /// Bits `shift` to `shift + bits - 1`; `None` if they do not lie within 64 bits or are none.
+    /// Returns the bits `shift` to `shift + bits - 1`; `None` if they do not lie within 64 bits or are none.
     pub const fn new(shift: u8, bits: u8) -> Option<Self> {
         if bits == 0 || shift > 63 || bits > 64 - shift { None } else { Some(Field { shift, bits }) }
     }
 
-    /// Position of the lowest bit, 0 to 63.
+    /// Returns the position of the lowest bit, 0 to 63.
     pub const fn shift(self) -> u8 {
         self.shift
     }
 
-    /// Number of bits, 1 to 64.
+    /// Returns the number of bits, 1 to 64.
     pub const fn bits(self) -> u8 {
         self.bits
     }
 
-    /// The unsigned value in `word`.
+    /// Returns the unsigned value in `word`.
     ///
     /// Real-time: yes.
     pub const fn get_unsigned(self, word: u64) -> u64 {
         (word >> self.shift) & mask(self.bits)
     }
 
-    /// The two's complement value in `word`.
+    /// Returns the two's complement value in `word`.
     ///
     /// Real-time: yes.
     pub const fn get_signed(self, word: u64) -> i64 {
@@ -117,17 +117,17 @@ impl Layout {
         self.entries.iter().find(|(entry, _)| wanted(entry) && !is_dummy(index)).map(|&(_, field)| field)
     }
 
-    /// The mapping entries and their places, in order.
+    /// Returns the mapping entries and their places, in order.
     pub fn entries(&self) -> &[(MappingEntry, Field)] {
         &self.entries
     }
 
-    /// Total length in bits, 0 to 64.
+    /// Returns the total length in bits, 0 to 64.
     pub const fn bits(&self) -> u8 {
         self.bits
     }
 
-    /// Length of the CAN frame in bytes, 0 to 8.
+    /// Returns the length of the CAN frame in bytes, 0 to 8.
     pub const fn len(&self) -> u8 {
         self.bits.div_ceil(8)
     }
@@ -177,7 +177,7 @@ impl PdoParameters {
         self
     }
 
-    /// The default RPDO `number` of CiA 301 for `node`, synchronous.
+    /// Returns the default RPDO `number` of CiA 301 for `node`, synchronous.
     ///
     /// # Errors
     /// A number outside 1 to 4.
@@ -186,7 +186,7 @@ impl PdoParameters {
         Ok(Self::synchronous(cob_id, mapping))
     }
 
-    /// The default TPDO `number` of CiA 301 for `node`, synchronous.
+    /// Returns the default TPDO `number` of CiA 301 for `node`, synchronous.
     ///
     /// # Errors
     /// A number outside 1 to 4.

@@ -18,7 +18,7 @@ pub(in super::super) enum Pdo {
 }
 
 impl Pdo {
-    /// Index of the communication parameter.
+    /// Returns the index of the communication parameter.
     pub(super) const fn communication(self) -> u16 {
         match self {
             Pdo::Receive(place) => 0x1400 + place as u16,
@@ -26,7 +26,7 @@ impl Pdo {
         }
     }
 
-    /// Index of the mapping parameter.
+    /// Returns the index of the mapping parameter.
     pub(super) const fn mapping(self) -> u16 {
         self.communication() + 0x200
     }
@@ -39,7 +39,7 @@ impl Pdo {
     }
 }
 
-/// The PDO that an index configures, and whether it is the mapping parameter.
+/// Returns the PDO that an index configures, and whether it is the mapping parameter.
 pub(in super::super) fn locate(index: u16) -> Option<(Pdo, bool)> {
     let place = u8::try_from(index & 0x1ff).ok().filter(|place| is_place(*place))?;
     match index & 0xfe00 {
@@ -106,7 +106,7 @@ pub(in super::super) fn verify(od: &ObjectDictionary, pdo: Pdo) -> Result<(), Ca
     Mapping::compile(od, pdo, count).map(|_| ()).map_err(|_| CanopenError::PdoBits(bits))
 }
 
-/// Position of a mapped object's word in the dictionary; `None` for a dummy.
+/// Returns the position of a mapped object's word in the dictionary; `None` for a dummy.
 fn target(od: &ObjectDictionary, pdo: Pdo, entry: MappingEntry) -> Result<Option<usize>, AbortCode> {
     if is_dummy(entry.address.index) {
         let is_allowed = matches!(pdo, Pdo::Receive(_)) && entry.address.subindex == 0;
@@ -117,7 +117,7 @@ fn target(od: &ObjectDictionary, pdo: Pdo, entry: MappingEntry) -> Result<Option
         .map(Some)
 }
 
-/// Length of the data type whose index is mapped to skip bits.
+/// Returns the length of the data type whose index is mapped to skip bits.
 const fn dummy_bits(index: u16) -> u8 {
     match index {
         0x0001 => 1,
@@ -144,7 +144,7 @@ pub(super) struct Mapping {
 }
 
 impl Mapping {
-    /// The first `count` entries of a PDO's mapping parameter.
+    /// Returns the first `count` entries of a PDO's mapping parameter.
     ///
     /// # Errors
     /// 06040042h for more entries or bits than a PDO holds, those of a bad entry otherwise.
@@ -168,12 +168,12 @@ impl Mapping {
         Ok(mapping)
     }
 
-    /// Length of the frame in bytes.
+    /// Returns the length of the frame in bytes.
     pub(super) const fn bytes(&self) -> u8 {
         self.bytes
     }
 
-    /// The mapped values as the word of a frame.
+    /// Returns the mapped values as the word of a frame.
     ///
     /// Real-time: yes.
     pub(super) fn sample(&self, od: &ObjectDictionary) -> u64 {

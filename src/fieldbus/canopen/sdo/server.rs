@@ -13,7 +13,7 @@ pub(in super::super) trait Objects {
     fn read(&mut self, at: Address, value: &mut Vec<u8>) -> Result<(), AbortCode>;
     /// Checks whether a write may begin. `len` is the number of bytes, if the client sent it.
     fn check_download(&self, at: Address, len: Option<usize>) -> Result<(), AbortCode>;
-    /// The size of an object of a basic type.
+    /// Returns the size of an object of a basic type.
     fn size(&self, at: Address) -> Option<usize>;
     /// Writes an object.
     fn write(&mut self, at: Address, value: &[u8]) -> Result<(), AbortCode>;
@@ -57,7 +57,7 @@ pub(in super::super) struct SdoServer {
 }
 
 impl SdoServer {
-    /// A server for values of up to `capacity` bytes.
+    /// Creates a server for values of up to `capacity` bytes.
     pub(in super::super) fn new(capacity: usize, timeout: Duration) -> Self {
         SdoServer {
             phase: Phase::Idle,
@@ -142,7 +142,7 @@ impl SdoServer {
         }
     }
 
-    /// The answer to a request; none to an abort and to most segments of a block. Segments that are to be sent come from
+    /// Returns the answer to a request; none to an abort and to most segments of a block. Segments that are to be sent come from
     /// [`SdoServer::poll`].
     pub(in super::super) fn on_request(
         &mut self,
@@ -368,7 +368,7 @@ impl SdoServer {
         Ok(answer)
     }
 
-    /// A frame while blocks of a download are on their way: anything but an abort is a segment or the end.
+    /// Takes a frame while blocks of a download are on their way: anything but an abort is a segment or the end.
     fn take_block_frame(&mut self, payload: &Payload, objects: &mut impl Objects) -> Answer {
         let Phase::BlockDownload { receiver, request, declared, has_crc } = &mut self.phase else { return Ok(None) };
         let frame = wire::decode_block(payload);

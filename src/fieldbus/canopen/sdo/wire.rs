@@ -129,7 +129,7 @@ fn word(payload: &Payload) -> u32 {
     u32::from_le_bytes([a, b, c, d])
 }
 
-/// The size in an initiate frame of a block transfer, if it is indicated.
+/// Returns the size in an initiate frame of a block transfer, if it is indicated.
 fn block_total(payload: &Payload) -> Option<u32> {
     (payload[0] & 0x02 != 0).then(|| word(payload))
 }
@@ -209,7 +209,7 @@ pub(super) fn decode_block_end(payload: &Payload) -> Option<(u8, u16)> {
     block_codec::decode_end(payload).ok()
 }
 
-/// Number of segments in a block transfer; no bytes need one segment too.
+/// Returns the number of segments in a block transfer; no bytes need one segment too.
 pub(super) const fn segments(len: usize) -> usize {
     if len == 0 { 1 } else { len.div_ceil(SEGMENT) }
 }
@@ -226,35 +226,35 @@ pub(super) fn block_segment(data: &[u8], place: usize, sequence: u8) -> Payload 
     payload
 }
 
-/// The end of a block transfer of `data`.
+/// Returns the end of a block transfer of `data`.
 pub(super) fn block_end(data: &[u8], has_crc: bool) -> Payload {
     let unused = segments(data.len()) * SEGMENT - data.len();
     block_codec::encode_end(unused as u8, if has_crc { crc(data) } else { 0 })
 }
 
-/// A request to read in blocks of `block_size` segments; short values may come without.
+/// Returns a request to read in blocks of `block_size` segments; short values may come without.
 pub(super) fn block_upload_request(at: Address, block_size: u8, switch_below: u8) -> Payload {
     let mut payload = block_codec::encode_upload_initiate(at.into(), block_size, true);
     payload[5] = switch_below;
     payload
 }
 
-/// A request to write in blocks.
+/// Returns a request to write in blocks.
 pub(super) fn block_download_request(at: Address, len: usize) -> Payload {
     block_codec::encode_download_initiate(at.into(), u32::try_from(len).ok(), true)
 }
 
-/// The first answer to a read in blocks.
+/// Returns the first answer to a read in blocks.
 pub(super) fn block_upload_response(at: Address, len: usize) -> Payload {
     block_codec::encode_upload_initiate_response(at.into(), u32::try_from(len).ok(), true)
 }
 
-/// The first answer to a write in blocks.
+/// Returns the first answer to a write in blocks.
 pub(super) fn block_download_response(at: Address, block_size: u8) -> Payload {
     block_codec::encode_download_initiate_response(at.into(), block_size, true)
 }
 
-/// An initiate frame with its data (1 to 4 bytes), 2Xh from a client or 4Xh from a server.
+/// Returns an initiate frame with its data (1 to 4 bytes), 2Xh from a client or 4Xh from a server.
 fn expedited(specifier: u8, at: Address, data: &[u8]) -> Payload {
     let len = data.len().clamp(1, EXPEDITED);
     let unused = (EXPEDITED - len) as u8;
@@ -271,12 +271,12 @@ pub(super) const fn is_expedited(len: usize) -> bool {
     len >= 1 && len <= EXPEDITED
 }
 
-/// The first frame of a read.
+/// Returns the first frame of a read.
 pub(super) fn upload_request(at: Address) -> Payload {
     codec::encode_upload_request(at.into())
 }
 
-/// The confirmation of a write.
+/// Returns the confirmation of a write.
 pub(super) fn download_response(at: Address) -> Payload {
     codec::encode_download_response(at.into())
 }
@@ -287,7 +287,7 @@ impl From<Address> for canopen_rs::Address {
     }
 }
 
-/// The first frame of a write.
+/// Returns the first frame of a write.
 pub(super) fn download_request(at: Address, data: &[u8]) -> Payload {
     if is_expedited(data.len()) {
         expedited(0x20, at, data)
@@ -296,17 +296,17 @@ pub(super) fn download_request(at: Address, data: &[u8]) -> Payload {
     }
 }
 
-/// The answer to a read of 1 to 4 bytes, with them in it.
+/// Returns the answer to a read of 1 to 4 bytes, with them in it.
 pub(super) fn expedited_upload_response(at: Address, data: &[u8]) -> Payload {
     expedited(0x40, at, data)
 }
 
-/// The first answer to a read whose bytes come in segments.
+/// Returns the first answer to a read whose bytes come in segments.
 pub(super) fn segmented_upload_response(at: Address, len: usize) -> Payload {
     codec::encode_upload_initiate_segmented_response(at.into(), len as u32)
 }
 
-/// The segment of `data` from byte `sent` on, and how many bytes it carries; the last one says so.
+/// Returns the segment of `data` from byte `sent` on, and how many bytes it carries; the last one says so.
 pub(super) fn segment(data: &[u8], sent: usize, toggle: bool) -> (Payload, usize) {
     let rest = data.get(sent..).unwrap_or_default();
     let part = rest.get(..SEGMENT).unwrap_or(rest);
@@ -314,7 +314,7 @@ pub(super) fn segment(data: &[u8], sent: usize, toggle: bool) -> (Payload, usize
     (codec::encode_data_segment(part, toggle, is_last).unwrap_or_default(), part.len())
 }
 
-/// An abort frame.
+/// Returns an abort frame.
 pub(super) fn abort(at: Address, code: AbortCode) -> Payload {
     let [low, high] = at.index.to_le_bytes();
     let [a, b, c, d] = code.0.to_le_bytes();

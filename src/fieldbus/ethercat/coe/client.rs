@@ -121,7 +121,7 @@ pub struct CoeClient {
 }
 
 impl CoeClient {
-    /// A client that waits so long for each message, and for the answer to a write as long as [`write_patience`] says.
+    /// Creates a client that waits so long for each message, and for the answer to a write as long as [`write_patience`] says.
     pub fn new(timeout: Duration) -> Self {
         CoeClient {
             phase: Phase::Idle,
@@ -136,8 +136,8 @@ impl CoeClient {
         }
     }
 
-    /// A client whose values have so many bytes at most, for which it has room from the beginning: reading and writing objects does not
-    /// allocate then. A longer value of the device is refused as out of memory.
+    /// Creates a client whose values have so many bytes at most, for which it has room from the beginning: reading and writing objects does
+    /// not allocate then. A longer value of the device is refused as out of memory.
     pub fn within(most: usize, timeout: Duration) -> Self {
         CoeClient { value: Vec::with_capacity(most), most, ..CoeClient::new(timeout) }
     }

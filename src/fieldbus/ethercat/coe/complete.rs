@@ -4,7 +4,7 @@
 
 use crate::objects::{AbortCode, Access, Address, Description, ObjectDictionary, ServedDevice};
 
-/// The sub-indices that are transferred, from 1 on: those that sub-index 0 counts.
+/// Returns the sub-indices that are transferred, from 1 on: those that sub-index 0 counts.
 fn members(od: &ObjectDictionary, index: u16) -> impl Iterator<Item = Description> {
     let highest = od.raw(index, 0);
     od.under(index).filter(move |member| member.at.sub > 0 && u64::from(member.at.sub) <= highest)

@@ -27,7 +27,7 @@ impl CoeEmergency {
         Some(CoeEmergency { code: u16_at(message, HEADER), register, vendor: array(message, HEADER + 3) })
     }
 
-    /// The message; gives its bytes, 0 if it does not fit.
+    /// Writes the message; returns its number of bytes, 0 if it does not fit.
     pub fn encode(&self, message: &mut [u8]) -> usize {
         let written = Writer::new(message, Service::Emergency).put(&self.code.to_le_bytes());
         written.put(&[self.register]).put(&self.vendor).finish()

@@ -72,7 +72,7 @@ impl ListKind {
     }
 }
 
-/// All indices of a dictionary, ascending.
+/// Returns all indices of a dictionary, ascending.
 fn indices(od: &ObjectDictionary) -> impl Iterator<Item = u16> {
     let mut next = Some(0);
     std::iter::from_fn(move || {
@@ -111,13 +111,13 @@ pub(super) fn fragment(buffer: &mut [u8], operation: u8, value: &[u8], sent: usi
     (written.finish(), part.len())
 }
 
-/// An error.
+/// Writes an error; returns its number of bytes.
 pub(super) fn error(buffer: &mut [u8], code: AbortCode) -> usize {
     let written = Writer::new(buffer, Service::Information).put(&[operation::ERROR, 0, 0, 0]);
     written.put(&code.0.to_le_bytes()).finish()
 }
 
-/// A request.
+/// Writes a request; returns its number of bytes.
 pub(super) fn request(buffer: &mut [u8], operation: u8, data: &[u8]) -> usize {
     Writer::new(buffer, Service::Information).put(&[operation, 0, 0, 0]).put(data).finish()
 }
@@ -225,7 +225,7 @@ fn text(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| char::from(*byte)).collect()
 }
 
-/// The index of the type of records that the standard does not describe: PDO mapping, or any other.
+/// Returns the index of the type of records that the standard does not describe: PDO mapping, or any other.
 fn record_type(index: u16) -> u16 {
     match index {
         0x1018 => 0x23,
@@ -284,7 +284,7 @@ pub(super) fn describe_entry(od: &ObjectDictionary, at: Address, value: &mut Vec
     Ok(())
 }
 
-/// The abort code of an error response.
+/// Returns the abort code of an error response.
 pub(super) fn error_code(data: &[u8]) -> AbortCode {
     AbortCode(u32_at(data, 0))
 }

@@ -38,7 +38,7 @@ pub struct CoeServer {
 }
 
 impl CoeServer {
-    /// A server of what a device has: its buffer holds its longest object by complete access, and its longest list.
+    /// Creates a server of what a device has: its buffer holds its longest object by complete access, and its longest list.
     pub fn new<D: ServedDevice + ?Sized>(device: &D) -> Self {
         let od = device.od();
         let mut capacity = 2 + 2 * od.descriptions().count();

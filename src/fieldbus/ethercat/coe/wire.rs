@@ -27,7 +27,7 @@ pub enum Service {
 }
 
 impl Service {
-    /// The service of a message; `None` for one that is too short or that is not served.
+    /// Returns the service of a message; `None` for one that is too short or that is not served.
     pub fn of(message: &[u8]) -> Option<Self> {
         let header = message.first_chunk::<HEADER>()?;
         Some(match header[1] >> 4 {
@@ -60,7 +60,7 @@ pub(super) enum Request<'a> {
     Unknown { at: Address },
 }
 
-/// Index and sub-index of an SDO message.
+/// Returns the index and sub-index of an SDO message.
 pub(super) fn address(message: &[u8]) -> Address {
     let [sub] = array(message, HEADER + 3);
     Address::new(u16_at(message, HEADER + 1), sub)
@@ -160,7 +160,7 @@ impl<'a> Writer<'a> {
         Writer { buffer, len: 0 }.put(&service.header())
     }
 
-    /// The header and command of an SDO.
+    /// Writes the header and command of an SDO.
     pub(super) fn sdo(buffer: &'a mut [u8], service: Service, command: u8, at: Address) -> Self {
         let [low, high] = at.index.to_le_bytes();
         Writer::new(buffer, service).put(&[command, low, high, at.sub])
@@ -187,12 +187,12 @@ impl<'a> Writer<'a> {
     }
 }
 
-/// An abort.
+/// Writes an abort; returns its number of bytes.
 pub(super) fn abort(buffer: &mut [u8], at: Address, code: AbortCode) -> usize {
     Writer::sdo(buffer, Service::SdoRequest, ABORT, at).put(&code.0.to_le_bytes()).finish()
 }
 
-/// The start of a download or of the answer to an upload: `command` is 20h or 40h. Returns the bytes of the message and those of the
+/// Writes the start of a download or of the answer to an upload: `command` is 20h or 40h. Returns the bytes of the message and those of the
 /// value in it.
 pub(super) fn initiate(
     buffer: &mut [u8],
@@ -229,19 +229,19 @@ pub(super) fn segment(
     (written.finish(), part.len(), is_last)
 }
 
-/// A request for an upload.
+/// Writes a request for an upload; returns its number of bytes.
 pub(super) fn upload(buffer: &mut [u8], at: Address, is_complete: bool) -> usize {
     let command = 0x40 | if is_complete { COMPLETE } else { 0 };
     Writer::sdo(buffer, Service::SdoRequest, command, at).put(&[0; 4]).finish()
 }
 
-/// A command with the toggle bit and seven empty bytes: 60h asks for a segment, 20h takes one.
+/// Writes a command with the toggle bit and seven empty bytes: 60h asks for a segment, 20h takes one.
 pub(super) fn toggled(buffer: &mut [u8], service: Service, command: u8, toggle: bool) -> usize {
     let command = command | if toggle { TOGGLE } else { 0 };
     Writer::new(buffer, service).put(&[command]).put(&[0; LEAST_SEGMENT]).finish()
 }
 
-/// The answer to the start of a download.
+/// Writes the answer to the start of a download; returns its number of bytes.
 pub(super) fn download_response(buffer: &mut [u8], at: Address, is_complete: bool) -> usize {
     let command = 0x60 | if is_complete { COMPLETE } else { 0 };
     Writer::sdo(buffer, Service::SdoResponse, command, at).put(&[0; 4]).finish()

@@ -81,7 +81,7 @@ pub struct MailboxClient {
 }
 
 impl MailboxClient {
-    /// The mailbox of a station, whose answers may take so long.
+    /// Returns the mailbox of a station, whose answers may take so long.
     pub fn new(station: u16, timeout: Duration) -> Self {
         MailboxClient {
             station,
@@ -177,7 +177,7 @@ impl MailboxClient {
         }
     }
 
-    /// The indices that [`MailboxClient::ask_list`] has brought.
+    /// Returns the indices that [`MailboxClient::ask_list`] has brought.
     pub fn list(&self) -> Option<&[u16]> {
         match self.client.answer() {
             CoeAnswer::List(indices) => Some(indices),
@@ -214,7 +214,7 @@ impl MailboxClient {
         }
     }
 
-    /// The next datagram, whose data it puts at the begin of `buffer`; nothing while there is nothing to do.
+    /// Returns the next datagram, whose data it puts at the start of `buffer`; nothing while there is nothing to do.
     ///
     /// Real-time: yes.
     pub fn next(&mut self, now: Time, buffer: &mut [u8]) -> Option<Ask> {
@@ -280,7 +280,7 @@ impl MailboxClient {
         }
     }
 
-    /// The last datagram has come back; an emergency, if it has brought one.
+    /// Takes the last datagram after its return; returns an emergency, if it has brought one.
     ///
     /// Real-time: yes.
     pub fn on_reply(&mut self, now: Time, data: &[u8], working_counter: u16) -> Option<CoeEmergency> {
@@ -393,14 +393,14 @@ mod tests {
         assert!(wishes > 1 && matches!(mailbox.answer(), ObjectAnswer::Failed(_)), "{wishes}");
     }
 
-    /// The answer to a read of 6041h, with a counter and a value.
+    /// Returns the answer to a read of 6041h, with a counter and a value.
     fn answer(counter: u8, value: u8) -> Vec<u8> {
         let mut bytes = vec![10, 0, 0, 0, 0, counter << 4 | 3, 0, 0x30, 0x43, 0x41, 0x60, 0, value, 0, 0, 0];
         bytes.resize(128, 0);
         bytes
     }
 
-    /// The outcome of a read from a device with these messages, one after the other. A step of this kind is lost once.
+    /// Returns the outcome of a read from a device with these messages, one after the other. A step of this kind is lost once.
     fn read(mailbox: &mut MailboxClient, now: &mut Time, said: &[Vec<u8>], mut lost: Option<Step>) -> Option<u8> {
         mailbox.ask(*now, ObjectRequest::Read(Address { index: 0x6041, sub: 0 })).unwrap();
         let (mut buffer, mut said) = ([0; 2048], said.iter());

@@ -69,7 +69,7 @@ pub struct MailboxHeader {
 }
 
 impl MailboxHeader {
-    /// The header in six bytes.
+    /// Returns the header in six bytes.
     pub const fn decode(bytes: &[u8; HEADER]) -> Self {
         MailboxHeader {
             len: u16::from_le_bytes([bytes[0], bytes[1]]),
@@ -80,14 +80,14 @@ impl MailboxHeader {
         }
     }
 
-    /// The six bytes of the header.
+    /// Returns the six bytes of the header.
     pub const fn encode(&self) -> [u8; HEADER] {
         let ([a, b], [c, d]) = (self.len.to_le_bytes(), self.address.to_le_bytes());
         [a, b, c, d, self.channel, self.protocol & 0x0f | (self.counter & 0x07) << 4]
     }
 }
 
-/// The header and the message of a mailbox; what lies behind the message does not count.
+/// Returns the header and the message of a mailbox; what lies behind the message does not count.
 ///
 /// # Errors
 /// If the mailbox is shorter than its header says.
@@ -179,7 +179,7 @@ impl MailboxError {
         }
     }
 
-    /// The message of an error reply.
+    /// Returns the message of an error reply.
     pub const fn encode(self) -> [u8; 4] {
         let [low, high] = self.0.to_le_bytes();
         [1, 0, low, high]

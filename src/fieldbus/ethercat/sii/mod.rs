@@ -288,7 +288,7 @@ pub enum SiiError {
     },
 }
 
-/// The checksum of the first 14 bytes: CRC-8 with the polynomial 07h, from FFh.
+/// Returns the checksum of the first 14 bytes: CRC-8 with the polynomial 07h, from FFh.
 pub fn checksum(bytes: &[u8; 14]) -> u8 {
     bytes.iter().fold(0xff, |crc, byte| {
         (0..8).fold(crc ^ byte, |crc: u8, _| if crc & 0x80 != 0 { crc << 1 ^ 0x07 } else { crc << 1 })
@@ -325,7 +325,7 @@ pub fn set_alias(image: &mut [u8], alias: u16) {
     seal(image);
 }
 
-/// The words of an image that differ from those that a chip holds, with their numbers.
+/// Returns the words of an image that differ from those that a chip holds, with their numbers.
 pub fn changes(held: &[u8], image: &[u8]) -> Vec<(u16, [u8; 2])> {
     let (words, _) = image.as_chunks::<2>();
     let (held, _) = held.as_chunks::<2>();

@@ -61,7 +61,7 @@ fn place(image: &[u8], from: usize) -> CategoryWord {
     }
 }
 
-/// The categories of an image, one after the other; the last one may be cut off by the end of the image.
+/// Returns the categories of an image, one after the other; the last one may be cut off by the end of the image.
 pub fn categories(image: &[u8]) -> impl Iterator<Item = Category<'_>> {
     let mut next = FIRST_CATEGORY;
     std::iter::from_fn(move || {
@@ -284,7 +284,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The string of a number that stands at a byte of a category; 0 is none.
+    /// Returns the string of a number that stands at a byte of a category; 0 is none.
     fn string(&mut self, category: &Category<'_>, byte: usize, number: u8) -> String {
         let Some(place) = usize::from(number).checked_sub(1) else { return String::new() };
         match self.strings.get(place) {
@@ -315,7 +315,7 @@ impl Category<'_> {
         matches!(self.kind, STRINGS | GENERAL | FMMU | SYNC_MANAGERS | TX_PDO | RX_PDO | DC)
     }
 
-    /// The word of a byte of this category.
+    /// Returns the word of a byte of this category.
     fn word_of(&self, byte: usize) -> usize {
         self.word + 2 + byte / 2
     }
@@ -328,7 +328,7 @@ impl Category<'_> {
         SiiWarning::TooMany { word: self.word_of(byte), what, most }
     }
 
-    /// The kind of the bytes behind the last whole part.
+    /// Returns the kind of the bytes behind the last whole part.
     fn leftover(&self, byte: usize, rest: &[u8], what: &'static str) -> SiiWarning {
         match uniform(rest) {
             Some(_) => SiiWarning::Filler { word: self.word_of(byte), bytes: rest.len(), category: self.word },

@@ -1,6 +1,7 @@
 //! Text in an image.
 
-/// The text of a string: up to the first NUL, UTF-8 where it is that, else Latin-1. Characters that a terminal would obey become spaces.
+/// Returns the text of a string: up to the first NUL, UTF-8 where it is that, else Latin-1. Characters that a terminal would obey become
+/// spaces.
 pub(super) fn decode(bytes: &[u8]) -> String {
     let bytes = bytes.split(|byte| *byte == 0).next().unwrap_or_default();
     let shown = |one: char| if is_obeyed(one) { ' ' } else { one };
@@ -17,7 +18,7 @@ fn is_obeyed(one: char) -> bool {
     one.is_control() || turns
 }
 
-/// The bytes of a string: UTF-8, as many whole characters as a string of an image can have.
+/// Returns the bytes of a string: UTF-8, as many whole characters as a string of an image can have.
 pub(super) fn encode(text: &str) -> Vec<u8> {
     let mut bytes = Vec::new();
     for one in text.chars().take_while(|one| *one != '\0') {

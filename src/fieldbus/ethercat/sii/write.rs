@@ -7,7 +7,7 @@ use super::{FIRST_CATEGORY, OtherCategory, Pdo, Sii, category, checksum};
 struct Strings(Vec<Vec<u8>>);
 
 impl Strings {
-    /// The number of a string: 0 for an empty one, and for one that has no number left. 255 bytes are kept of it at most.
+    /// Returns the number of a string: 0 for an empty one, and for one that has no number left. 255 bytes are kept of it at most.
     fn number(&mut self, text: &str) -> u8 {
         let bytes = super::text::encode(text);
         if bytes.is_empty() {
@@ -56,7 +56,7 @@ fn pdos(pdos: &[Pdo], strings: &mut Strings) -> Vec<u8> {
 }
 
 impl Sii {
-    /// The image, its checksum included, as long as it has to be.
+    /// Returns the image with its checksum, as long as it has to be.
     pub fn write(&self) -> Vec<u8> {
         let mut strings = Strings::default();
         let mut general = [0; 32];

@@ -19,12 +19,12 @@ pub struct Object {
 }
 
 impl Object {
-    /// An object of the type that belongs to `T`, with its power-on value.
+    /// Creates an object of the type that belongs to `T`, with its power-on value.
     pub fn new<T: Scalar>(index: u16, sub: u8, value: T) -> Self {
         Self::narrow(index, sub, T::DATA_TYPE, value)
     }
 
-    /// An object of a basic type that `T` holds, such as INTEGER24 by `i32`; bits beyond its width are cut off.
+    /// Creates an object of a basic type that `T` holds, such as INTEGER24 by `i32`; bits beyond its width are cut off.
     pub fn narrow<T: Scalar>(index: u16, sub: u8, data_type: DataType, value: T) -> Self {
         let size = data_type.size().unwrap_or(0);
         let raw = value.to_word() & mask(data_type.bits().unwrap_or(0));
@@ -36,12 +36,12 @@ impl Object {
         Self::new(index, 0, highest).access(Access::Const)
     }
 
-    /// A VISIBLE_STRING that can only be read.
+    /// Creates a VISIBLE_STRING that can only be read.
     pub fn text(index: u16, sub: u8, text: &str) -> Self {
         Self::bytes(index, sub, DataType::VisibleString, text.as_bytes(), text.len()).access(Access::Const)
     }
 
-    /// A string, domain or basic value from its bytes, with room for `capacity` bytes.
+    /// Creates a string, domain or basic value from its bytes, with room for `capacity` bytes.
     pub fn bytes(index: u16, sub: u8, data_type: DataType, value: &[u8], capacity: usize) -> Self {
         Object {
             at: Address::new(index, sub),
@@ -56,7 +56,7 @@ impl Object {
         }
     }
 
-    /// The bytes of its value.
+    /// Returns the bytes of its value.
     pub fn value(&self) -> &[u8] {
         &self.value
     }
@@ -127,7 +127,7 @@ impl Builder {
         true
     }
 
-    /// The sub-indices that are declared of an index.
+    /// Returns the sub-indices that are declared of an index.
     pub fn subs(&self, index: u16) -> Vec<u8> {
         self.objects.iter().filter(|object| object.at.index == index).map(|object| object.at.sub).collect()
     }
@@ -137,7 +137,7 @@ impl Builder {
         self.objects.iter().any(|object| object.at == Address::new(index, sub))
     }
 
-    /// The finished dictionary.
+    /// Returns the finished dictionary.
     ///
     /// # Errors
     /// An address declared twice, a value of the wrong size, limits that are inverted or exclude the power-on value.

@@ -103,12 +103,12 @@ pub struct ObjectDictionary {
 }
 
 impl ObjectDictionary {
-    /// An empty dictionary to be filled.
+    /// Returns an empty dictionary to be filled.
     pub fn builder() -> Builder {
         Builder::default()
     }
 
-    /// The handle of an object of a basic type.
+    /// Returns the handle of an object of a basic type.
     ///
     /// # Errors
     /// [`DictionaryError::NoObject`], or [`DictionaryError::TypeMismatch`] if `T` does not hold the object's type.
@@ -116,7 +116,7 @@ impl ObjectDictionary {
         self.handle_if(index, sub, T::holds)
     }
 
-    /// The handle of the bits of an object of a basic type, whatever their meaning: zero-extended, a REAL32 as it is stored.
+    /// Returns the handle of the bits of an object of a basic type, whatever their meaning: zero-extended, a REAL32 as it is stored.
     ///
     /// # Errors
     /// [`DictionaryError::NoObject`], or [`DictionaryError::TypeMismatch`] if the object is a string.
@@ -137,7 +137,7 @@ impl ObjectDictionary {
         }
     }
 
-    /// The value behind a handle. A handle of another dictionary reads some value of this one, or zero.
+    /// Returns the value behind a handle. A handle of another dictionary reads some value of this one, or zero.
     ///
     /// Real-time: yes.
     #[inline]
@@ -208,7 +208,7 @@ impl ObjectDictionary {
         self.writable(at).map(|_| ())
     }
 
-    /// The bytes of a value regardless of access rights; `None` without such an object.
+    /// Returns the bytes of a value regardless of access rights; `None` without such an object.
     pub fn bytes(&self, at: Address) -> Option<&[u8]> {
         self.find(at).ok().map(|(_, entry)| self.bytes_of(entry))
     }
@@ -223,7 +223,7 @@ impl ObjectDictionary {
         Ok(())
     }
 
-    /// The data type of an object; `None` without such an object.
+    /// Returns the data type of an object; `None` without such an object.
     pub fn data_type(&self, at: Address) -> Option<DataType> {
         self.find(at).ok().map(|(_, entry)| entry.data_type)
     }
@@ -236,19 +236,19 @@ impl ObjectDictionary {
         self.find(at).map(|(_, entry)| entry.describe())
     }
 
-    /// All objects, ascending by address.
+    /// Returns all objects, ascending by address.
     pub fn descriptions(&self) -> impl Iterator<Item = Description> {
         self.entries.iter().map(Entry::describe)
     }
 
-    /// The objects under one index, ascending by sub-index.
+    /// Returns the objects under one index, ascending by sub-index.
     pub fn under(&self, index: u16) -> impl Iterator<Item = Description> {
         let first = self.entries.partition_point(|entry| entry.key < key(Address::new(index, 0)));
         let rest = self.entries.get(first..).unwrap_or_default();
         rest.iter().map(Entry::describe).take_while(move |description| description.at.index == index)
     }
 
-    /// The first object of the next index from `index` on; `None` behind the last one.
+    /// Returns the first object of the next index from `index` on; `None` behind the last one.
     pub fn next_index(&self, index: u16) -> Option<Description> {
         let first = self.entries.partition_point(|entry| entry.key < key(Address::new(index, 0)));
         self.entries.get(first).map(Entry::describe)
@@ -303,7 +303,7 @@ impl ObjectDictionary {
         }
     }
 
-    /// The bits of an object of a basic type; zero without such an object.
+    /// Returns the bits of an object of a basic type; zero without such an object.
     pub fn raw(&self, index: u16, sub: u8) -> u64 {
         self.bytes(Address::new(index, sub)).map_or(0, load_le)
     }
@@ -323,7 +323,7 @@ impl ObjectDictionary {
         if is_allowed && entry.data_type.bits() == Some(bits) { Ok(entry.offset) } else { Err(AbortCode::NOT_MAPPABLE) }
     }
 
-    /// The word at an offset; zero outside the arena.
+    /// Returns the word at an offset; zero outside the arena.
     #[inline]
     pub fn load(&self, offset: usize) -> u64 {
         self.arena.get(offset..).and_then(|rest| rest.first_chunk::<WORD>()).map_or(0, |word| u64::from_le_bytes(*word))

@@ -107,7 +107,7 @@ struct Motion<const N: usize> {
 }
 
 impl<const N: usize> Motion<N> {
-    /// The place behind which the sensor is, with its rate next to it.
+    /// Returns the place behind which the sensor is, with its rate next to it.
     fn new(rates: SMatrix<f64, N, N>, grip: &Grip, handle_kg: f64, place: usize) -> Self {
         let mut felt = rates.fixed_view::<2, N>(place + 2, 0) * -(grip.mass_kg + handle_kg);
         for axis in 0..2 {
@@ -217,7 +217,7 @@ impl HeldLoop {
         Self::at(follower, pose, grip, outer, f64::from(phase % phases) / f64::from(phases - 1).max(1.0))
     }
 
-    /// The loop at any share of the way from the first phase, 0, to the last one, 1; all the same where there is one phase.
+    /// Returns the loop at any share of the way from the first phase, 0, to the last one, 1; all the same where there is one phase.
     ///
     /// # Errors
     /// As [`HeldLoop::new`].
@@ -269,7 +269,8 @@ impl HeldLoop {
         radius.is_finite().then_some(radius)
     }
 
-    /// The map over the common period of those parts of the state that it is given and hands on. The others add eigenvalues of zero.
+    /// Returns the map over the common period of those parts of the state that it is given and hands on. The others add eigenvalues of
+    /// zero.
     fn map(&self, mass_kg: f64) -> DMatrix<f64> {
         let mut map = DMatrix::identity(self.size, self.size);
         for mut state in map.column_iter_mut() {
@@ -414,7 +415,7 @@ impl HeldLoop {
         }
     }
 
-    /// Place of the encoders of the last SYNC, of their filtered rate and of the force of the compensation.
+    /// Returns the place of the encoders of the last SYNC, of their filtered rate and of the force of the compensation.
     fn compensation_place(&self) -> usize {
         SAMPLES + 2 * self.samples + self.body.further()
     }
@@ -512,7 +513,7 @@ impl HeldLoop {
     }
 }
 
-/// The fewest cycles after which a sensor with this interval is where it was, and the interval that makes it so.
+/// Returns the fewest cycles after which a sensor with this interval is where it was, and the interval that makes it so.
 fn common_period(period_s: f64, interval_s: f64) -> (usize, f64) {
     let bent = |cycles: usize| {
         let samples = (cycles as f64 * period_s / interval_s).round().max(1.0);

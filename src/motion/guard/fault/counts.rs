@@ -139,19 +139,19 @@ impl FaultCounts {
         self.counts[fault as usize].in_a_row
     }
 
-    /// The faults that hold nothing when they show ([`Reaction::Count`]) and that were observed, each with the number of
+    /// Returns the faults that hold nothing when they show ([`Reaction::Count`]) and that were observed, each with the number of
     /// cycles in which it was.
     pub fn counted(&self) -> impl Iterator<Item = (Fault, u32)> {
         let rows = TABLE.iter().filter(|row| row.steps.iter().any(|step| step.reaction == Reaction::Count));
         rows.map(|row| (row.fault, self.counts[row.fault as usize].cycles)).filter(|(_, cycles)| *cycles > 0)
     }
 
-    /// The devices that showed `fault` in its last observation.
+    /// Returns the devices that showed `fault` in its last observation.
     pub fn devices(&self, fault: Fault) -> DeviceSet {
         self.counts[fault as usize].devices
     }
 
-    /// The reaction that the observations of `fault` ask for, if they do.
+    /// Returns the reaction that the observations of `fault` ask for, if they do.
     ///
     /// Real-time: yes.
     pub fn reaction(&self, fault: Fault) -> Option<Reaction> {
@@ -160,7 +160,7 @@ impl FaultCounts {
         steps.find(|step| count.has_reached(step.rate, self.cycle)).map(|step| step.reaction)
     }
 
-    /// The strongest reaction that is asked for, with its cause. Among equals the one that latches more severely, then the
+    /// Returns the strongest reaction that is asked for, with its cause. Among equals the one that latches more severely, then the
     /// first of the table.
     ///
     /// Real-time: yes.

@@ -19,14 +19,14 @@ impl Device {
     /// All, drives first.
     pub const ALL: [Self; 3] = [Self::LeftDrive, Self::RightDrive, Self::Sensor];
 
-    /// The set of this device if `is_so`, else none.
+    /// Returns the set of this device if `is_so`, else none.
     ///
     /// Real-time: yes.
     pub const fn only_if(self, is_so: bool) -> DeviceSet {
         self.set().only_if(is_so)
     }
 
-    /// The set of this device.
+    /// Returns the set of this device.
     ///
     /// Real-time: yes.
     pub const fn set(self) -> DeviceSet {
@@ -74,7 +74,7 @@ impl DeviceSet {
         if bus < 4 { Self(0x10 << bus) } else { Self::HOST }
     }
 
-    /// The drive of joint 0 (left) or 1 (right); none for another number.
+    /// Returns the drive of joint 0 (left) or 1 (right); none for another number.
     ///
     /// Real-time: yes.
     pub const fn drive(joint: usize) -> Self {
@@ -85,7 +85,7 @@ impl DeviceSet {
         }
     }
 
-    /// The joints for which `concerns` says yes.
+    /// Returns the joints for which `concerns` says yes.
     ///
     /// Real-time: yes.
     pub fn drives_where(concerns: [bool; 2]) -> Self {
@@ -115,12 +115,12 @@ impl DeviceSet {
         self.0
     }
 
-    /// The set with these bits; bits of no device are left out.
+    /// Returns the set with these bits; bits of no device are left out.
     pub const fn from_bits(bits: u16) -> Self {
         Self(bits & ((1 << Self::NAMES.len()) - 1))
     }
 
-    /// The devices, one at a time.
+    /// Returns the devices, one at a time.
     pub fn iter(self) -> impl Iterator<Item = Self> {
         (0..Self::NAMES.len()).map(move |bit| self & Self(1 << bit)).filter(|device| !device.is_empty())
     }

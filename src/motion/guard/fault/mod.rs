@@ -135,7 +135,7 @@ impl Fault {
     /// Number of faults.
     pub const COUNT: usize = Fault::PortErrors as usize + 1;
 
-    /// The row of [`TABLE`] that describes this fault.
+    /// Returns the row of [`TABLE`] that describes this fault.
     ///
     /// Real-time: yes.
     pub fn row(self) -> &'static FaultRow {
@@ -237,7 +237,7 @@ pub struct FaultRow {
 }
 
 impl FaultRow {
-    /// The state in which the rig ends by `reaction` to this fault, once it is at rest.
+    /// Returns the state in which the rig ends by `reaction` to this fault, once it is at rest.
     ///
     /// Real-time: yes.
     pub fn final_state(&self, reaction: Reaction) -> State {

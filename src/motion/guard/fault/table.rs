@@ -18,7 +18,7 @@ const fn sample(times: u16, reaction: Reaction) -> Step {
     Step { rate: InARow(times), reaction, bound: Samples(times) }
 }
 
-/// The bound counts from the observation that makes the number full.
+/// Returns a step by count. The bound counts from the observation that completes the number.
 const fn within(count: u16, cycles: u16, reaction: Reaction) -> Step {
     Step { rate: Within { count, cycles }, reaction, bound: Cycles(1) }
 }

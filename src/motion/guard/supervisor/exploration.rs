@@ -49,7 +49,7 @@ fn is_moving(state: State) -> bool {
     matches!(state, State::Running | State::Holding | State::Stopping)
 }
 
-/// The worst that the cycle would have seen: what is injected, and what follows from request and drive states.
+/// Returns the worst that the cycle would have seen: what is injected, and what follows from request and drive states.
 fn worst(state: State, input: &Input) -> Option<(Cause, Reaction)> {
     let mut faults = FaultCounts::default();
     faults.observe(Fault::StopRequested, input.request == Request::Stop);

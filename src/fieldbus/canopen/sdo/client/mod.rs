@@ -118,7 +118,7 @@ impl SdoClient {
     /// Bytes of the largest value that a client should take without a reason: 1 MiB.
     pub const DEFAULT_CAPACITY: usize = 1 << 20;
 
-    /// A client for `node` that waits up to `timeout` for each answer and holds values of up to `capacity` bytes (at
+    /// Creates a client for `node` that waits up to `timeout` for each answer and holds values of up to `capacity` bytes (at
     /// least 4). A write that the device stores has the time of [`write_patience`]. Memory is taken as data arrive, not
     /// by what a device announces.
     pub fn new(node: NodeId, timeout: Duration, capacity: usize) -> Self {
@@ -145,7 +145,7 @@ impl SdoClient {
         }
     }
 
-    /// The node that this client talks to.
+    /// Returns the node that this client talks to.
     pub fn node(&self) -> NodeId {
         self.node
     }
@@ -322,12 +322,12 @@ impl SdoClient {
         }
     }
 
-    /// The bytes of the last upload; of a download, those written.
+    /// Returns the bytes of the last upload; of a download, those written.
     pub fn data(&self) -> &[u8] {
         &self.data
     }
 
-    /// The value of the last upload as a `T`; `None` if the device sent another number of bytes. Without a size
+    /// Returns the value of the last upload as a `T`; `None` if the device sent another number of bytes. Without a size
     /// indication the first bytes count.
     pub fn value<T: Scalar>(&self) -> Option<T> {
         let len = T::DATA_TYPE.size()?;

@@ -139,7 +139,7 @@ impl SdoClient {
         Step::Send(start)
     }
 
-    /// A frame while blocks of an upload are on their way.
+    /// Takes a frame while blocks of an upload are on their way.
     pub(super) fn take_block_frame(&mut self, payload: &wire::Payload) -> Step {
         let Phase::BlockUpload { receiver, answer, declared, has_crc } = &mut self.phase else { return Step::Ignore };
         let frame = wire::decode_block(payload);
