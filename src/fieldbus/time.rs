@@ -11,7 +11,7 @@ impl Time {
     /// Later than every moment that an engine waits for.
     pub const NEVER: Time = Time(u64::MAX);
 
-    /// Whole microseconds since the start.
+    /// Returns the whole microseconds since the start.
     #[inline]
     pub const fn from_micros(us: u64) -> Self {
         Time(us * 1000)

@@ -118,7 +118,7 @@ impl Axes {
         page.text((left, top - NAME_OFFSET), Anchor::Start, y_name);
     }
 
-    /// A thin line at zero.
+    /// Draws a thin line at zero.
     pub(super) fn zero_line(&self, page: &mut Page) {
         self.level(page, 0.0, Stroke { color: GREY, width: 1.5, dash: &[] });
     }
@@ -146,7 +146,7 @@ impl Ticks {
         Self { step, first, last, decimals: (-elementary::log10(step * 1.001).floor()).max(0.0) as usize }
     }
 
-    /// Count, value and number of each tick.
+    /// Returns count, value and number of each tick.
     fn iter(&self) -> impl Iterator<Item = (i64, f64, String)> {
         (self.first..=self.last).map(|count| {
             let value = count as f64 * self.step;
@@ -154,7 +154,7 @@ impl Ticks {
         })
     }
 
-    /// Every how many ticks a number has room.
+    /// Returns the number of ticks for which one number has room.
     fn numbered(&self, length_per_unit: f64) -> i64 {
         let longest = self.iter().map(|(_, _, number)| number.chars().count()).max().unwrap_or(1);
         let every = (longest as f64 * DIGIT + GAP) / (self.step * length_per_unit);

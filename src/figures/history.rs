@@ -36,7 +36,7 @@ pub(super) fn shown_force_n(trace: &Trace, row: &Row) -> f64 {
     trace.drawn_sign() * trace.normal_force_n(row)
 }
 
-/// The force along the normal, with the levels `F` and `R`.
+/// Draws the force along the normal, with the levels `F` and `R`.
 pub(super) fn force_panel(page: &mut Page, axes: &Axes, trace: &Trace, excerpt: &Excerpt<'_>) {
     axes.zero_line(page);
     levels(page, axes, trace);
@@ -45,7 +45,7 @@ pub(super) fn force_panel(page: &mut Page, axes: &Axes, trace: &Trace, excerpt: 
     dots(page, axes, values(), FORCE);
 }
 
-/// The power delivered to the hand.
+/// Draws the power delivered to the hand.
 pub(super) fn power_panel(page: &mut Page, axes: &Axes, excerpt: &Excerpt<'_>) {
     axes.zero_line(page);
     let values = excerpt.rows.iter().map(|row| (excerpt.shown_time(row.time_s), row.power_w));
@@ -86,7 +86,7 @@ fn yields_n(trace: &Trace) -> [Option<f64>; 2] {
     [against(1.0), against(-1.0)]
 }
 
-/// Dashed lines at `F` and `R` on both sides of zero, named at the right edge.
+/// Draws dashed lines at `F` and `R` on both sides of zero, named at the right edge.
 pub(super) fn levels(page: &mut Page, axes: &Axes, trace: &Trace) {
     let [most, least] = yields_n(trace);
     // A yield force of its own against pushes out of the forbidden side has a name of its own.

@@ -52,7 +52,7 @@ impl Entry {
     }
 }
 
-/// About how wide a text is.
+/// Returns the approximate width of a text.
 pub(super) fn text_width(text: &str) -> f64 {
     LETTER_WIDTH * f64::from(LETTER) * text.chars().count() as f64
 }

@@ -193,14 +193,14 @@ impl<'a> Excerpt<'a> {
     }
 }
 
-/// The line of text above a figure.
+/// Draws the line of text above a figure.
 fn heading(page: &mut Page, options: &Options) {
     if let Some(heading) = &options.heading {
         page.text((page::WIDTH / 2.0, 40.0), page::Anchor::Middle, heading);
     }
 }
 
-/// (a), (b) and so on.
+/// Draws (a), (b) and so on.
 fn panel_letter(page: &mut Page, at: curve::Point, number: usize) {
     let letter = ('a'..='z').nth(number).unwrap_or('?');
     page.bold_text(at, &format!("({letter})"));

@@ -22,7 +22,7 @@ pub struct View<'a> {
     pub window: Window,
 }
 
-/// Square panels side by side, each with the ways of tool and proxy and the reference surface at equal scales. Each
+/// Draws square panels side by side, each with the ways of tool and proxy and the reference surface at equal scales. Each
 /// panel is headed by a letter and by its trace's `N_wait`.
 ///
 /// # Errors

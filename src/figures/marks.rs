@@ -18,7 +18,7 @@ pub(super) fn hatch(page: &mut Page, points: &[Point]) {
     }
 }
 
-/// Their ends, first the one on the way.
+/// Returns their ends, first the end on the way.
 pub(super) fn hatch_strokes(points: &[Point]) -> impl Iterator<Item = [Point; 2]> + '_ {
     let mut left = HATCH_SPACING / 2.0;
     points.windows(2).flat_map(move |pair| {
@@ -38,7 +38,7 @@ pub(super) fn hatch_strokes(points: &[Point]) -> impl Iterator<Item = [Point; 2]
     })
 }
 
-/// The mark of a fault.
+/// Draws the mark of a fault.
 pub(super) fn cross(page: &mut Page, (x, y): Point) {
     let stroke = Stroke { color: BLACK, width: 3.5, dash: &[] };
     for down in [1.0, -1.0] {

@@ -96,7 +96,7 @@ impl Page {
         self.scene.elements.push(Primitive::ClipEnd);
     }
 
-    /// A chain of straight lines.
+    /// Draws a chain of straight lines.
     pub(super) fn chain(&mut self, points: &[Point], stroke: Stroke) {
         for points in dashes(points, stroke.dash) {
             self.scene.elements.push(Primitive::PolyLine {
@@ -120,7 +120,7 @@ impl Page {
         });
     }
 
-    /// An arrow; its head shrinks with arrows too short for it.
+    /// Draws an arrow; its head shrinks with arrows too short for it.
     pub(super) fn arrow(&mut self, from: Point, to: Point, color: Color, width: f64) {
         let (dx, dy) = (to.0 - from.0, to.1 - from.1);
         let length = elementary::hypot(dx, dy);
@@ -141,7 +141,7 @@ impl Page {
         })));
     }
 
-    /// A patch of paper colour under a text.
+    /// Draws a patch of paper colour under a text.
     pub(super) fn blank(&mut self, (x, y): Point, width: f64, height: f64) {
         self.scene.elements.push(Primitive::Rect {
             x: x - width / 2.0,
@@ -155,7 +155,7 @@ impl Page {
         });
     }
 
-    /// A text whose base line passes through the point.
+    /// Draws a text whose base line passes through the point.
     pub(super) fn text(&mut self, (x, y): Point, anchor: Anchor, content: &str) {
         self.plain_text((x, y), anchor, content, LETTER);
     }
@@ -168,7 +168,7 @@ impl Page {
         self.styled_text(point, content, false, true);
     }
 
-    /// A slanted letter, with a subscript that may be empty.
+    /// Draws a slanted letter, with a subscript that may be empty.
     pub(super) fn symbol(&mut self, (x, y): Point, letter: &str, below: &str) {
         self.slanted_text((x, y), letter);
         if !below.is_empty() {
@@ -176,7 +176,7 @@ impl Page {
         }
     }
 
-    /// `N_wait = count`, with its subscript.
+    /// Draws `N_wait = count`, with its subscript.
     pub(super) fn hold_steps(&mut self, (x, y): Point, count: u32) {
         self.slanted_text((x, y), "N");
         let after_n = x + WIDTH_OF_N * f64::from(LETTER) + 1.0;

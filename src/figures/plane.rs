@@ -219,7 +219,7 @@ fn has_outline(reference: &Reference) -> bool {
     matches!(reference, Reference::Sphere { .. } | Reference::Box { .. })
 }
 
-/// Radius, or half of the width, in mm of the largest section, and its z in m.
+/// Returns the radius, or half of the width, in mm of the largest section, and its z in m.
 fn reach(reference: &Reference) -> Option<(f64, f64)> {
     match reference {
         Reference::Sphere { center_m: [_, _, z], radius_m, .. } => Some((radius_m * MM_PER_M, *z)),
@@ -228,7 +228,8 @@ fn reach(reference: &Reference) -> Option<(f64, f64)> {
     }
 }
 
-/// Radius, or half of the width, in mm of the section at z = 0 of a surface moved along z by so many m; `None` if there is none.
+/// Returns the radius, or half of the width, in mm of the section at z = 0; `None` if there is none. The surface is moved along z by
+/// `moved_z_m`.
 fn section(reference: &Reference, moved_z_m: f64) -> Option<f64> {
     match reference {
         Reference::Sphere { center_m: [_, _, z], radius_m, .. } => {
@@ -330,7 +331,7 @@ fn round((x, y): Point, radius: f64, is_clockwise: bool, axes: &Axes) -> Vec<Poi
         .collect()
 }
 
-/// Centre and radius in m of what is a circle as seen along z: a surface, or a point's capture circle.
+/// Returns the centre and radius in m of what is a circle as seen along z: a surface, or a point's capture circle.
 pub(super) fn circle(reference: &Reference) -> Option<([f64; 2], f64)> {
     match reference {
         Reference::Circle { center_m, radius_m, .. } => Some((*center_m, *radius_m)),

@@ -169,7 +169,7 @@ pub(super) fn around(frame: Frame, points: &[(f64, f64)], margin: f64) -> Axes {
     Axes::with_equal_scales(frame, x, y)
 }
 
-/// Two opposite corners of what the surface fills, `moved_m` from its place, in mm, if it should be shown whole.
+/// Returns two opposite corners of the space that the surface fills, `moved_m` from its place, in mm, if it should be shown whole.
 fn surface_corners(reference: &Reference, moved_m: [f64; 3], way: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let corners: Vec<(f64, f64)> = match (reference, plane::circle(reference)) {
         (_, Some(([x, y], radius))) => vec![(x - radius, y - radius), (x + radius, y + radius)],
@@ -272,7 +272,7 @@ fn far(a: Point, b: Point, distance: f64) -> bool {
     elementary::hypot(a.0 - b.0, a.1 - b.1) >= distance
 }
 
-/// `R`, or the force below which 98 of 100 lie if that is larger: a short impact does not shrink all other arrows.
+/// Returns `R`, or the force below which 98 of 100 lie if that is larger: a short impact does not shrink all other arrows.
 fn large_force_n(trace: &Trace, excerpt: &Excerpt<'_>) -> f64 {
     let mut forces: Vec<f64> = excerpt.rows.iter().map(|row| planar_force_n(trace, row)).collect();
     forces.sort_unstable_by(f64::total_cmp);

@@ -13,98 +13,98 @@
 //! # Source
 //! The crate `libm`, a translation of musl's functions.
 
-/// Sine and cosine of an angle; NaN for an infinite one.
+/// Returns sine and cosine of an angle; NaN for an infinite one.
 #[inline]
 pub fn sin_cos(angle_rad: f64) -> (f64, f64) {
     libm::sincos(angle_rad)
 }
 
-/// Sine of an angle; NaN for an infinite one.
+/// Returns the sine of an angle; NaN for an infinite one.
 #[inline]
 pub fn sin(angle_rad: f64) -> f64 {
     libm::sin(angle_rad)
 }
 
-/// Cosine of an angle; NaN for an infinite one.
+/// Returns the cosine of an angle; NaN for an infinite one.
 #[inline]
 pub fn cos(angle_rad: f64) -> f64 {
     libm::cos(angle_rad)
 }
 
-/// Angle from -pi/2 to pi/2 with this sine; NaN outside -1 to 1.
+/// Returns the angle from -pi/2 to pi/2 with this sine; NaN outside -1 to 1.
 #[inline]
 pub fn asin(sine: f64) -> f64 {
     libm::asin(sine)
 }
 
-/// Angle from 0 to pi with this cosine; NaN outside -1 to 1.
+/// Returns the angle from 0 to pi with this cosine; NaN outside -1 to 1.
 #[inline]
 pub fn acos(cosine: f64) -> f64 {
     libm::acos(cosine)
 }
 
-/// Angle of the vector `(x, y)` from the x axis, from -pi to pi; 0 or ±pi for a vector of zeros, by their signs.
+/// Returns the angle of the vector `(x, y)` from the x axis, from -pi to pi; 0 or ±pi for a vector of zeros, by their signs.
 #[inline]
 pub fn atan2(y: f64, x: f64) -> f64 {
     libm::atan2(y, x)
 }
 
-/// `sqrt(x^2 + y^2)`, without overflow or underflow where only the squares have one; infinite if either is infinite, be the
+/// Returns `sqrt(x^2 + y^2)`, without overflow or underflow where only the squares have one; infinite if either is infinite, be the
 /// other NaN.
 #[inline]
 pub fn hypot(x: f64, y: f64) -> f64 {
     libm::hypot(x, y)
 }
 
-/// `e^x`; infinite above 709.8, zero below -745.2.
+/// Returns `e^x`; infinite above 709.8, zero below -745.2.
 #[inline]
 pub fn exp(x: f64) -> f64 {
     libm::exp(x)
 }
 
-/// `e^x - 1`, exact to the last places near zero as well.
+/// Returns `e^x - 1`, exact to the last places near zero as well.
 #[inline]
 pub fn exp_m1(x: f64) -> f64 {
     libm::expm1(x)
 }
 
-/// Natural logarithm; minus infinity at zero, NaN below.
+/// Returns the natural logarithm; minus infinity at zero, NaN below.
 #[inline]
 pub fn ln(x: f64) -> f64 {
     libm::log(x)
 }
 
-/// Decimal logarithm; minus infinity at zero, NaN below.
+/// Returns the decimal logarithm; minus infinity at zero, NaN below.
 #[inline]
 pub fn log10(x: f64) -> f64 {
     libm::log10(x)
 }
 
-/// Hyperbolic sine.
+/// Returns the hyperbolic sine.
 #[inline]
 pub fn sinh(x: f64) -> f64 {
     libm::sinh(x)
 }
 
-/// Hyperbolic cosine.
+/// Returns the hyperbolic cosine.
 #[inline]
 pub fn cosh(x: f64) -> f64 {
     libm::cosh(x)
 }
 
-/// Hyperbolic tangent.
+/// Returns the hyperbolic tangent.
 #[inline]
 pub fn tanh(x: f64) -> f64 {
     libm::tanh(x)
 }
 
-/// `base^exponent`; NaN for a negative base with an exponent that is no integer; 1 for an exponent of zero.
+/// Returns `base^exponent`; NaN for a negative base with an exponent that is no integer; 1 for an exponent of zero.
 #[inline]
 pub fn powf(base: f64, exponent: f64) -> f64 {
     libm::pow(base, exponent)
 }
 
-/// `base^exponent` by squaring, with the products in this order; of a negative exponent the reciprocal of the power.
+/// Returns `base^exponent` by squaring, with the products in this order; of a negative exponent the reciprocal of the power.
 ///
 /// Each product rounds: with an exponent of `n` the error is below `n` units in the last place. At most 32 turns.
 #[inline]

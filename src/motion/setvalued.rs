@@ -41,7 +41,7 @@ pub fn gsgn(a: f64, x: f64, b: f64) -> (f64, f64) {
     }
 }
 
-/// `x` shortened to the length `limit >= 0` if it is longer; its direction is kept. A zero limit gives zero.
+/// Returns `x` shortened to the length `limit >= 0` if it is longer; its direction is kept. A zero limit gives zero.
 ///
 /// Real-time: yes.
 ///

@@ -129,7 +129,7 @@ impl CycleRecord {
     }
 }
 
-/// How much a fault has taken from the person: 0 nothing, 1 the motion for now, 2 the rig until a reset.
+/// Returns how much a fault has taken from the person: 0 nothing, 1 the motion for now, 2 the rig until a reset.
 ///
 /// Real-time: yes.
 pub fn fault_severity(state: State, cause: Option<Cause>) -> u8 {

@@ -229,17 +229,17 @@ impl Trace {
         dot(self.force_on_hand_n(row), row.tool_normal)
     }
 
-    /// As [`Trace::normal_force_n`], at the proxy's foot.
+    /// Returns the same as [`Trace::normal_force_n`], at the proxy's foot.
     pub fn normal_force_at_proxy_n(&self, row: &Row) -> f64 {
         dot(self.force_on_hand_n(row), row.proxy_normal)
     }
 
-    /// 1 if drawings count along the rows' normals, -1 if against them.
+    /// Returns 1 if drawings count along the rows' normals, -1 if against them.
     pub fn drawn_sign(&self) -> f64 {
         if self.is_normal_inward { -1.0 } else { 1.0 }
     }
 
-    /// Yield force in N against a push of the hand with this component along the normal.
+    /// Returns the yield force in N against a push of the hand with this component along the normal.
     pub fn yield_against_n(&self, push_n: f64) -> f64 {
         self.outward_yield_n.filter(|_| push_n > 0.0).unwrap_or(self.yield_n)
     }

@@ -28,17 +28,17 @@ pub fn node_id(raw: u8) -> Result<NodeId, CanopenError> {
     NodeId::new(raw).map_err(|_| CanopenError::NodeId(raw))
 }
 
-/// Emergency messages of a node, 081h to 0FFh.
+/// Returns the emergency messages of a node, 081h to 0FFh.
 pub const fn emcy(node: NodeId) -> u16 {
     0x080 + node.raw() as u16
 }
 
-/// SDO requests to a node, 601h to 67Fh.
+/// Returns the SDO requests to a node, 601h to 67Fh.
 pub const fn sdo_request(node: NodeId) -> u16 {
     0x600 + node.raw() as u16
 }
 
-/// SDO responses of a node, 581h to 5FFh.
+/// Returns the SDO responses of a node, 581h to 5FFh.
 pub const fn sdo_response(node: NodeId) -> u16 {
     0x580 + node.raw() as u16
 }
@@ -48,7 +48,7 @@ pub const fn is_heartbeat(id: u16) -> bool {
     id > 0x700 && id < 0x780
 }
 
-/// Heartbeat and boot-up of a node, 701h to 77Fh.
+/// Returns the heartbeat and boot-up of a node, 701h to 77Fh.
 pub const fn heartbeat(node: NodeId) -> u16 {
     0x700 + node.raw() as u16
 }

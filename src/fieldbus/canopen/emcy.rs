@@ -46,7 +46,7 @@ impl EmcyCode {
         matches!(self.0, 0x8110 | 0x8120 | 0x8140 | 0x8220 | 0x8240)
     }
 
-    /// Short name, unique among codes with a meaning of their own; for another code, that of its class.
+    /// Returns the short name, unique among codes with a meaning of their own; for another code, that of its class.
     pub const fn name(self) -> &'static str {
         codes::texts(self.0).name
     }

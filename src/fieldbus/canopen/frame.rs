@@ -111,7 +111,7 @@ impl Frame {
         self.requested.is_some()
     }
 
-    /// Data length code on the wire: the payload length, or what a remote frame asks for.
+    /// Returns the data length code on the wire: the payload length, or what a remote frame asks for.
     pub const fn length_code(&self) -> u8 {
         match self.requested {
             Some(len) => len,
@@ -119,12 +119,12 @@ impl Frame {
         }
     }
 
-    /// Identifier, 0 to 7FFh.
+    /// Returns the identifier, 0 to 7FFh.
     pub const fn id(&self) -> u16 {
         self.id
     }
 
-    /// Payload length, 0 to 8; 0 for a remote frame.
+    /// Returns the payload length, 0 to 8; 0 for a remote frame.
     pub const fn len(&self) -> u8 {
         self.len
     }

@@ -31,7 +31,7 @@ pub fn heartbeat(node: NodeId, state: NmtState) -> Frame {
     Frame::new(cob::heartbeat(node), &canopen_rs::nmt::encode_heartbeat(state))
 }
 
-/// Sender and state of a heartbeat ([`NmtState::Initialising`]: boot-up); `None` for any other frame.
+/// Returns the sender and state of a heartbeat ([`NmtState::Initialising`]: boot-up); `None` for any other frame.
 ///
 /// Real-time: yes.
 pub fn decode_heartbeat(frame: &Frame) -> Option<(NodeId, NmtState)> {

@@ -12,7 +12,7 @@ pub struct SyncProducer {
 }
 
 impl SyncProducer {
-    /// SYNC at `id`, counting 1 to `overflow` (1019h: 2 to 240), or without a counter for 0.
+    /// Creates a producer of SYNC at `id`, counting 1 to `overflow` (1019h: 2 to 240), or without a counter for 0.
     ///
     /// # Errors
     /// [`CanopenError::SyncOverflow`], or [`CanopenError::CobId`] for a restricted identifier.

@@ -31,7 +31,7 @@ impl AlState {
         })
     }
 
-    /// Name, as in the standard.
+    /// Returns the name, as in the standard.
     pub const fn name(self) -> &'static str {
         match self {
             AlState::Init => "INIT",
@@ -97,12 +97,12 @@ impl AlStatus {
     /// The error bit.
     pub const ERROR: u16 = 0x10;
 
-    /// From the register, without bits that say something else: bit 5 (an identification is loaded) and reserved ones.
+    /// Reads the status from the register, without bits that say something else: bit 5 (an identification is loaded) and reserved ones.
     pub const fn from_register(word: u16) -> Self {
         AlStatus(word & 0x1f)
     }
 
-    /// From its two parts.
+    /// Creates the status from its two parts.
     pub const fn new(state: AlState, has_error: bool) -> Self {
         AlStatus(state as u16 | if has_error { Self::ERROR } else { 0 })
     }

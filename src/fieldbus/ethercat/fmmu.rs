@@ -58,7 +58,7 @@ impl Fmmu {
         }
     }
 
-    /// From its registers.
+    /// Reads an FMMU from its registers.
     pub fn decode(bytes: &[u8; Self::SIZE]) -> Self {
         let [start_bit, end_bit] = array(bytes, 6);
         let [physical_bit, kind, activate] = array(bytes, 10);

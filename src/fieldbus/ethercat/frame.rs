@@ -121,7 +121,7 @@ impl Command {
         matches!(self, Aprd | Apwr | Aprw | Brd | Bwr | Brw | Armw)
     }
 
-    /// Name, as in the standard.
+    /// Returns the name, as in the standard.
     pub const fn name(self) -> &'static str {
         const NAMES: [&str; 15] = [
             "NOP", "APRD", "APWR", "APRW", "FPRD", "FPWR", "FPRW", "BRD", "BWR", "BRW", "LRD", "LWR", "LRW", "ARMW",
@@ -180,7 +180,7 @@ impl DatagramHeader {
         self.address as u16
     }
 
-    /// Offset in the device: the high word of the address.
+    /// Returns the offset in the device: the high word of the address.
     pub const fn ado(&self) -> u16 {
         (self.address >> 16) as u16
     }
@@ -221,7 +221,7 @@ pub struct Span {
 }
 
 impl Span {
-    /// First byte behind the working counter.
+    /// Returns the first byte behind the working counter.
     pub const fn end(&self) -> usize {
         self.data.end + WORKING_COUNTER
     }

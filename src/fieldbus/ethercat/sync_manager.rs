@@ -50,7 +50,7 @@ impl SyncManager {
     /// Status: the mailbox is full.
     pub const FULL: u8 = 0x08;
 
-    /// From the registers.
+    /// Reads a sync manager from the registers.
     pub fn decode(bytes: &[u8; Self::SIZE]) -> Self {
         let [control, _, activate] = array(bytes, 4);
         SyncManager {

@@ -77,7 +77,7 @@ abort_codes! {
 }
 
 impl AbortCode {
-    /// Short name, for logs and tests.
+    /// Returns the short name, for logs and tests.
     pub fn name(self) -> &'static str {
         self.texts().map_or("vendor", |[name, ..]| name)
     }

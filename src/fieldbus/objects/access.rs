@@ -7,8 +7,8 @@ use thiserror::Error;
 /// Longest time for a write of 1010h or 1011h: the device erases and writes its memory before it answers.
 const STORING: Duration = Duration::from_secs(10);
 
-/// Longest time to the answer to a write of an object: `usual`, and at least 10 s for 1010h (store parameters) and 1011h (restore
-/// default parameters).
+/// Returns the longest time to the answer to a write of an object: `usual`, and at least 10 s for 1010h (store parameters) and 1011h
+/// (restore default parameters).
 ///
 /// Real-time: yes.
 pub fn write_patience(at: Address, usual: Duration) -> Duration {

@@ -13,7 +13,7 @@ pub struct Address {
 }
 
 impl Address {
-    /// From its two numbers.
+    /// Creates an address from its two numbers.
     pub const fn new(index: u16, sub: u8) -> Self {
         Self { index, sub }
     }

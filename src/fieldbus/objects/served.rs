@@ -23,7 +23,7 @@ pub trait ServedDevice {
     /// Returns the dictionary, to be written.
     fn od_mut(&mut self) -> &mut ObjectDictionary;
 
-    /// A client writes `data` (little-endian) to an object; access, length and limits are in order.
+    /// Prepares a write of `data` (little-endian) by a client; access, length and limits are in order.
     ///
     /// # Errors
     /// The abort code with which to refuse.
@@ -31,10 +31,10 @@ pub trait ServedDevice {
         Ok(())
     }
 
-    /// A client wrote an object.
+    /// Handles an object after a client wrote it.
     fn after_write(&mut self, _at: Address) {}
 
-    /// A client reads an object: the last chance to bring its value up to date.
+    /// Updates an object before a client reads it.
     ///
     /// # Errors
     /// The abort code with which to refuse.

@@ -161,7 +161,7 @@ pub trait Scalar: Copy {
     }
 }
 
-/// Up to 8 little-endian bytes as a zero-extended word; bytes beyond the eighth do not count.
+/// Returns up to 8 little-endian bytes as a zero-extended word; bytes beyond the eighth do not count.
 pub fn load_le(data: &[u8]) -> u64 {
     let mut word = [0; 8];
     for (to, from) in word.iter_mut().zip(data) {

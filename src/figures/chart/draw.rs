@@ -83,7 +83,7 @@ fn scene(chart: &Chart) -> Scene {
     figure.render()
 }
 
-/// One entry for each name of which something is drawn, as it is drawn first.
+/// Returns one entry for each name of which something is drawn, as it is drawn first.
 fn legend(chart: &Chart) -> Vec<LegendEntry> {
     let mut entries: Vec<LegendEntry> = Vec::new();
     let all = chart.panels.iter().flat_map(|panel| panel.series.iter().map(move |series| (panel, series)));
@@ -160,7 +160,7 @@ fn fitting(text: &str, pixels: f64, most: u32) -> u32 {
     ((pixels / (LETTER_WIDTH * letters)) as u32).clamp(LEAST_LETTERS, most)
 }
 
-/// How a logarithmic axis names its ticks: all as decimals, or, where those are long, all as powers.
+/// Returns how a logarithmic axis names its ticks: all as decimals, or, where those are long, all as powers.
 fn powers((low, high): (f64, f64)) -> TickFormat {
     let is_plain = low >= LEAST_PLAIN && high <= MOST_PLAIN;
     TickFormat::Custom(Arc::new(move |value| tick(value, is_plain)))

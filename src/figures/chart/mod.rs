@@ -100,7 +100,7 @@ impl Series {
         Self { name, points: Vec::new(), mark, color }
     }
 
-    /// This series through estimates, on top of the intervals of both coordinates.
+    /// Draws this series through estimates, on top of the intervals of both coordinates.
     pub fn through(self, estimates: &[(Estimate, Estimate)]) -> Vec<Self> {
         let whiskers = estimates
             .iter()
@@ -154,18 +154,18 @@ impl Color {
 }
 
 impl Axis {
-    /// With even steps over the range of the series.
+    /// Creates an axis with even steps over the range of the series.
     pub fn linear(name: &str) -> Self {
         Self { name: name.to_owned(), is_logarithmic: false, range: None, words: Vec::new() }
     }
 
-    /// With a word at each of 1, 2, ...
+    /// Creates an axis with a word at each of 1, 2, ...
     pub fn of_words(name: &str, words: Vec<String>) -> Self {
         let range = Some([0.5, words.len() as f64 + 0.5]);
         Self { range, words, ..Self::linear(name) }
     }
 
-    /// With powers of ten over the range of the series.
+    /// Creates an axis with powers of ten over the range of the series.
     pub fn logarithmic(name: &str) -> Self {
         Self { is_logarithmic: true, ..Self::linear(name) }
     }

@@ -76,7 +76,7 @@ impl Folder {
 }
 
 impl Attachment {
-    /// Why a cycle of so many us is too short for it, and what to do; `None` where nothing is known against it.
+    /// Returns why a cycle of so many us is too short for it, and the remedy; `None` if the cycle may be long enough.
     pub fn too_slow_for(&self, period_us: u32) -> Option<(String, &'static str)> {
         let (shortest_us, why, help) = match self {
             Attachment::Usb { mbit_per_s: Some(0..=12) } => (

@@ -64,7 +64,7 @@ impl ControlMessages {
     }
 }
 
-/// One `timespec` of several; `None` for zero, which stands for none, and for what is no time.
+/// Returns one `timespec` of several; `None` for zero, which stands for no time, and for an invalid time.
 fn stamp(data: &[u8], at: usize) -> Option<Duration> {
     let half = TIMESPEC / 2;
     let seconds = u64::try_from(number(data, at * TIMESPEC, half)?).ok()?;

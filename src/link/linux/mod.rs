@@ -79,7 +79,7 @@ pub struct SocketCanSettings {
 }
 
 impl SocketCanSettings {
-    /// Every frame of the bus over one socket, own ones included, as an observer wants it.
+    /// Returns settings for every frame of the bus over one socket, own ones included, as an observer wants it.
     pub fn everything(interface: &str) -> Self {
         Self { process: vec![CobFilter::EVERYTHING], ..Self::services(interface, Vec::new()) }
     }
@@ -207,7 +207,7 @@ impl SocketCan {
         &self.facts
     }
 
-    /// Memory in bytes that each socket got for frames that nobody has taken yet. Without the privilege
+    /// Returns the memory in bytes that each socket got for frames that nobody has taken yet. Without the privilege
     /// `CAP_NET_ADMIN` it is at most what `net.core.rmem_max` allows.
     pub fn receive_buffer(&self) -> usize {
         self.receive_buffer

@@ -38,7 +38,7 @@ pub(super) fn discipline(index: u32) -> Option<String> {
     Some(String::from_utf8_lossy(text).into_owned())
 }
 
-/// State of a queue.
+/// Returns the state of a queue.
 pub(super) fn checks(name: &str, is_virtual: bool, discipline: Option<&str>, len: Option<u32>) -> Vec<Check> {
     let kind = "queueing";
     let replaced = |check: Check| check.mend(format!("sudo tc qdisc replace dev {name} root pfifo_fast"));

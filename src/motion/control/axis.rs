@@ -102,7 +102,7 @@ impl EffortRange {
         self.upper
     }
 
-    /// `effort` clamped to the range; NaN stays NaN.
+    /// Returns `effort` clamped to the range; NaN stays NaN.
     #[inline]
     pub fn clamp(&self, effort: f64) -> f64 {
         gsat(self.lower, effort, self.upper)

@@ -230,7 +230,7 @@ impl Outer {
         within("phases", phases.into(), [1.0, 1e3], "1 to 1000").map(|()| self)
     }
 
-    /// `1 - alpha` of the low pass, `y += alpha (x - y)`.
+    /// Returns `1 - alpha` of the low pass, `y += alpha (x - y)`.
     fn remembered(&self) -> f64 {
         self.low_pass.map_or(0.0, |(cut_off_hz, interval_s)| elementary::exp(-TAU * cut_off_hz * interval_s))
     }
@@ -397,7 +397,7 @@ fn mass_at(point: usize) -> f64 {
     least * elementary::powf(most / least, point as f64 / (SEARCH_POINTS - 1) as f64)
 }
 
-/// First and last place of the longest run of `true`.
+/// Returns the first and last place of the longest run of `true`.
 fn longest_run(flags: &[bool]) -> Option<[usize; 2]> {
     let mut longest: Option<[usize; 2]> = None;
     let mut start = None;

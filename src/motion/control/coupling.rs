@@ -14,7 +14,7 @@ const SEARCH_POINTS: u32 = 150;
 /// Halvings of the interval that the search ends with.
 const BISECTIONS: usize = 50;
 
-/// `K (T/2 + d T)` in N s/m: the sum of device damping and virtual damping that a virtual spring needs. Good for a
+/// Returns `K (T/2 + d T)` in N s/m: the sum of device damping and virtual damping that a virtual spring needs. Good for a
 /// damper with small `B T/m`; [`greatest_stiffness_n_per_m`] is exact.
 ///
 /// `stiffness_n_per_m` is `K`, `delay_cycles` is `d`, the delay besides the hold.

@@ -29,7 +29,7 @@ pub enum ControlError {
     NoInertia,
 }
 
-/// `value` if it is finite and positive.
+/// Returns `value` if it is finite and positive.
 pub(super) fn positive(name: &'static str, value: f64) -> Result<f64, ControlError> {
     if value.is_finite() && value > 0.0 {
         Ok(value)
@@ -38,7 +38,7 @@ pub(super) fn positive(name: &'static str, value: f64) -> Result<f64, ControlErr
     }
 }
 
-/// `value` if it is finite and not negative.
+/// Returns `value` if it is finite and not negative.
 pub(super) fn not_negative(name: &'static str, value: f64) -> Result<f64, ControlError> {
     if value.is_finite() && value >= 0.0 {
         Ok(value)

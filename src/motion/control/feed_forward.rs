@@ -89,7 +89,7 @@ pub struct FeedForward {
 }
 
 impl FeedForward {
-    /// Feed-forward with no direction yet. `period_s` is the sampling interval `T > 0` in s.
+    /// Creates a feed-forward with no direction yet. `period_s` is the sampling interval `T > 0` in s.
     ///
     /// # Errors
     /// [`ControlError::OutOfRange`] for a parameter that is not finite or outside its range.
@@ -105,7 +105,7 @@ impl FeedForward {
         Ok(Self { parameters, travel_factor, direction: [0.0; 2] })
     }
 
-    /// One period of desired motion: rates are the desired angles' change over the period, in rad/s. Without
+    /// Computes one period of desired motion: rates are the desired angles' change over the period, in rad/s. Without
     /// `inertia` the sum is friction alone.
     ///
     /// Desired accelerations of a proxy are second differences: when it stops within one period at an impact they ask

@@ -228,12 +228,12 @@ impl OpenLoop {
         })
     }
 
-    /// `L(exp(i theta))`, `theta` from above 0 to pi.
+    /// Returns `L(exp(i theta))`, `theta` from above 0 to pi.
     fn response_at(&self, theta: f64) -> Complex<f64> {
         self.response(&Frequency::of(&self.servo, theta))
     }
 
-    /// `L` at a frequency.
+    /// Returns `L` at a frequency.
     fn response(&self, frequency: &Frequency) -> Complex<f64> {
         let Frequency { below, earlier, controller, delay, .. } = *frequency;
         let [new, old] = self.input;
@@ -337,7 +337,7 @@ impl OpenLoop {
         (gain_crossovers, critical_gains)
     }
 
-    /// Gain margin upwards and downwards in dB: the ends of the range of factors around one, or nearest to one, for
+    /// Returns the gain margin upwards and downwards in dB: the ends of the range of factors around one, or nearest to one, for
     /// which the loop is stable.
     fn gain_margins(&self, critical_gains: &[f64]) -> (f64, f64) {
         let mut best: Option<(f64, f64)> = None;
@@ -361,12 +361,12 @@ impl OpenLoop {
     }
 }
 
-/// `exp(i theta) - 1` without cancellation at low frequencies.
+/// Returns `exp(i theta) - 1` without cancellation at low frequencies.
 fn below_one(theta: f64) -> Complex<f64> {
     Complex::new(-2.0 * elementary::powi(elementary::sin(0.5 * theta), 2), elementary::sin(theta))
 }
 
-/// `C(exp(i theta))`, `theta` from above 0 to pi.
+/// Returns `C(exp(i theta))`, `theta` from above 0 to pi.
 fn controller_response(gains: &Gains, period_s: f64, theta: f64) -> Complex<f64> {
     let below = below_one(theta);
     let back = below / ((below + 1.0) * period_s);

@@ -23,7 +23,7 @@ pub struct Pid {
 }
 
 impl Pid {
-    /// PID at rest: no integral; the first error is taken as the previous one too. `period_s` is the sampling interval
+    /// Creates a PID at rest: no integral; the first error is taken as the previous one too. `period_s` is the sampling interval
     /// `T > 0` in s.
     ///
     /// # Errors
@@ -33,7 +33,7 @@ impl Pid {
         Ok(Self { gains, period_s, integral: 0.0, increment: 0.0, previous_error: None })
     }
 
-    /// `L I`, the effort of the integral term after the last step, N m or N.
+    /// Returns `L I`, the effort of the integral term after the last step, N m or N.
     ///
     /// Real-time: yes.
     pub fn integral_effort(&self) -> f64 {

@@ -60,7 +60,7 @@ pub struct Psmc {
 }
 
 impl Psmc {
-    /// PSMC at rest: no integral, no rate; the first error is taken as the previous one too.
+    /// Creates a PSMC at rest: no integral, no rate; the first error is taken as the previous one too.
     ///
     /// `sliding_time_s` is `H >= 0` in s, `period_s` the sampling interval `T > 0` in s.
     ///
@@ -92,7 +92,7 @@ impl Psmc {
         self.increment / self.period_s
     }
 
-    /// `L a`, the effort of the integral term after the last step, N m or N.
+    /// Returns `L a`, the effort of the integral term after the last step, N m or N.
     ///
     /// Real-time: yes.
     pub fn integral_effort(&self) -> f64 {

@@ -26,7 +26,7 @@ pub struct RateStep {
 }
 
 impl RateLaw {
-    /// `gain_per_s` is `K_p >= 0` in 1/s; `limit > 0` bounds the commanded rate, rad/s or m/s.
+    /// Creates the law. `gain_per_s` is `K_p >= 0` in 1/s; `limit > 0` bounds the commanded rate, rad/s or m/s.
     ///
     /// # Errors
     /// [`ControlError::OutOfRange`] for values that are not finite or outside these ranges.

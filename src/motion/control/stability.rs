@@ -1,6 +1,6 @@
 //! Whether all roots of a polynomial lie inside the unit circle.
 
-/// Product of two polynomials, coefficients from the constant term up.
+/// Returns the product of two polynomials, coefficients from the constant term up.
 pub(super) fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
     let mut out = vec![0.0; (a.len() + b.len()).saturating_sub(1)];
     for (i, x) in a.iter().enumerate() {
@@ -11,7 +11,7 @@ pub(super) fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
     out
 }
 
-/// `a + factor b`, coefficients from the constant term up.
+/// Returns `a + factor b`, coefficients from the constant term up.
 pub(super) fn sum(a: &[f64], factor: f64, b: &[f64]) -> Vec<f64> {
     let at = |p: &[f64], i: usize| p.get(i).copied().unwrap_or(0.0);
     (0..a.len().max(b.len())).map(|i| at(a, i) + factor * at(b, i)).collect()

@@ -15,8 +15,8 @@ pub struct LeadLimits {
 }
 
 impl LeadLimits {
-    /// Largest distance of a guided joint from its reference, rad: the lag of a drive in a few periods, and a little more. A joint that
-    /// does not follow is stopped soon, whatever the reason.
+    /// Returns the largest distance of a guided joint from its reference, rad: the lag of a drive in a few periods, and a little more. A
+    /// joint that does not follow is stopped soon, whatever the reason.
     pub(super) fn following_error_rad(&self, period_s: f64) -> f64 {
         const LITTLE_RAD: f64 = 5e-3;
         const PERIODS: f64 = 3.0;
@@ -56,7 +56,7 @@ impl Lead {
         Self { limits, targets: None, rates: JointRates::default() }
     }
 
-    /// As [`LeadLimits::following_error_rad`].
+    /// Returns the same as [`LeadLimits::following_error_rad`].
     pub(super) fn following_error_rad(&self, period_s: f64) -> f64 {
         self.limits.following_error_rad(period_s)
     }

@@ -432,7 +432,7 @@ impl Cycle {
         Outputs { command, directive: Directive::IDLE, releases_brakes: false, signals: Signals::default() }
     }
 
-    /// State of the supervisor.
+    /// Returns the state of the supervisor.
     pub fn state(&self) -> State {
         self.supervisor.state()
     }

@@ -42,7 +42,7 @@ impl Reference {
         self.closure.angles()
     }
 
-    /// At rest where the arm is measured to be.
+    /// Creates a reference at rest at the measured position of the arm.
     pub fn at_rest(point: TipPoint, closure: Closure) -> Self {
         Self {
             point,

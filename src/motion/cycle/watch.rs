@@ -22,7 +22,7 @@ pub(super) struct Chatter {
 }
 
 impl Chatter {
-    /// One cycle of the reference; whether the reversals have come to be chatter. Counting then starts again.
+    /// Computes one cycle of the reference; returns whether the reversals have become chatter. Counting then starts again.
     ///
     /// Real-time: yes.
     pub(super) fn step(&mut self, velocity: TipVelocity, period_s: f64) -> bool {
@@ -68,7 +68,7 @@ pub(super) struct Balance {
 }
 
 impl Balance {
-    /// One cycle: joint torques that stand for the sensed force, the ones that the reference's motion needs, and the ones
+    /// Computes one cycle: joint torques that stand for the sensed force, the ones that the reference's motion needs, and the ones
     /// sent now, all in N m. Anything that is not known starts again from zero.
     ///
     /// Real-time: yes.

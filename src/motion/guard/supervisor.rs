@@ -45,7 +45,7 @@ impl State {
         matches!(self, State::Stopped | State::Disabled | State::Lost)
     }
 
-    /// How far from running a latched state is: 1 Stopped, 2 Disabled, 3 Lost; 0 for what does not latch.
+    /// Returns how far from running a latched state is: 1 Stopped, 2 Disabled, 3 Lost; 0 for what does not latch.
     ///
     /// Real-time: yes.
     pub fn severity(self) -> u8 {

@@ -42,7 +42,7 @@ impl Estimate {
         })
     }
 
-    /// Half of the interval's width.
+    /// Returns the half of the interval's width.
     pub fn half_width(&self) -> f64 {
         0.5 * (self.high - self.low)
     }

@@ -78,7 +78,7 @@ impl Excitation {
         Self { lines, angles_rad }
     }
 
-    /// Greatest rate, rad/s, with which the angle changes from cycle to cycle.
+    /// Returns the greatest rate, rad/s, with which the angle changes from cycle to cycle.
     pub fn greatest_rate(&self, period_s: f64) -> f64 {
         let next = self.angles_rad.iter().cycle().skip(1);
         self.angles_rad.iter().zip(next).map(|(now, next)| (next - now).abs()).fold(0.0, f64::max) / period_s

@@ -293,7 +293,7 @@ impl<'a> Spectra<'a> {
     }
 }
 
-/// `e^(j angle)`.
+/// Returns `e^(j angle)`.
 fn turned(angle: f64) -> Complex<f64> {
     let (sin, cos) = elementary::sin_cos(angle);
     Complex::new(cos, sin)

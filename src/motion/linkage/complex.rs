@@ -60,7 +60,7 @@ impl Complex {
         elementary::atan2(self.im, self.re)
     }
 
-    /// `1 / z`; the caller keeps `z` away from zero.
+    /// Returns `1 / z`; the caller keeps `z` away from zero.
     pub(super) fn inverse(self) -> Self {
         let square = self.square();
         Self::new(self.re / square, -self.im / square)

@@ -109,7 +109,7 @@ impl Triangle {
         (self.longest_square - base_square) * (base_square - self.shortest_square)
     }
 
-    /// First -> third point over first -> second point, and twice the signed area.
+    /// Returns the first -> third point over first -> second point, and twice the signed area.
     #[inline]
     fn apex(&self, base_square: f64, area: f64) -> (Complex, f64) {
         let per_square = 1.0 / base_square;
@@ -343,13 +343,13 @@ impl FiveBar {
         [self.at_tip(left, elbow[0]), self.at_tip(right, elbow[1])]
     }
 
-    /// Longest and shortest distance between base joint and carried point of each chain, in m.
+    /// Returns the longest and shortest distance between base joint and carried point of each chain, in m.
     pub(super) fn chain_range_m(&self, chain: Chain) -> (f64, f64) {
         let triangle = &self.chains[chain.index()];
         (triangle.longest, triangle.shortest)
     }
 
-    /// Longest and shortest distance between the elbows, in m.
+    /// Returns the longest and shortest distance between the elbows, in m.
     pub(super) fn distal_range_m(&self) -> (f64, f64) {
         (self.distal.longest, self.distal.shortest)
     }

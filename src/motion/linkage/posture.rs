@@ -64,7 +64,7 @@ impl Posture {
         finite_vector("joint rates in rad/s", adjugate * velocity.0 / j.determinant()).map(JointRates)
     }
 
-    /// Smallest singular value of the Jacobian in m: the tool speed in its slowest direction at a joint rate of
+    /// Returns the smallest singular value of the Jacobian in m: the tool speed in its slowest direction at a joint rate of
     /// 1 rad/s. Zero at type 1.
     ///
     /// Real-time: yes.
@@ -72,7 +72,7 @@ impl Posture {
         self.singular_values_m().1
     }
 
-    /// Largest over smallest singular value of the Jacobian, from 1 to [`CONDITION_LIMIT`].
+    /// Returns the largest over smallest singular value of the Jacobian, from 1 to [`CONDITION_LIMIT`].
     ///
     /// Real-time: yes.
     pub fn condition(&self) -> f64 {
@@ -80,7 +80,7 @@ impl Posture {
         if smallest * CONDITION_LIMIT <= largest { CONDITION_LIMIT } else { largest / smallest }
     }
 
-    /// Largest and smallest singular value. The smallest comes from the determinant, since the difference of two
+    /// Returns the largest and smallest singular value. The smallest comes from the determinant, since the difference of two
     /// nearly equal numbers would lose it near a singularity.
     fn singular_values_m(&self) -> (f64, f64) {
         let j = &self.jacobian;

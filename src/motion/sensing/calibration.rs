@@ -41,7 +41,7 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// `wrench = matrix * counts`, rows Fx Fy Fz (N per count) Tx Ty Tz (N m per count); counts lie in
+    /// Returns `wrench = matrix * counts`, rows Fx Fy Fz (N per count) Tx Ty Tz (N m per count); counts lie in
     /// `-range_counts..=range_counts`.
     ///
     /// # Errors
@@ -100,7 +100,7 @@ impl Calibration {
         <[f64; 6]>::from(self.inverse * wrench.0).map(|count| count.round().clamp(-range, range) as i32)
     }
 
-    /// Largest rounding error of a wrench that went through counts, per component in N and N m: half a count on every
+    /// Returns the largest rounding error of a wrench that went through counts, per component in N and N m: half a count on every
     /// axis.
     pub fn resolution(&self) -> Wrench {
         Wrench(self.matrix.abs() * Vector6::repeat(0.5))

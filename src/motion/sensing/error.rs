@@ -46,7 +46,7 @@ pub enum SensingError {
     },
 }
 
-/// `value` if it is finite and positive.
+/// Returns `value` if it is finite and positive.
 pub(super) fn positive(name: &'static str, value: f64) -> Result<f64, SensingError> {
     if value.is_finite() && value > 0.0 {
         Ok(value)
@@ -55,7 +55,7 @@ pub(super) fn positive(name: &'static str, value: f64) -> Result<f64, SensingErr
     }
 }
 
-/// `value` if it is finite and not negative.
+/// Returns `value` if it is finite and not negative.
 pub(super) fn not_negative(name: &'static str, value: f64) -> Result<f64, SensingError> {
     if value.is_finite() && value >= 0.0 {
         Ok(value)

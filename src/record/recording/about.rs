@@ -86,7 +86,7 @@ impl About {
         Metadata { name: ABOUT.to_owned(), metadata }
     }
 
-    /// `None` if something is missing.
+    /// Reads the description; `None` if something is missing.
     pub(super) fn of(mut metadata: BTreeMap<String, String>) -> Option<Self> {
         // Earlier versions wrote none.
         let is_damaged = metadata.remove(SUM).is_some_and(|said| said != sum(&metadata));

@@ -134,7 +134,7 @@ impl<R: Read> Recording<R> {
         }
     }
 
-    /// As [`Reader::damage`].
+    /// Returns the same as [`Reader::damage`].
     pub fn damage(&self) -> &[Damage] {
         match self {
             Recording::Rig(reader) => reader.damage(),
@@ -142,7 +142,7 @@ impl<R: Read> Recording<R> {
         }
     }
 
-    /// As [`Reader::damage_count`].
+    /// Returns the same as [`Reader::damage_count`].
     pub fn damage_count(&self) -> u64 {
         match self {
             Recording::Rig(reader) => reader.damage_count(),
@@ -224,7 +224,7 @@ impl<R: Read, T: Recorded> Reader<R, T> {
         &self.damage
     }
 
-    /// At how many places something is lost, as far as was read.
+    /// Returns the number of places at which something is lost, as far as was read.
     pub fn damage_count(&self) -> u64 {
         self.damage_count
     }
@@ -451,7 +451,7 @@ struct Chunk<'a> {
 }
 
 impl<'a> Chunk<'a> {
-    /// From the body of its record; `None` if that ends within the chunk's head.
+    /// Reads it from the body of its record; `None` if that ends within the chunk's head.
     fn of(body: &'a [u8]) -> Option<Self> {
         // Begin, end, size of the records; their sum; name and size of the compressed form.
         let (head, rest) = body.split_at_checked(32)?;

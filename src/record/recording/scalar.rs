@@ -18,7 +18,7 @@ pub trait Scalar: Copy {
     /// Returns the value with these bits; `None` if no value has them.
     fn of_bits(bits: u64) -> Option<Self>;
 
-    /// As text.
+    /// Writes the value as text.
     fn text(self, out: &mut String);
 
     /// Names of the codes, where the value is one of few.

@@ -60,7 +60,7 @@ impl LssAddress {
     }
 }
 
-/// Bit rates in bit/s by their index in the table of CiA 301; `None` for an index that the table does not have.
+/// Returns the bit rate in bit/s of an index in the table of CiA 301; `None` for an index that the table does not have.
 pub const fn bit_rate(index: u8) -> Option<u32> {
     Some(match index {
         0 => 1_000_000,

@@ -12,10 +12,10 @@ use crate::time::Time;
 ///
 /// Synchronous RPDOs are applied at SYNC, before [`ServedDevice::sample`]; the others at once.
 pub trait Application: ServedDevice {
-    /// The NMT state changed.
+    /// Handles a change of the NMT state.
     fn on_nmt(&mut self, _now: Time, _state: NmtState) {}
 
-    /// Something happened to a node watched by 1016h. When it was lost, emergency 8130h has been sent and the error
+    /// Handles an event of a node watched by 1016h. When it was lost, emergency 8130h has been sent and the error
     /// behaviour 1029h:1 has been carried out.
     fn on_heartbeat_event(&mut self, _now: Time, _event: HeartbeatEvent) {}
 
@@ -23,7 +23,7 @@ pub trait Application: ServedDevice {
     /// 8130h has been sent and the error behaviour 1029h:1 has been carried out.
     fn on_life_guarding(&mut self, _now: Time, _is_lost: bool) {}
 
-    /// TIME came; only if 1012h makes the device a consumer.
+    /// Handles a TIME message; only if 1012h makes the device a consumer.
     fn on_time(&mut self, _now: Time, _time: TimeOfDay) {}
 
     /// LSS activates a bit rate in bit/s: send nothing for `delay`, change, and send nothing for `delay` once more.

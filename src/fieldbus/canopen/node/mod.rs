@@ -163,12 +163,12 @@ impl Node {
         self.places.iter().position(|known| *known == place)
     }
 
-    /// Node id; of a device without one, that for which its dictionary was built.
+    /// Returns the node id; of a device without one, that for which its dictionary was built.
     pub fn id(&self) -> NodeId {
         self.id
     }
 
-    /// NMT state; Initialising before [`Node::boot`].
+    /// Returns the NMT state; Initialising before [`Node::boot`].
     pub fn state(&self) -> NmtState {
         self.state
     }
@@ -202,7 +202,7 @@ impl Node {
         self.sdo_time = time;
     }
 
-    /// Time of the SDO server to the answer of a write of one object, whatever its time for others.
+    /// Sets the time of the SDO server to answer a write of one object, whatever its time for others.
     pub fn set_sdo_write_time(&mut self, at: Address, time: Duration) {
         self.write_times.retain(|(known, _)| *known != at);
         self.write_times.push((at, time));
@@ -227,8 +227,8 @@ impl Node {
         self.sdo.set_block(block_size, segment_interval);
     }
 
-    /// Power-on: all values back to those that were stored (1010h) or that the dictionary was built with, boot-up message,
-    /// then Pre-operational. A reset command does the same. A device without a node id stays silent.
+    /// Powers the device on. All values return to those that were stored (1010h) or that the dictionary was built with. The device sends
+    /// its boot-up message, then it is Pre-operational. A reset command does the same. A device without a node id stays silent.
     pub fn boot(&mut self, now: Time, app: &mut impl Application, out: &mut impl Outbox) {
         self.is_powered = true;
         self.lss.power_on();
@@ -424,7 +424,7 @@ impl Node {
         app.on_heartbeat_event(now, event);
     }
 
-    /// Emergency 8130h and the error behaviour of a lost heartbeat or life guarding.
+    /// Sends emergency 8130h and the error behaviour of a lost heartbeat or life guarding.
     fn lose_partner(&mut self, now: Time, source: u8, app: &mut impl Application, out: &mut impl Outbox) {
         let bits = ErrorRegister(ErrorRegister::COMMUNICATION);
         self.raise_emergency(app.od_mut(), EmcyCode::HEARTBEAT, bits, [source, 0, 0, 0, 0], out);

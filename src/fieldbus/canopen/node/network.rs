@@ -8,7 +8,7 @@ use crate::objects::{Address, ObjectDictionary, Reset};
 use crate::time::Time;
 
 impl Node {
-    /// A remote frame: node guarding, which a device with a heartbeat does not do. PDOs are not sent on request.
+    /// Handles a remote frame: node guarding, which a device with a heartbeat does not do. PDOs are not sent on request.
     pub(super) fn on_remote(&mut self, now: Time, id: u16, app: &mut impl Application, out: &mut impl Outbox) {
         let is_guarded = self.state != NmtState::Initialising && self.heartbeat_period.is_zero();
         if id != cob::heartbeat(self.id) || !is_guarded {

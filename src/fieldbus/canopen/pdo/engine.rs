@@ -49,7 +49,7 @@ pub(in super::super) struct Rpdo {
 }
 
 impl Rpdo {
-    /// From the parameters of place `place`, counted from 0; unused if the dictionary has none.
+    /// Creates the PDO from the parameters of place `place`, counted from 0; unused if the dictionary has none.
     pub(in super::super) fn new(od: &ObjectDictionary, place: u8) -> Self {
         let (id, transmission_type, mapping) = configure(od, Pdo::Receive(place));
         let timeout = Duration::from_millis(od.raw(Pdo::Receive(place).communication(), 5));
@@ -126,7 +126,7 @@ pub(in super::super) struct Tpdo {
 }
 
 impl Tpdo {
-    /// From the parameters of place `place`, counted from 0; unused if the dictionary has none.
+    /// Creates the PDO from the parameters of place `place`, counted from 0; unused if the dictionary has none.
     pub(in super::super) fn new(od: &ObjectDictionary, place: u8) -> Self {
         let pdo = Pdo::Transmit(place);
         let (id, transmission_type, mapping) = configure(od, pdo);

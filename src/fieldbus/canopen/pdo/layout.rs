@@ -166,12 +166,12 @@ impl PdoParameters {
         }
     }
 
-    /// Event-driven PDO (type 255) at `cob_id`.
+    /// Creates an event-driven PDO (type 255) at `cob_id`.
     pub fn event_driven(cob_id: u16, mapping: &[(u16, u8, u8)]) -> Self {
         PdoParameters { transmission_type: 255, ..Self::synchronous(cob_id, mapping) }
     }
 
-    /// The PDO exists but is switched off (bit 31 of its COB-ID) until a master configures it.
+    /// Switches the PDO off (bit 31 of its COB-ID) until a master configures it.
     pub fn unused(mut self) -> Self {
         self.cob_id |= super::super::cob::INVALID;
         self

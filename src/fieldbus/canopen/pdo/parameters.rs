@@ -78,7 +78,7 @@ pub(in super::super) fn check_cob_id(old: u32, new: u32) -> Result<(), AbortCode
     if is_renamed_in_use || cob::is_restricted(id) { Err(AbortCode::VALUE) } else { Ok(()) }
 }
 
-/// Transmission types that the engine serves: synchronous and event-driven, not by remote request.
+/// Returns the transmission types that the engine serves: synchronous and event-driven, not by remote request.
 pub(super) const fn is_served(transmission_type: u8) -> bool {
     matches!(transmission_type, 0..=240 | 254 | 255)
 }

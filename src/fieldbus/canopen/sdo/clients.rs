@@ -45,7 +45,7 @@ pub struct SdoClients {
 }
 
 impl SdoClients {
-    /// No nodes yet.
+    /// Creates clients without nodes.
     pub fn new() -> Self {
         Self::default()
     }

@@ -214,7 +214,7 @@ pub(super) const fn segments(len: usize) -> usize {
     if len == 0 { 1 } else { len.div_ceil(SEGMENT) }
 }
 
-/// Segment `place` (from 0) of `data` with its sequence number in the block; the last one says so.
+/// Returns segment `place` (from 0) of `data` with its sequence number in the block; the last one says so.
 pub(super) fn block_segment(data: &[u8], place: usize, sequence: u8) -> Payload {
     let last = if place + 1 >= segments(data.len()) { 0x80 } else { 0 };
     let mut payload = [0; 8];

@@ -165,7 +165,7 @@ pub struct ObjectDescription {
 }
 
 impl ObjectDescription {
-    /// From the data of a response; `None` if it is too short.
+    /// Reads the description from the data of a response; `None` if it is too short.
     pub(super) fn decode(data: &[u8]) -> Option<Self> {
         let head: &[u8; 6] = data.first_chunk()?;
         Some(ObjectDescription {
@@ -207,8 +207,8 @@ impl EntryDescription {
     /// It is set at the start.
     pub const SETTING: u16 = 1 << 9;
 
-    /// From the data of a response; `None` if it is too short. Unit, default and limits, which are not asked for, would be part of the
-    /// name.
+    /// Reads the description from the data of a response; `None` if it is too short. Unit, default and limits would be part of the name,
+    /// but the master does not request them.
     pub(super) fn decode(data: &[u8]) -> Option<Self> {
         let head: &[u8; 10] = data.first_chunk()?;
         Some(EntryDescription {

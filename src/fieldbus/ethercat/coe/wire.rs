@@ -66,7 +66,7 @@ pub(super) fn address(message: &[u8]) -> Address {
     Address::new(u16_at(message, HEADER + 1), sub)
 }
 
-/// Bytes in a segment: one of ten bytes says how many of its seven are none.
+/// Returns the bytes in a segment. A message of ten bytes states how many of its seven data bytes are unused.
 fn segment_data(message: &[u8], command: u8) -> &[u8] {
     let data = message.get(SEGMENT..).unwrap_or_default();
     let unused = if data.len() == LEAST_SEGMENT { usize::from(command >> 1 & 7) } else { 0 };

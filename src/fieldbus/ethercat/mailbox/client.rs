@@ -191,7 +191,7 @@ impl MailboxClient {
         self.client.forget();
     }
 
-    /// Reason why the device refused the last message, if it did.
+    /// Returns why the device refused the last message, if it did.
     pub fn refused(&self) -> Option<MailboxError> {
         self.refused
     }
@@ -263,7 +263,7 @@ impl MailboxClient {
         address(self.station, register)
     }
 
-    /// The frame of the last datagram did not come back.
+    /// Handles the loss of the last datagram's frame.
     ///
     /// Real-time: yes.
     pub fn on_loss(&mut self) {

@@ -126,12 +126,12 @@ impl Counter {
         Counter((now.0 % 7) as u8 + 1)
     }
 
-    /// As on the wire.
+    /// Returns the counter as on the wire.
     pub const fn number(self) -> u8 {
         self.0
     }
 
-    /// This one, and the next one is kept.
+    /// Returns this counter, and keeps the next one.
     pub fn take(&mut self) -> Counter {
         let taken = *self;
         self.0 = if self.0 >= 7 { 1 } else { self.0 + 1 };
@@ -185,7 +185,7 @@ impl MailboxError {
         [1, 0, low, high]
     }
 
-    /// From the message of an error reply; `None` for another message.
+    /// Reads the message of an error reply; `None` for another message.
     pub fn decode(message: &[u8]) -> Option<Self> {
         (message.len() >= 4 && array(message, 0) == [1, 0]).then(|| MailboxError(u16_at(message, 2)))
     }

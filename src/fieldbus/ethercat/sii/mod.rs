@@ -129,7 +129,7 @@ impl OtherCategory {
     /// Words before the content of a category: type and length.
     const HEAD: usize = 2;
 
-    /// Bytes that it adds to an image; none without content.
+    /// Returns the bytes that it adds to an image; none without content.
     pub fn written_len(&self) -> usize {
         if self.bytes.is_empty() { 0 } else { 2 * Self::HEAD + self.bytes.len().next_multiple_of(2) }
     }
@@ -232,7 +232,7 @@ impl Sii {
         Some([area(1, self.receive_mailbox)?, area(2, self.send_mailbox)?])
     }
 
-    /// Sync managers 0 and 1 for its mailboxes, to the device and from it; `None` as [`Sii::mailbox_areas`].
+    /// Returns sync managers 0 and 1 for its mailboxes, to the device and from it; `None` as [`Sii::mailbox_areas`].
     pub fn mailbox_managers(&self) -> Option<[SyncManager; 2]> {
         let [to, from] = self.mailbox_areas()?;
         let control = SyncManager::MAILBOX | SyncManager::INTERRUPT;

@@ -200,7 +200,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// All strings, by number less one.
+    /// Reads all strings, by number less one.
     fn take_strings(&mut self, category: &Category<'a>) {
         let Some((count, mut rest)) = category.bytes.split_first() else { return };
         for _ in 0..*count {

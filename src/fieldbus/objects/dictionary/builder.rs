@@ -31,7 +31,7 @@ impl Object {
         Self::bytes(index, sub, data_type, raw.to_le_bytes().get(..size).unwrap_or_default(), size)
     }
 
-    /// Sub-index 0 of a record or array: its highest sub-index.
+    /// Creates sub-index 0 of a record or array: its highest sub-index.
     pub fn highest_sub(index: u16, highest: u8) -> Self {
         Self::new(index, 0, highest).access(Access::Const)
     }
@@ -61,7 +61,7 @@ impl Object {
         &self.value
     }
 
-    /// With another power-on value of a basic type; bits beyond its width are cut off. A string keeps its own.
+    /// Sets another power-on value of a basic type; bits beyond its width are cut off. A string keeps its own.
     pub fn holding(mut self, raw: u64) -> Self {
         if let Some(bits) = self.data_type.bits() {
             let raw = (raw & mask(bits)).to_le_bytes();
@@ -70,13 +70,13 @@ impl Object {
         self
     }
 
-    /// With these access rights.
+    /// Sets these access rights.
     pub fn access(mut self, access: Access) -> Self {
         self.access = access;
         self
     }
 
-    /// Mappable into these PDOs.
+    /// Makes the object mappable into these PDOs.
     pub fn mappable(mut self, mappable: Mappable) -> Self {
         self.mappable = mappable;
         self
@@ -88,7 +88,7 @@ impl Object {
         self
     }
 
-    /// With these limits on what the bus may write, both included.
+    /// Sets these limits on values that the bus writes, both included.
     pub fn limits<T: Scalar>(mut self, lo: T, hi: T) -> Self {
         (self.lo, self.hi) = (Some(lo.to_word()), Some(hi.to_word()));
         self

@@ -308,7 +308,7 @@ impl ObjectDictionary {
         self.bytes(Address::new(index, sub)).map_or(0, load_le)
     }
 
-    /// Bytes of the longest object.
+    /// Returns the bytes of the longest object.
     pub fn longest(&self) -> usize {
         self.entries.iter().map(|entry| entry.capacity).max().unwrap_or(0)
     }

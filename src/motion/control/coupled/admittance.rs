@@ -158,7 +158,7 @@ mod tests {
         }
     }
 
-    /// Greatest stable stiffness of a hand by the sampled loop.
+    /// Returns the greatest stable stiffness of a hand by the sampled loop.
     fn held_n_per_m(follower: &Follower, pose: &Pose, outer: &Outer, damping_n_s_per_m: f64) -> f64 {
         let is_stable = |stiffness_n_per_m: f64| {
             let grip = Grip { stiffness_n_per_m, damping_n_s_per_m, mass_kg: 2.0 };

@@ -5,7 +5,7 @@ use nalgebra::SMatrix;
 /// Terms of the series: with a norm of at most 1/2 the next one is below 1e-19.
 const TERMS: u32 = 15;
 
-/// `e^A` by scaling and squaring: `(e^(A / 2^s))^(2^s)` with the least `s` that brings the greatest column sum to 1/2.
+/// Returns `e^A` by scaling and squaring: `(e^(A / 2^s))^(2^s)` with the least `s` that brings the greatest column sum to 1/2.
 ///
 /// Relative to the greatest entry the error is about `2^s` roundings. Entries that are not finite give no finite matrix.
 pub(super) fn exponential<const N: usize>(matrix: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {

@@ -255,7 +255,7 @@ impl HeldLoop {
         self.spectral_radius(mass_kg).is_some_and(|radius| radius < 1.0)
     }
 
-    /// Greatest modulus of an eigenvalue of the map of the state over the common period of cycle and sensor; `None` if they
+    /// Returns the greatest modulus of an eigenvalue of the map of the state over the common period of cycle and sensor; `None` if they
     /// were not found.
     pub fn spectral_radius(&self, mass_kg: f64) -> Option<f64> {
         let mut map = self.map(mass_kg);

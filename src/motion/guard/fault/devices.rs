@@ -67,7 +67,7 @@ impl DeviceSet {
         "fourth interface",
     ];
 
-    /// This computer's interface to the bus of this number, 0 to 3; the computer itself for another number.
+    /// Returns this computer's interface to the bus of this number, 0 to 3; the computer itself for another number.
     ///
     /// Real-time: yes.
     pub const fn interface(bus: usize) -> Self {
@@ -93,7 +93,7 @@ impl DeviceSet {
         Self(u16::from(left) | u16::from(right) << 1)
     }
 
-    /// This set if `is_so`, else none.
+    /// Returns this set if `is_so`, else none.
     ///
     /// Real-time: yes.
     pub const fn only_if(self, is_so: bool) -> Self {
@@ -110,7 +110,7 @@ impl DeviceSet {
         self.0 & other.0 == other.0
     }
 
-    /// One bit per device: left drive, right drive, force sensor, host, interfaces.
+    /// Returns one bit per device: left drive, right drive, force sensor, host, interfaces.
     pub const fn bits(self) -> u16 {
         self.0
     }
