@@ -46,7 +46,7 @@ impl Section {
             if !check.follows.is_empty() {
                 text.push_str(&wrapped(&check.follows, &" ".repeat(INDENT)));
             }
-            if let Some(command) = &check.mend {
+            if let Some(command) = &check.fix {
                 command_lines(command).for_each(|line| text.push_str(&format!("{:COMMAND_INDENT$}{line}\n", "")));
             }
         }
@@ -61,7 +61,7 @@ impl Section {
                 "verdict": check.verdict.word(),
                 "found": check.found,
                 "follows": check.follows,
-                "mend": check.mend,
+                "fix": check.fix,
             })
         })
     }
@@ -120,9 +120,9 @@ fn failure(sections: &[Section], exit: Exit) -> Failure {
         [only] => format!("{}: {}", only.subject, only.found),
         several => format!("{} things are wrong: {}", several.len(), subjects.join(", ")),
     };
-    let help = match wrong.iter().filter(|check| check.mend.is_some()).count() {
+    let help = match wrong.iter().filter(|check| check.fix.is_some()).count() {
         0 => String::new(),
-        1 => match wrong.iter().find_map(|check| check.mend.as_ref()) {
+        1 => match wrong.iter().find_map(|check| check.fix.as_ref()) {
             Some(command) if command_lines(command).count() == 1 => format!("`{command}`"),
             // What is drawn around a message would be copied with it.
             _ => "run the command that stands above".to_owned(),
@@ -142,8 +142,8 @@ mod tests {
                      listen-only on; done; sudo ip link set can0 down; sudo ip link set can0 up";
         let long = "sudo ip link set can0 down && sudo ip link set can0 up type can bitrate 1000000 sample-point 0.875";
         let checks = vec![
-            Check::wrong("identifiers", "word ".repeat(40)).follows("more words ".repeat(20)).mend(long),
-            Check::warning("bit rate", "short").mend(rates),
+            Check::wrong("identifiers", "word ".repeat(40)).follows("more words ".repeat(20)).fix(long),
+            Check::warning("bit rate", "short").fix(rates),
         ];
         let text = Section::new("can0", Exit::Ok, checks).text();
         assert!(text.lines().all(|line| line.len() <= WIDTH), "{text}");

@@ -217,9 +217,9 @@ fn timing(rig: &Rig, limits: &Limits) -> Check {
         Ok(kept) => Check::ok(subject, format!("tier {} is proved: {}", kept.tier, kept.shown)),
         Err(Untimely::Missing { .. }) => Check::unknown(subject, "nobody has measured how late this computer wakes up")
             .follows("`run --bus` asks for it by the wall clock, not in lockstep")
-            .mend(measure),
+            .fix(measure),
         Err(error) => Check::wrong(subject, error.to_string())
             .follows("fix what is named above, or take a slower cycle; then measure again")
-            .mend(measure),
+            .fix(measure),
     }
 }

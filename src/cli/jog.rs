@@ -234,10 +234,7 @@ impl<'a> Plan<'a> {
                 deviation.to_degrees()
             ));
         }
-        text.push_str(&format!(
-            "torque    {:.1} N m at most, set in both drives\n",
-            self.bounds.torque_n_m.get()
-        ));
+        text.push_str(&format!("torque    {:.1} N m at most, set in both drives\n", self.bounds.torque_n_m.get()));
         output.result(&text)?;
         end
     }

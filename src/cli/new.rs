@@ -111,8 +111,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 
 /// Returns the next steps for a new rig, a paragraph each.
 fn next(name: &str, checked: &Checked) -> Vec<String> {
-    let edit =
-        format!("Edit these files as you like; `yieldwall config check {name}` checks them again.");
+    let edit = format!("Edit these files as you like; `yieldwall config check {name}` checks them again.");
     let servos: Vec<&DeviceProfile> = match &checked.result {
         Ok(Document::Rig(rig)) => rig.value.drives.iter().filter_map(|drive| Some(&**drive.profile.get()?)).collect(),
         _ => Vec::new(),

@@ -166,7 +166,7 @@ mod tests {
 
     #[test]
     fn json_has_no_file_and_no_key_where_there_is_none() {
-        let json = |file: &str| serde_json::to_value(Diagnostic::about_file(file, "wrong", "mend it")).unwrap();
+        let json = |file: &str| serde_json::to_value(Diagnostic::about_file(file, "wrong", "fix it")).unwrap();
         assert_eq!((json("").get("file"), json("").get("key")), (None, None));
         assert_eq!((json("a.yaml")["file"].as_str(), json("a.yaml").get("key")), (Some("a.yaml"), None));
         assert_eq!(Diagnostic::about_file("", "wrong", "").to_string(), "error: wrong");

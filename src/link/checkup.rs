@@ -41,13 +41,13 @@ pub struct Check {
     /// Consequence, or the place to look at; empty if there is none.
     pub follows: String,
     /// The command that fixes it, as it is typed into a shell; `None` where no command does.
-    pub mend: Option<String>,
+    pub fix: Option<String>,
 }
 
 impl Check {
     /// Creates a finding, from which nothing follows yet.
     pub fn new(subject: &'static str, verdict: Verdict, found: impl Into<String>) -> Self {
-        Self { subject, verdict, found: found.into(), follows: String::new(), mend: None }
+        Self { subject, verdict, found: found.into(), follows: String::new(), fix: None }
     }
 
     /// Creates a finding that is as it should be.
@@ -78,8 +78,8 @@ impl Check {
 
     /// Adds the command that fixes it.
     #[must_use]
-    pub fn mend(self, command: impl Into<String>) -> Self {
-        Self { mend: Some(command.into()), ..self }
+    pub fn fix(self, command: impl Into<String>) -> Self {
+        Self { fix: Some(command.into()), ..self }
     }
 }
 
@@ -90,7 +90,7 @@ impl fmt::Display for Check {
         if !self.follows.is_empty() {
             write!(out, ": {}", self.follows)?;
         }
-        self.mend.as_ref().map_or(Ok(()), |command| write!(out, "; set `{command}`"))
+        self.fix.as_ref().map_or(Ok(()), |command| write!(out, "; set `{command}`"))
     }
 }
 
@@ -102,7 +102,7 @@ mod tests {
     fn a_check_is_one_sentence() {
         let bare = Check::ok("queue", "10 frames");
         assert_eq!(bare.to_string(), "10 frames");
-        let whole = Check::warning("queue", "10 000 frames").follows("they are old").mend("sudo ip");
+        let whole = Check::warning("queue", "10 000 frames").follows("they are old").fix("sudo ip");
         assert_eq!(whole.to_string(), "10 000 frames: they are old; set `sudo ip`");
     }
 }

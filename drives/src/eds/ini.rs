@@ -62,7 +62,7 @@ pub(super) fn add(findings: &mut Vec<Finding>, finding: Finding) {
         len if len < MAX_FINDINGS => findings.push(finding),
         MAX_FINDINGS => findings.push(Finding {
             message: "there are more oddities than are told".to_owned(),
-            help: "mend the others first; is this a data sheet?",
+            help: "fix the others first; is this a data sheet?",
             ..finding
         }),
         _ => {}

@@ -193,8 +193,8 @@ fn check<'a>(document: &'a Value, subject: &str) -> &'a Value {
 }
 
 /// Runs the command that a check prints; `sudo` is left out, since these tests are root.
-fn mend(check: &Value) {
-    let command = check["mend"].as_str().unwrap_or_else(|| panic!("{check:#}"));
+fn fix(check: &Value) {
+    let command = check["fix"].as_str().unwrap_or_else(|| panic!("{check:#}"));
     let with_program = command.replace("sudo ", "").replace("yieldwall ", &format!("{} ", program().display()));
     let done = output(Command::new("sh").args(["-c", &with_program]));
     assert!(done.status.success(), "{command}: {}", String::from_utf8_lossy(&done.stderr));
@@ -221,7 +221,7 @@ fn doctor_finds_troubles_of_the_interface_and_its_commands_mend_them() {
     let (_, long) = doctor(&format!("--bus {bus}"));
     let queue = check(&long, "queue");
     assert!(queue["verdict"] == "warning" && queue["found"].as_str().unwrap().contains("10000"), "{queue:#}");
-    mend(queue);
+    fix(queue);
     let (_, mended) = doctor(&format!("--bus {bus}"));
     assert_eq!(check(&mended, "queue")["found"], "128 frames", "{mended:#}");
     Command::new("tc").args(["qdisc", "del", "dev", &bus, "root"]).status().unwrap();
@@ -232,7 +232,7 @@ fn doctor_finds_troubles_of_the_interface_and_its_commands_mend_them() {
     for line in [asked.clone(), format!("node left --rig {RIG} --bus {bus}")] {
         let (code, refused) = doctor(&line);
         assert_eq!((code, &check(&refused, "interface")["verdict"]), (BUS_UNAVAILABLE, &"wrong".into()), "{refused:#}");
-        mend(check(&refused, "interface"));
+        fix(check(&refused, "interface"));
         let (_, mended) = doctor(&asked);
         assert_eq!(check(&mended, "interface")["verdict"], "ok", "{mended:#}");
         Command::new("ip").args(["link", "set", &bus, "down"]).status().unwrap();
@@ -258,7 +258,7 @@ fn doctor_says_why_a_node_does_not_answer() {
     assert_eq!(ask("nmt right stop").0, OK);
     let (code, stopped) = node("right");
     assert_eq!((code, &check(&stopped, "stopped")["found"]), (DEVICE_MISMATCH, &"node 2 (right) is in Stopped".into()));
-    mend(check(&stopped, "stopped"));
+    fix(check(&stopped, "stopped"));
     assert_eq!(node("right").0, OK);
 
     let doubles = Doubles::start(RIG, None, yieldwall::run::Pace::Free);
@@ -291,8 +291,8 @@ fn run_and_drill_name_who_is_silent_who_answered_and_what_finds_out_why() {
     }
     let (_, found) = doctor(&format!("node 2 --bus {bus} --rig {RIG}"));
     let silent = check(&found, "silent");
-    assert_eq!(silent["mend"], format!("yieldwall lss set-id 9 2 --bus {bus} --rig {RIG}"), "{found:#}");
-    mend(silent);
+    assert_eq!(silent["fix"], format!("yieldwall lss set-id 9 2 --bus {bus} --rig {RIG}"), "{found:#}");
+    fix(silent);
     assert_eq!(ask("nmt 9 reset").0, DEVICE_MISMATCH, "it boots as node 2 again");
     assert_eq!(doctor(&format!("node 2 --bus {bus} --rig {RIG}")).0, OK);
     sim.interrupted();
@@ -325,7 +325,7 @@ fn no_real_time_priority_is_mended_for_the_shell_that_asked() {
     let priority = check(&refused, "priority");
     assert_eq!((&priority["verdict"], &refused["exit_code"]), (&"wrong".into(), &TIMING_MISSED.into()), "{refused:#}");
     // The command is for the shell in which it is typed.
-    let command = priority["mend"].as_str().unwrap();
+    let command = priority["fix"].as_str().unwrap();
     assert!(command.contains("--pid $$"), "{command}");
     let command = command.replace("$$", &pid).replace("sudo ", "");
     let done = output(Command::new("sh").args(["-c", &command]));

@@ -228,7 +228,7 @@ pub(crate) fn devices(argument: &str, rig: Option<&Rig>, commands: &str) -> Resu
             return Ok(vec![
                 Check::unknown("devices", why)
                     .follows("who is heard beside a master is listed by this")
-                    .mend(format!("yieldwall scan --listen{commands}")),
+                    .fix(format!("yieldwall scan --listen{commands}")),
             ]);
         }
     };
@@ -258,7 +258,7 @@ fn of_found(desk: &DeviceSession, found: &[FoundDevice], commands: &str) -> Chec
         };
         return Check::wrong("devices", found)
             .follows("this looks for the reason")
-            .mend(format!("yieldwall doctor node {first}{commands}"));
+            .fix(format!("yieldwall doctor node {first}{commands}"));
     }
     Check::ok("devices", format!("{nodes} {} heard", if nodes.len() == 1 { "is" } else { "are" }))
 }
@@ -276,7 +276,7 @@ fn missing(desk: &DeviceSession, found: &[FoundDevice], commands: &str) -> Vec<C
         let how = if is_heard { "is heard and does not answer" } else { "is silent" };
         Check::wrong("node", format!("node {}{name} {how}; {others} answered", node.raw()))
             .follows("this looks for the reason")
-            .mend(format!("yieldwall doctor node {}{commands}", node.raw()))
+            .fix(format!("yieldwall doctor node {}{commands}", node.raw()))
     });
     told.collect()
 }

@@ -42,7 +42,7 @@ pub(super) fn check_machine(findings: &mut Findings, rig: &Rig) {
     if !(1.0 / MOST_APART..=MOST_APART).contains(&apart) {
         let key = "control.feed_forward.inertia";
         let message = format!("`{key}` makes the arm {} times as heavy as the simulated machine is", round(apart));
-        let help = "write kg and kg m^2 at the link, gear included; or mend the arm of the simulation";
+        let help = "write kg and kg m^2 at the link, gear included; or fix the arm of the simulation";
         findings.warning(key, message, help).see("simulation.arm", "machine");
     }
 }

@@ -135,34 +135,34 @@ impl LinkError {
         match self {
             Self::NoCan => Check::wrong("CAN sockets", "this kernel has none")
                 .follows("where it has no such module either, `hil-tests/vcan COMMAND` boots a kernel that has them")
-                .mend(LOAD),
+                .fix(LOAD),
             Self::NotPermitted => Check::wrong("permission", "this process may not open CAN sockets")
                 .follows(
                     "CAN sockets need no privilege, so something takes them away: RestrictAddressFamilies of a systemd unit, \
                      which has to name AF_CAN, or a seccomp profile of the container",
                 )
-                .mend("sudo systemctl edit $(ps -o unit= -p $$)"),
+                .fix("sudo systemctl edit $(ps -o unit= -p $$)"),
             Self::Missing { interface, others, .. } => {
                 let check = Check::wrong("interface", format!("there is no `{interface}`{}", found(others)));
                 match is_virtual(interface) {
-                    true => check.mend(make(interface)),
+                    true => check.fix(make(interface)),
                     false => check
                         .follows("the kernel has found no adapter of that name: this command shows what it has found")
-                        .mend("sudo dmesg | grep -i can"),
+                        .fix("sudo dmesg | grep -i can"),
                 }
             }
             Self::NotCan { interface, others } => {
                 Check::wrong("interface", format!("`{interface}` is no CAN interface{}", found(others)))
                     .follows("this command lists those that there are")
-                    .mend("ip -brief link show type can")
+                    .fix("ip -brief link show type can")
             }
             Self::Down { interface, bit_rate } => Check::wrong("interface", format!("`{interface}` is down"))
                 .follows("nothing comes and nothing goes")
-                .mend(up(interface, *bit_rate)),
+                .fix(up(interface, *bit_rate)),
             Self::BusOff { interface } => {
                 Check::wrong("controller", format!("the controller of `{interface}` is bus-off: it saw too many errors"))
                     .follows("look at the cable, at its terminators and at the bit rate of every node first")
-                    .mend(restart(interface))
+                    .fix(restart(interface))
             }
             Self::NoEcho { interface, driver } => {
                 let driver = driver.as_deref().unwrap_or("of unknown name");
@@ -172,12 +172,12 @@ impl LinkError {
             Self::BitRate { interface, has, wanted } => {
                 Check::wrong("bit rate", format!("`{interface}` runs at {has} bit/s and the rig at {wanted} bit/s"))
                     .follows("nobody understands anybody: change this, or the key `bit_rate_bit_per_s` of the rig's bus")
-                    .mend(change(interface, *wanted))
+                    .fix(change(interface, *wanted))
             }
             Self::Held { holder, .. } => {
                 let check = Check::wrong("master", self.to_string());
                 match holder {
-                    Some(holder) => check.mend(format!("kill -INT {}", holder.pid)),
+                    Some(holder) => check.fix(format!("kill -INT {}", holder.pid)),
                     None => check,
                 }
             }
@@ -266,7 +266,7 @@ mod tests {
     #[test]
     fn what_is_wrong_is_told_apart_from_the_command_that_mends_it() {
         let name = || "can0".to_owned();
-        for (error, subject, mend) in [
+        for (error, subject, fix) in [
             (LinkError::NoCan, "CAN sockets", Some("sudo modprobe can-raw")),
             (LinkError::NotPermitted, "permission", Some("sudo systemctl edit $(ps -o unit= -p $$)")),
             (
@@ -289,7 +289,7 @@ mod tests {
             (LinkError::Held { interface: name(), role: Role::Master, holder: None }, "master", None),
         ] {
             let check = error.check();
-            assert_eq!((check.subject, check.verdict, check.mend.as_deref()), (subject, Verdict::Wrong, mend));
+            assert_eq!((check.subject, check.verdict, check.fix.as_deref()), (subject, Verdict::Wrong, fix));
         }
     }
 

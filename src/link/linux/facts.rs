@@ -163,7 +163,7 @@ impl InterfaceFacts {
         let check = Check::warning(subject, format!("`{}` samples {found}", self.name))
             .follows("75 to 87.5 % is usual: with others nodes disagree on long cables");
         let Some(bit_rate) = self.bit_rate else { return check };
-        check.mend(self.anew(&format!("bitrate {bit_rate} sample-point 0.875")))
+        check.fix(self.anew(&format!("bitrate {bit_rate} sample-point 0.875")))
     }
 
     fn restart(&self) -> Check {
@@ -173,7 +173,7 @@ impl InterfaceFacts {
             Some(0) => Check::ok("restart", "never by itself after bus-off (restart-ms 0)"),
             Some(wait) => Check::warning("restart", format!("`{name}` has restart-ms {wait}"))
                 .follows("it restarts by itself after bus-off and then sends what it still holds")
-                .mend(self.anew("restart-ms 0")),
+                .fix(self.anew("restart-ms 0")),
         }
     }
 
@@ -183,7 +183,7 @@ impl InterfaceFacts {
             Some(false) => Check::ok("one-shot", "off: frames are repeated after errors"),
             Some(true) => Check::warning("one-shot", format!("`{}` is in one-shot mode", self.name))
                 .follows("a frame that meets an error or a stronger one is lost")
-                .mend(self.anew("one-shot off")),
+                .fix(self.anew("one-shot off")),
         }
     }
 
@@ -194,7 +194,7 @@ impl InterfaceFacts {
             Some(true) => {
                 Check::warning("bus errors", format!("`{}` reports each error on the bus by a frame", self.name))
                     .follows("a bad cable then floods the computer; leave it on while you look for the error alone")
-                    .mend(self.anew("berr-reporting off"))
+                    .fix(self.anew("berr-reporting off"))
             }
         }
     }
@@ -211,7 +211,7 @@ impl InterfaceFacts {
                 ),
             )
             .follows("hardware tells when they have left; make the interface again after this")
-            .mend("sudo modprobe -r vcan && sudo modprobe vcan echo=1"),
+            .fix("sudo modprobe -r vcan && sudo modprobe vcan echo=1"),
             Some(false) => LinkError::NoEcho { interface: self.name.clone(), driver: self.driver.clone() }.check(),
         }
     }
@@ -419,7 +419,7 @@ mod tests {
             good.checks(None)
         );
         let down = "sudo ip link set can0 down && sudo ip link set can0 up type can";
-        for (facts, wanted, subject, verdict, mend) in [
+        for (facts, wanted, subject, verdict, fix) in [
             (
                 InterfaceFacts { is_up: false, ..good.clone() },
                 Some(500_000),
@@ -458,10 +458,10 @@ mod tests {
             ),
         ] {
             let check = only(&facts, wanted);
-            assert_eq!((check.subject, check.verdict, check.mend), (subject, verdict, Some(mend)));
+            assert_eq!((check.subject, check.verdict, check.fix), (subject, verdict, Some(fix)));
         }
         let no_echo = only(&InterfaceFacts { has_echo: Some(false), ..good.clone() }, None);
-        assert_eq!((no_echo.subject, no_echo.verdict, no_echo.mend), ("echo", Verdict::Wrong, None));
+        assert_eq!((no_echo.subject, no_echo.verdict, no_echo.fix), ("echo", Verdict::Wrong, None));
     }
 
     #[test]

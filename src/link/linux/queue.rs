@@ -41,7 +41,7 @@ pub(super) fn discipline(index: u32) -> Option<String> {
 /// Returns the state of a queue.
 pub(super) fn checks(name: &str, is_virtual: bool, discipline: Option<&str>, len: Option<u32>) -> Vec<Check> {
     let kind = "queueing";
-    let replaced = |check: Check| check.mend(format!("sudo tc qdisc replace dev {name} root pfifo_fast"));
+    let replaced = |check: Check| check.fix(format!("sudo tc qdisc replace dev {name} root pfifo_fast"));
     let discipline = match discipline {
         None => Check::unknown(kind, "the kernel does not report the queueing discipline"),
         Some(known @ ("pfifo_fast" | "prio" | "mq")) => Check::ok(kind, known),
@@ -57,7 +57,7 @@ pub(super) fn checks(name: &str, is_virtual: bool, discipline: Option<&str>, len
         ),
     };
     let held = |len: u32| format!("the queue of `{name}` holds {len} frames");
-    let set = |check: Check, len: u32| check.mend(format!("sudo ip link set {name} txqueuelen {len}"));
+    let set = |check: Check, len: u32| check.fix(format!("sudo ip link set {name} txqueuelen {len}"));
     let len = match len {
         None => Check::unknown("queue", "the kernel does not report how many frames the queue holds"),
         Some(len) if len < FEWEST => {

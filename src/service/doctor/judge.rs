@@ -92,7 +92,7 @@ fn heard(facts: &NodeFacts, around: &Around) -> Check {
                 "the bit rate is right, and something else than CANopen uses this bus: no CANopen device is switched on, or this is \
                  the cable of another bus. This shows the frames",
             )
-            .mend(format!("yieldwall monitor{}", around.arguments));
+            .fix(format!("yieldwall monitor{}", around.arguments));
     }
     if is_silent {
         let check = Check::wrong("silence", "no frame of anybody was heard, and nobody answers");
@@ -104,7 +104,7 @@ fn heard(facts: &NodeFacts, around: &Around) -> Check {
             ),
             (Some(interface), None) => check
                 .follows("a virtual interface has simulated devices alone, and none of them runs")
-                .mend(format!("yieldwall sim RIG.yaml --bus {interface}")),
+                .fix(format!("yieldwall sim RIG.yaml --bus {interface}")),
             (None, _) => check,
         };
     }
@@ -129,7 +129,7 @@ fn alive(facts: &NodeFacts, around: &Around) -> Check {
     if facts.state == Some(NmtState::Stopped) {
         return Check::wrong("stopped", format!("{name} is in Stopped"))
             .follows("there it answers no SDO; it is there, and the bus is good")
-            .mend(format!("yieldwall nmt {raw} preop{arguments}"));
+            .fix(format!("yieldwall nmt {raw} preop{arguments}"));
     }
     // Of two devices that were switched on together both have said so.
     if facts.boot_ups >= MANY_BOOT_UPS && !is_answering {
@@ -151,7 +151,7 @@ fn alive(facts: &NodeFacts, around: &Around) -> Check {
             .follows(format!(
                 "that is where {name} should answer: somebody uses it for something else. This shows who sends what"
             ))
-            .mend(format!("yieldwall monitor --services{arguments}"));
+            .fix(format!("yieldwall monitor --services{arguments}"));
     }
     if facts.foreign_requests > 0 {
         return Check::wrong(
@@ -159,7 +159,7 @@ fn alive(facts: &NodeFacts, around: &Around) -> Check {
             format!("somebody else sent {} frames under {asked:03X}h", facts.foreign_requests),
         )
         .follows(format!("{name} is asked there: another client, or a device that uses it for process data"))
-        .mend(format!("yieldwall monitor --services{arguments}"));
+        .fix(format!("yieldwall monitor --services{arguments}"));
     }
     match facts.state {
         Some(_) => Check::wrong("SDO", format!("{name} is there{state}, and answers no SDO"))
@@ -167,10 +167,10 @@ fn alive(facts: &NodeFacts, around: &Around) -> Check {
                 "its SDO server listens under another identifier than {asked:03X}h (1200h), or hangs: resetting its \
                  communication brings the default back"
             ))
-            .mend(format!("yieldwall nmt {raw} reset-comm{arguments}")),
+            .fix(format!("yieldwall nmt {raw} reset-comm{arguments}")),
         None => Check::wrong("stopped", format!("{name} is heard, and tells neither its state nor an object"))
             .follows("in Stopped a node answers no SDO")
-            .mend(format!("yieldwall nmt {raw} preop{arguments}")),
+            .fix(format!("yieldwall nmt {raw} preop{arguments}")),
     }
 }
 
@@ -193,13 +193,13 @@ fn silent(facts: &NodeFacts, around: &Around) -> Check {
                 nodes(strangers),
                 if strangers.len() == 1 { "is" } else { "are" },
             ))
-            .mend(format!("yieldwall lss set-id {} {raw}{arguments}", stranger.raw())),
+            .fix(format!("yieldwall lss set-id {} {raw}{arguments}", stranger.raw())),
         None => check
             .follows(
                 "the bus is good, so look at this device: its supply, its plug, its node id, its bit rate. A device without a \
                  node id answers this",
             )
-            .mend(format!("yieldwall lss find{arguments}")),
+            .fix(format!("yieldwall lss find{arguments}")),
     }
 }
 
@@ -251,7 +251,7 @@ fn doubled(facts: &NodeFacts, around: &Around) -> Check {
         .follows(
             "switch one of them off and give the other another node id, until its next reset or for good with --save",
         )
-        .mend(format!("yieldwall lss set-id {} {free}{}", facts.node.raw(), around.arguments))
+        .fix(format!("yieldwall lss set-id {} {free}{}", facts.node.raw(), around.arguments))
 }
 
 /// Whether the node answers all that it was asked.
@@ -282,10 +282,10 @@ fn has_misplaced(facts: &NodeFacts) -> bool {
 /// With what follows, and the command for the interface; for a simulation the one that it would be on a bus.
 fn with_command(check: Check, around: &Around, follows: &str, command: impl Fn(&str) -> String) -> Check {
     match &around.interface {
-        Some(interface) => check.follows(follows).mend(command(interface)),
+        Some(interface) => check.follows(follows).fix(command(interface)),
         None => {
             let stop = if follows.is_empty() { "" } else { ". " };
-            check.follows(format!("{follows}{stop}On a bus with the interface {EXAMPLE} it is")).mend(command(EXAMPLE))
+            check.follows(format!("{follows}{stop}On a bus with the interface {EXAMPLE} it is")).fix(command(EXAMPLE))
         }
     }
 }

@@ -55,7 +55,7 @@ fn a_scan_counts_frames_that_are_none_of_canopen() {
 
 #[test]
 fn each_trouble_in_the_frames_is_found_by_name_with_the_command_that_mends_it() {
-    for (raw, trouble, subject, found, mend) in [
+    for (raw, trouble, subject, found, fix) in [
         (1, Trouble::Silent, "silent", "node 1 is silent; 2 and 10 answered", "yieldwall lss find --bus can0"),
         (
             1,
@@ -88,7 +88,7 @@ fn each_trouble_in_the_frames_is_found_by_name_with_the_command_that_mends_it() 
         ),
     ] {
         let check = last(&examined(raw, Some((raw, trouble)), false));
-        assert_eq!((check.subject, check.found.as_str(), check.mend.as_deref()), (subject, found, Some(mend)));
+        assert_eq!((check.subject, check.found.as_str(), check.fix.as_deref()), (subject, found, Some(fix)));
         assert_eq!(check.verdict, Verdict::Wrong, "{trouble:?}");
     }
     let facts = examined(1, Some((1, Trouble::OtherTraffic)), false);
@@ -97,11 +97,11 @@ fn each_trouble_in_the_frames_is_found_by_name_with_the_command_that_mends_it() 
     assert_eq!((check.subject, check.verdict), ("silence", Verdict::Wrong));
     assert!(check.found.contains("frames with 29-bit identifiers came"), "{}", check.found);
     assert!(check.follows.starts_with("the bit rate is right"), "{}", check.follows);
-    assert_eq!(check.mend.as_deref(), Some("yieldwall monitor --bus can0"));
+    assert_eq!(check.fix.as_deref(), Some("yieldwall monitor --bus can0"));
     let facts = examined(1, Some((1, Trouble::OtherBitRate)), false);
     let check = last(&facts);
     assert_eq!((check.subject, check.verdict), ("bit rate", Verdict::Wrong), "{facts:#?}");
-    assert!(check.mend.unwrap().contains("type can bitrate $rate listen-only on"));
+    assert!(check.fix.unwrap().contains("type can bitrate $rate listen-only on"));
 }
 
 #[test]
@@ -170,15 +170,15 @@ fn what_no_simulation_has_is_planted_into_facts() {
     ] {
         let check = last(&facts);
         assert_eq!(check.subject, subject);
-        let command = check.mend.unwrap();
+        let command = check.fix.unwrap();
         assert!(command.contains("; for rate in ") && command.contains(restored), "{subject}: {command}");
         // On a simulation it is the command for a bus.
         let rehearsed = judge(&facts, &Around { interface: None, ..around(5) }).pop().unwrap();
         let is_silence = subject == "silence";
-        assert_eq!(rehearsed.mend.as_deref(), (!is_silence).then_some(command.as_str()), "{subject}");
+        assert_eq!(rehearsed.fix.as_deref(), (!is_silence).then_some(command.as_str()), "{subject}");
         assert!(is_silence || rehearsed.follows.contains("On a bus"), "{}", rehearsed.follows);
     }
-    for (facts, subject, mend) in [
+    for (facts, subject, fix) in [
         (
             link(LinkFacts { refused: Some(SendError::Down), ..LinkFacts::default() }),
             "interface",
@@ -190,7 +190,7 @@ fn what_no_simulation_has_is_planted_into_facts() {
         (NodeFacts { state: None, ..unanswered(5) }, "stopped", "yieldwall nmt 5 preop --bus can0"),
     ] {
         let check = last(&facts);
-        assert_eq!((check.subject, check.mend.as_deref()), (subject, Some(mend)));
+        assert_eq!((check.subject, check.fix.as_deref()), (subject, Some(fix)));
     }
     assert_eq!(last(&NodeFacts { boot_ups: 3, ..unanswered(5) }).subject, "restarts");
     let altered = LinkFacts { altered: Some(0x609), ..LinkFacts::default() };

@@ -97,7 +97,7 @@ fn a_device_that_answers_ethercrab_otherwise_is_named() {
     let check = checks.iter().find(|check| check["subject"] == "product").expect("it is there");
     let found = check["found"].as_str().expect("text");
     assert!(found.starts_with("this program reads ") && found.contains(", ethercrab "), "{found}");
-    assert_eq!(check["mend"], "yieldwall sii check 1 --bus veth0");
+    assert_eq!(check["fix"], "yieldwall sii check 1 --bus veth0");
     assert_eq!(states(), ["INIT"; 3]);
 }
 

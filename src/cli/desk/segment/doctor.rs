@@ -65,7 +65,7 @@ fn of_device(desk: &mut SegmentSession, device: &Device, is_led: bool) -> Result
     checks.extend(
         counted
             .into_iter()
-            .map(|found| Check::warning("ports", found).follows("then have it count from 0 again").mend(clear.clone())),
+            .map(|found| Check::warning("ports", found).follows("then have it count from 0 again").fix(clear.clone())),
     );
     checks.extend(objects(desk, device, &present, is_led)?);
     Ok(checks)
@@ -95,11 +95,11 @@ fn state(desk: &SegmentSession, present: &Present) -> Check {
             let code = present.code;
             Check::wrong("AL state", format!("{status}: {:04X}h {}", code.0, code.meaning()))
                 .follows(format!("{}; fix that, then have the error acknowledged", code.likely_cause()))
-                .mend(command("ack"))
+                .fix(command("ack"))
         }
         code if status.shows_master(code) => Check::new("AL state", Verdict::Warning, status.to_string())
             .follows("a master has it, or had it and is gone: then this frees it")
-            .mend(command("init --take-over")),
+            .fix(command("init --take-over")),
         AlStatusCode::NONE => Check::ok("AL state", status.to_string()),
         code => Check::ok("AL state", format!("{status}, last code {:04X}h {}", code.0, code.meaning())),
     }

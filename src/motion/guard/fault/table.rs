@@ -454,7 +454,7 @@ pub const TABLE: [FaultRow; Fault::COUNT] = [
         stage: Stage::Link,
         meaning: "the interface is bus-off",
         cause: "a short circuit on the bus, or another bit rate",
-        next: "mend the bus, bring the interface up again by hand, then restart",
+        next: "fix the bus, bring the interface up again by hand, then restart",
         steps: &[once(Silence)],
         latched: State::Stopped,
     },

@@ -102,7 +102,7 @@ impl ComputerFacts {
         }
         Check::warning(subject, found)
             .follows("a processor that has rested is slow when the loop wakes up")
-            .mend("sudo cpupower frequency-set -g performance")
+            .fix("sudo cpupower frequency-set -g performance")
     }
 
     fn isolation(&self) -> Check {
@@ -116,7 +116,7 @@ impl ComputerFacts {
                         "for tier A add isolcpus=managed_irq,domain,{last} nohz_full={last} rcu_nocbs={last} to the kernel's \
                          command line, update the boot loader, start anew, and start the rig with `taskset -c {last}`"
                     ))
-                    .mend("sudoedit /etc/default/grub")
+                    .fix("sudoedit /etc/default/grub")
             }
             Some("") => Check::ok(subject, "no processor is isolated; that helps with PREEMPT_RT alone"),
             Some(list) => Check::ok(
@@ -136,14 +136,14 @@ impl ComputerFacts {
         }
         let check = Check::warning(subject, format!("{current} is the clock source"));
         match available.iter().find(|name| GOOD_CLOCKS.contains(&name.as_str())) {
-            Some(better) => check.follows("each look at it takes a microsecond or more").mend(format!(
+            Some(better) => check.follows("each look at it takes a microsecond or more").fix(format!(
                 "echo {better} | sudo tee /sys/devices/system/clocksource/clocksource0/current_clocksource"
             )),
             None => check
                 .follows(
                     "each look at it takes a microsecond or more, and the kernel trusts no better one: this shows why",
                 )
-                .mend("sudo dmesg | grep -i -E 'tsc|clocksource'"),
+                .fix("sudo dmesg | grep -i -E 'tsc|clocksource'"),
         }
     }
 
@@ -155,9 +155,9 @@ impl ComputerFacts {
                 .follows(
                     "one that runs away takes the computer with it; the loop sleeps in each cycle and needs no more",
                 )
-                .mend("sudo sysctl kernel.sched_rt_runtime_us=950000"),
+                .fix("sudo sysctl kernel.sched_rt_runtime_us=950000"),
             Some(0) => Check::wrong(subject, "real-time threads get no time at all")
-                .mend("sudo sysctl kernel.sched_rt_runtime_us=950000"),
+                .fix("sudo sysctl kernel.sched_rt_runtime_us=950000"),
             Some(us) => Check::ok(subject, format!("real-time threads have {} ms of each second at most", us / 1000)),
         }
     }
@@ -193,7 +193,7 @@ mod tests {
         let asleep =
             Readiness { deepest_idle: Some(("C6".to_owned(), Duration::from_micros(133))), ..good().readiness };
         let hpet = vec!["tsc".to_owned(), "hpet".to_owned()];
-        for (facts, subject, mend) in [
+        for (facts, subject, fix) in [
             (ComputerFacts { readiness: stock, ..good() }, "kernel", None),
             (ComputerFacts { readiness: asleep, ..good() }, "idle", Some("sudo cpupower idle-set -D 100")),
             (
@@ -221,8 +221,8 @@ mod tests {
             ),
         ] {
             let bad: Vec<Check> = facts.checks(ms).into_iter().filter(|check| check.verdict != Verdict::Ok).collect();
-            let named: Vec<_> = bad.iter().map(|check| (check.subject, check.mend.as_deref())).collect();
-            assert_eq!(named, [(subject, mend)]);
+            let named: Vec<_> = bad.iter().map(|check| (check.subject, check.fix.as_deref())).collect();
+            assert_eq!(named, [(subject, fix)]);
         }
     }
 

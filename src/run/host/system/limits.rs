@@ -52,7 +52,7 @@ impl Limits {
                 "the loop competes with everything else. The command is for this shell; for good write `rtprio 80` for this \
                  user into /etc/security/limits.d, or LimitRTPRIO=80 into the unit",
             )
-            .mend(format!("sudo prlimit --pid $$ --rtprio={PRIORITY}")),
+            .fix(format!("sudo prlimit --pid $$ --rtprio={PRIORITY}")),
         };
         let bytes =
             |limit: Option<u64>| limit.map_or_else(|| "no limit".to_owned(), |limit| format!("{} KiB", limit / 1024));
@@ -66,7 +66,7 @@ impl Limits {
                 "the loop may wait for a page. The command is for this shell; for good write `memlock unlimited` for this user \
                  into /etc/security/limits.d, or LimitMEMLOCK=infinity into the unit",
             )
-            .mend("sudo prlimit --pid $$ --memlock=unlimited"),
+            .fix("sudo prlimit --pid $$ --memlock=unlimited"),
         };
         [priority, memory]
     }
@@ -96,9 +96,9 @@ mod tests {
         };
         let [priority, memory] = limits.checks();
         assert_eq!((priority.subject, priority.verdict), ("priority", Verdict::Wrong));
-        assert_eq!(priority.mend.as_deref(), Some("sudo prlimit --pid $$ --rtprio=80"));
+        assert_eq!(priority.fix.as_deref(), Some("sudo prlimit --pid $$ --rtprio=80"));
         assert!(priority.found.ends_with("; rtprio limit 0"), "{}", priority.found);
-        assert_eq!(memory.mend.as_deref(), Some("sudo prlimit --pid $$ --memlock=unlimited"));
+        assert_eq!(memory.fix.as_deref(), Some("sudo prlimit --pid $$ --memlock=unlimited"));
         assert!(memory.found.ends_with("; memlock limit 8192 KiB"), "{}", memory.found);
     }
 
@@ -107,7 +107,7 @@ mod tests {
         // Whether it is granted is up to this computer; that the question is asked and answered is not.
         let limits = limits();
         let [priority, memory] = limits.checks();
-        assert_eq!(priority.mend.is_none(), limits.priority.is_ok());
-        assert_eq!(memory.mend.is_none(), limits.memory.is_ok());
+        assert_eq!(priority.fix.is_none(), limits.priority.is_ok());
+        assert_eq!(memory.fix.is_none(), limits.memory.is_ok());
     }
 }

@@ -92,7 +92,7 @@ pub fn coalescing_check(name: &str, found: Result<Coalescing, CardError>) -> Che
     match found {
         Err(CardError::Missing) => Check::wrong(subject, format!("there is no network card `{name}`"))
             .follows("this command lists those that there are")
-            .mend("ip -brief link"),
+            .fix("ip -brief link"),
         Err(error) => Check::unknown(subject, format!("`{name}`: {error}")),
         Ok(Coalescing { receive_us: 0, transmit_us: 0, is_adaptive: false }) => {
             Check::ok(subject, "none: each frame is reported at once")
@@ -103,7 +103,7 @@ pub fn coalescing_check(name: &str, found: Result<Coalescing, CardError>) -> Che
             let off = if is_adaptive { " adaptive-rx off adaptive-tx off" } else { "" };
             Check::warning(subject, found)
                 .follows("frames of a cycle are reported late by up to that")
-                .mend(format!("sudo ethtool -C {name}{off} rx-usecs 0 tx-usecs 0"))
+                .fix(format!("sudo ethtool -C {name}{off} rx-usecs 0 tx-usecs 0"))
         }
     }
 }
@@ -116,10 +116,10 @@ mod tests {
     #[test]
     fn a_card_that_waits_is_told_not_to() {
         let check = coalescing_check("eth1", Ok(Coalescing { receive_us: 3, ..Coalescing::default() }));
-        assert_eq!(check.mend.as_deref(), Some("sudo ethtool -C eth1 rx-usecs 0 tx-usecs 0"));
+        assert_eq!(check.fix.as_deref(), Some("sudo ethtool -C eth1 rx-usecs 0 tx-usecs 0"));
         let check = coalescing_check("eth1", Ok(Coalescing { is_adaptive: true, ..Coalescing::default() }));
         assert_eq!(
-            check.mend.as_deref(),
+            check.fix.as_deref(),
             Some("sudo ethtool -C eth1 adaptive-rx off adaptive-tx off rx-usecs 0 tx-usecs 0")
         );
         assert_eq!(coalescing_check("eth1", Ok(Coalescing::default())).verdict, Verdict::Ok);

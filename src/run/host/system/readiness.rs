@@ -97,7 +97,7 @@ impl Readiness {
                 let found = format!("{name} takes {} us to wake up from", latency.as_micros());
                 Check::warning("idle", found)
                     .follows("that is more than a tenth of the cycle; the command switches such states off until the next start")
-                    .mend(format!("sudo cpupower idle-set -D {most_us}"))
+                    .fix(format!("sudo cpupower idle-set -D {most_us}"))
             }
             Some((name, latency)) => {
                 Check::ok("idle", format!("{name} takes {} us to wake up from", latency.as_micros()))
@@ -123,7 +123,7 @@ impl Readiness {
         match commands.collect::<Vec<_>>().join(" && ") {
             commands if commands.is_empty() => Check::ok(subject, found),
             commands => {
-                Check::warning(subject, found).follows(format!("not below the loop at {PRIORITY}")).mend(commands)
+                Check::warning(subject, found).follows(format!("not below the loop at {PRIORITY}")).fix(commands)
             }
         }
     }
@@ -134,7 +134,7 @@ impl Readiness {
             None => Check::unknown(subject, "who takes over when many frames come is unknown"),
             Some((name, 0)) => Check::warning(subject, format!("{name} is a program like any other"))
                 .follows("when many frames come they wait for it")
-                .mend("for pid in $(pgrep ksoftirqd); do sudo chrt -f -p 49 $pid; done"),
+                .fix("for pid in $(pgrep ksoftirqd); do sudo chrt -f -p 49 $pid; done"),
             Some((name, priority)) => Check::ok(subject, format!("{name} at priority {priority}")),
         }
     }

@@ -117,7 +117,7 @@ fn judged(
     all.extend(without.map(|why| {
         Check::wrong("process data", format!("ethercrab cannot set them up: {why}"))
             .follows("this shows what the first device exchanges; compare each device with its data sheet")
-            .mend(format!("yieldwall pdo show 0{arguments}"))
+            .fix(format!("yieldwall pdo show 0{arguments}"))
     }));
     let mut sections = Vec::new();
     if !all.is_empty() {
@@ -139,7 +139,7 @@ fn unread(about: &str, why: String, arguments: &str) -> Section {
             "nothing was compared. This program has read the same devices: its own sections say what is wrong with them. \
              ethercrab takes memory chips for whole: this lists damaged parts",
         )
-        .mend(format!("yieldwall sii check{arguments}"));
+        .fix(format!("yieldwall sii check{arguments}"));
     Section::new(about, Exit::DeviceMismatch, vec![check])
 }
 
@@ -164,7 +164,7 @@ fn check(difference: &Difference, arguments: &str) -> Check {
     let Difference { position, subject, own, other } = difference;
     let found = format!("this program reads {own}, ethercrab {other}");
     let of_device = |command: &str| format!("yieldwall {command} {}{arguments}", position.unwrap_or_default());
-    let (follows, mend) = match subject {
+    let (follows, fix) = match subject {
         Subject::Devices => (
             "a device or a link came or went between both readings: look at supply and cables, then ask again",
             format!("yieldwall scan{arguments}"),
@@ -198,7 +198,7 @@ fn check(difference: &Difference, arguments: &str) -> Check {
             of_device("dc"),
         ),
     };
-    Check::wrong(subject.word(), found).follows(follows).mend(mend)
+    Check::wrong(subject.word(), found).follows(follows).fix(fix)
 }
 
 /// Reports devices that were not restored.
@@ -207,7 +207,7 @@ fn not_given_back(failed: Vec<Failure>, arguments: &str) -> Vec<Check> {
     let check = |message: String| {
         Check::wrong("given back", message)
             .follows("switch the device off and on, or take all to INIT")
-            .mend(format!("yieldwall state all init --take-over{arguments}"))
+            .fix(format!("yieldwall state all init --take-over{arguments}"))
     };
     findings.map(|finding| check(finding.message)).collect()
 }

@@ -385,7 +385,7 @@ fn differences_and_a_failure_are_wrong_with_the_next_command() {
     );
     let [check] = &section.checks[..] else { panic!("{section:?}") };
     assert_eq!(check.found, "this program reads 00000402h, ethercrab 00000403h");
-    assert_eq!(check.mend.as_deref(), Some("yieldwall sii check 0 --bus eth0"));
+    assert_eq!(check.fix.as_deref(), Some("yieldwall sii check 0 --bus eth0"));
     let hung = Err(NoAnswer::Hung(Duration::from_secs(60)));
     let sections = judged("second opinion on eth0", &[literal()], &hung, words, " --bus eth0");
     assert!(sections[0].is_wrong() && sections[0].checks[0].found.contains("did not end within 60 s"), "{sections:?}");
