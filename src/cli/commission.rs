@@ -40,7 +40,7 @@ pub(super) struct Arguments {
     #[cfg_attr(target_os = "linux", arg(conflicts_with = "bus"))]
     #[arg(long, value_name = "NAME[=SIZE][:left|right]")]
     defect: Vec<String>,
-    /// Ask nothing; on a bus, skip the steps that need a person at the arm
+    /// Ask nothing: the joints still move; skip what only a person can judge
     #[arg(long)]
     yes: bool,
     /// Write the report as an HTML page with the curves

@@ -7,7 +7,7 @@ use yieldwall_run::Pace;
 pub(super) enum PaceArgument {
     /// The wall clock
     Free,
-    /// Each other: time advances by one period per SYNC, on EtherCAT per frame that reads process data, at any computer speed
+    /// Master and simulated devices wait for each other: one period per SYNC, on EtherCAT per frame that reads process data
     Lockstep,
 }
 

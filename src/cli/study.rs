@@ -28,7 +28,7 @@ pub(super) struct Arguments {
     name: String,
     /// For `need`: your own rig or impedance device, whose scene states a `tolerance`, instead of the shipped scenes
     ///
-    /// The command runs each model that the rig and its scene can have, from a tool without an arm to elastic gears. It prints the
+    /// The command runs each model that the rig and its scene can have, from the simplest (no arm) to the fullest (elastic gears). It prints the
     /// cheapest model that changes no output of the scene by more than its tolerance, with the lines of your files for that model.
     /// Its results are in DIR/need-own, and each run computes them again.
     #[arg(value_name = "RIG.yaml", conflicts_with_all = ["page", "shard", "slurm", "missing"])]

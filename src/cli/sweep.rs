@@ -24,7 +24,7 @@ pub(super) struct Arguments {
     /// commas within brackets belong to the value.
     #[arg(long, value_name = "KEY=A,B,..", required = true, value_parser = SetValues::read)]
     set: Vec<SetValues>,
-    /// Runs of each combination, with seeds from the scene's seed on; from six runs on, medians have 95 % intervals
+    /// Runs of each combination, with seeds from the scene's seed on; with six or more, medians get 95 % intervals
     #[arg(long, value_name = "N", default_value = "1", value_parser = at_least_one::<NonZeroU32>)]
     seeds: NonZeroU32,
     /// Seconds to run; default: the scene's duration

@@ -265,7 +265,7 @@ impl Study for Hold {
     }
 
     fn about(&self) -> &'static str {
-        "automatic hold against fixed N_wait: who breaks through at an impact, how long a push that is meant waits"
+        "automatic hold against fixed N_wait: which impacts break through, how long an intended push is delayed"
     }
 
     fn sweeps(&self) -> &[Box<dyn Sweep>] {
