@@ -15,11 +15,11 @@ const TARGET_RAD: f64 = 1.0;
 /// `H`, at least 1.3 v/(2 a) for no overshoot: with the peak speed v of 4.5 rad/s and the deceleration a of 20 rad/s^2.
 const SLIDING_TIME_S: f64 = 0.15;
 
-/// What a move of one joint shows.
+/// Result of one move of the joint.
 struct Move {
     overshoot_rad: f64,
     greatest_torque_n_m: f64,
-    /// What is left after two seconds.
+    /// Error that remains after two seconds.
     error_rad: f64,
 }
 

@@ -28,8 +28,8 @@ pub(super) enum Action {
     Product,
     /// The revision has to be one that the profile is for.
     Revision,
-    /// A state: the object has to hold this value, except the bits of `kept`, which stay as the device has them or are set where it refuses
-    /// the value without them. It is written if it holds another one.
+    /// A state: the object has to hold this value, except the bits of `kept`. These bits stay as the device has them; if it refuses the
+    /// value without them, they are set. The object is written if it holds another value.
     State { value: u32, kept: u32 },
     /// A command: the object is written whatever it holds, since the write itself has an effect, or since the device changes the object by
     /// itself.
@@ -157,8 +157,8 @@ impl Step {
     }
 }
 
-/// The objects of a device that its boot may write, but those that stay as it writes them: of a brake, the home offset, the zero of a sensor,
-/// and bits that would make a node a producer.
+/// Objects of a device that its boot may write, except those that keep the boot's value. The exceptions are the objects of a brake,
+/// the home offset, the zero of a sensor, and bits that would make a node a producer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Written {
     /// The bus that it is on.
@@ -171,7 +171,7 @@ pub struct Written {
     pub objects: Vec<Address>,
 }
 
-/// What stays in a device as the boot has written it: a brake is closed, a position refers to home by its offset, and a sensor keeps its zero.
+/// Steps whose result stays in a device: a brake is closed, a position refers to home by its offset, and a sensor keeps its zero.
 const STAYS: [&str; 3] = [CLOSE_THE_BRAKE, SET_HOME, ZERO];
 const ZERO: &str = "zero the sensor";
 const CLOSE_THE_BRAKE: &str = "close the brake";
@@ -389,7 +389,7 @@ pub(super) fn operation(mode: CommandMode, homing: Option<HomingOrder>) -> Opera
     homing.map_or(mode.operation_mode(), |_| OperationMode::Homing)
 }
 
-/// What a drive is told that is to home.
+/// Adds the steps that prepare a drive for homing; without an order it adds none.
 pub(super) fn homing(
     profile: &DeviceProfile,
     servo: &Servo,
@@ -407,7 +407,7 @@ pub(super) fn homing(
     Ok(())
 }
 
-/// What the drive does when something is wrong, as far as `reactions` say it, and what else its profile sets.
+/// Adds the steps that set the reaction to a lost master, the quick stop, and the other settings of the profile.
 pub(super) fn settings<'a>(
     servo: &'a Servo,
     lost_master: impl IntoIterator<Item = &'a Setting>,
@@ -451,8 +451,8 @@ pub(super) fn mode(
     Ok(())
 }
 
-/// The value of a part of the cycle time, for a drive with this power of ten: the drive's own stays where it can say the period, and nothing
-/// is returned for it then.
+/// Returns one part of the cycle time, its value or its exponent, for a drive with this power of ten. If the drive's own exponent can
+/// express the period, that exponent stays, and the function returns `None` for it.
 pub(super) fn cycle_time(period_us: u32, exponent: Option<i8>, part: CyclePart) -> Result<Option<u32>, BootFailure> {
     if let Some(value) = exponent.and_then(|exponent| in_units(period_us, exponent)) {
         return Ok((part == CyclePart::Value).then_some(value));

@@ -301,8 +301,8 @@ impl Source {
         Some(format!("did you mean `{BUILTIN_PREFIX}{meant}`?"))
     }
 
-    /// Returns help for a path that does not exist: the YAML file in the same folder with the nearest name, the file inside the
-    /// program, or all YAML files of the folder.
+    /// Returns help for a path that does not exist. The help names the YAML file in the same folder with the nearest name, the file
+    /// inside the program, or all YAML files of the folder.
     fn nearby(&self) -> String {
         let parent = match self.path.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,

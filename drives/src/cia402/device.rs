@@ -9,8 +9,8 @@ pub struct Transition(pub u8);
 /// Option codes of a drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OptionCodes {
-    /// Value of 605Ah. 0 to 4 end in Switch On Disabled: 0 torque off, 1 slow ramp, 2 quick ramp, 3 current limit, 4 voltage
-    /// limit. 5 to 8 are the four ramps again, and stay in Quick Stop Active.
+    /// Value of 605Ah. Values 0 to 4 end in Switch On Disabled: 0 torque off, 1 slow ramp, 2 quick ramp, 3 current limit, 4 voltage
+    /// limit. Values 5 to 8 are the four ramps again, and stay in Quick Stop Active.
     pub quick_stop: i16,
     /// 605Bh: 0 torque off, 1 slow ramp first (transition 8).
     pub shutdown: i16,

@@ -28,12 +28,12 @@ pub use concise::{ConciseEntry, ConciseError, concise, is_concise, read_concise}
 
 /// Largest file that is read, in bytes.
 pub const MAX_BYTES: usize = 4 << 20;
-/// Most oddities that are told of one file.
+/// Largest number of oddities that are reported for one file.
 pub const MAX_FINDINGS: usize = 1000;
 /// Most entries that a file may have: as many as a full `CompactSubObj` of some hundred arrays.
 pub const MAX_ENTRIES: usize = 100_000;
 
-/// What a data sheet says of its device.
+/// Contents of a data sheet.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Eds {
     /// Vendor, product and what it supports.
@@ -89,7 +89,7 @@ pub struct Node {
 pub struct Module {
     /// Name of the product.
     pub name: String,
-    /// What it is ordered by.
+    /// Code for ordering the product.
     pub order_code: String,
     /// Objects that are there once such a module is plugged in, by index.
     pub fixed: BTreeMap<u16, Object>,
@@ -102,7 +102,7 @@ pub struct Module {
 pub struct Extension {
     /// Index of the object.
     pub index: u16,
-    /// What each of the entries is.
+    /// Description that each of the entries has.
     pub entry: Entry,
     /// How much each module adds.
     pub adds: Adds,
@@ -124,7 +124,7 @@ pub enum Adds {
 pub struct Object {
     /// Name.
     pub name: String,
-    /// What it is.
+    /// Kind of the object.
     pub kind: Kind,
     /// Entries by sub-index; a variable has the one at 0.
     pub entries: BTreeMap<u8, Entry>,
@@ -132,7 +132,7 @@ pub struct Object {
     pub line: usize,
 }
 
-/// What an object is; the numbers are those of CiA 301.
+/// Kind of an object; the numbers are those of CiA 301.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// A block of bytes.
@@ -156,7 +156,7 @@ pub struct Entry {
     pub name: String,
     /// Data type by its index, as 0007h for UNSIGNED32.
     pub data_type: u16,
-    /// Who may read and write it.
+    /// Permission to read and write it.
     pub access: Access,
     /// Value after a reset.
     pub default: Option<Value>,
@@ -174,7 +174,7 @@ pub struct Entry {
     pub line: usize,
 }
 
-/// Who may read and write an entry.
+/// Permission to read and write an entry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
     /// Read, and it never changes.
@@ -234,9 +234,9 @@ pub struct Finding {
     pub line: usize,
     /// How much it matters.
     pub level: Level,
-    /// What is there.
+    /// Description of the oddity.
     pub message: String,
-    /// What is made of it, or what to write.
+    /// How the reader treats it, or text to write in its place.
     pub help: &'static str,
 }
 

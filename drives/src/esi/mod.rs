@@ -31,7 +31,7 @@ pub const MAX_SLOTS: usize = 255;
 /// Longest text of an element, in bytes.
 pub const MAX_TEXT: usize = 1 << 16;
 
-/// What a file says.
+/// Contents of a device description file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Esi {
     /// Vendor: its number, 1018h:1.
@@ -61,7 +61,7 @@ pub struct Device {
     pub group: String,
     /// Number of the device profile, as 402.
     pub profile: Option<u32>,
-    /// What its FMMUs are for: `Outputs`, `Inputs`, `MBoxState`.
+    /// Purposes of its FMMUs: `Outputs`, `Inputs`, `MBoxState`.
     pub fmmus: Vec<String>,
     /// Sync managers, in order.
     pub sync_managers: Vec<SyncManager>,
@@ -71,7 +71,7 @@ pub struct Device {
     pub tx_pdos: Vec<Pdo>,
     /// Places for modules.
     pub slots: Vec<Slot>,
-    /// What its CoE can do; `None` without CoE.
+    /// Abilities of its CoE; `None` without CoE.
     pub coe: Option<Coe>,
     /// Ways to work with distributed clocks.
     pub op_modes: Vec<OpMode>,
@@ -175,15 +175,15 @@ pub struct Pdo {
     pub name: String,
     /// Sync manager that carries it as delivered.
     pub sync_manager: Option<u8>,
-    /// What it holds cannot be changed.
+    /// Whether its contents cannot be changed.
     pub is_fixed: bool,
-    /// It has to be exchanged.
+    /// Whether it has to be exchanged.
     pub is_mandatory: bool,
     /// Whether index and `excludes` of a module's process data object depend on its slot.
     pub depends_on_slot: bool,
     /// Others that cannot be exchanged with it.
     pub excludes: Vec<u16>,
-    /// What it holds.
+    /// Objects that it carries.
     pub entries: Vec<PdoEntry>,
 }
 
@@ -204,18 +204,18 @@ pub struct PdoEntry {
     pub depends_on_slot: bool,
 }
 
-/// What the CoE of a device can do.
+/// Abilities of the CoE of a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Coe {
-    /// SDO information.
+    /// Whether it supports SDO information.
     pub information: bool,
-    /// Which process data objects are exchanged can be chosen.
+    /// Whether the master can choose the process data objects that are exchanged.
     pub pdo_assign: bool,
-    /// What they hold can be chosen.
+    /// Whether the master can choose the contents of the process data objects.
     pub pdo_configuration: bool,
-    /// Complete access.
+    /// Whether it supports complete access.
     pub complete_access: bool,
-    /// Segmented transfers.
+    /// Whether it supports segmented transfers.
     pub segmented: bool,
 }
 
@@ -224,7 +224,7 @@ pub struct Coe {
 pub struct OpMode {
     /// Name.
     pub name: String,
-    /// What is written to 0980h and 0981h.
+    /// Value for registers 0980h and 0981h.
     pub assign_activate: u16,
     /// Cycle of SYNC0 in ns; 0 for that of the master.
     pub sync0_cycle_ns: u32,
@@ -257,7 +257,7 @@ pub enum EsiError {
     Xml {
         /// Line.
         line: usize,
-        /// What the XML reader says.
+        /// Message of the XML reader.
         what: String,
     },
     /// It brings a document type or an entity of its own.
@@ -265,7 +265,7 @@ pub enum EsiError {
     Refused {
         /// Line.
         line: usize,
-        /// What is refused.
+        /// Name of the refused item.
         what: &'static str,
     },
     /// Too deep, too long or too many.
@@ -273,9 +273,9 @@ pub enum EsiError {
     TooMuch {
         /// Line.
         line: usize,
-        /// Of what.
+        /// Name of the limited quantity.
         what: &'static str,
-        /// How many there may be.
+        /// Largest allowed number.
         most: usize,
     },
     /// A number that is none, or too large for what it means.
@@ -285,7 +285,7 @@ pub enum EsiError {
         line: usize,
         /// Element or attribute.
         element: &'static str,
-        /// What it says, shortened, without control characters.
+        /// Text of the element or attribute, shortened, without control characters.
         text: String,
         /// Greatest number there.
         most: u64,

@@ -15,8 +15,8 @@ use yieldwall_motion::guard::DeviceSet;
 /// So many heartbeats of one node ...
 const HEARTBEATS_OF_TWO: usize = 4;
 /// ... within this many of its periods come from two nodes. A single node takes at least three periods less the delay of the
-/// first heartbeat. A delay of one and a quarter periods, with every later heartbeat in time, does not occur: on a bus that was
-/// blocked for that long the process data are missing too.
+/// first heartbeat. That delay does not reach one and a quarter periods while every later heartbeat is in time: a bus that was
+/// blocked for that long loses process data too.
 const PERIODS_OF_TWO: f64 = 1.75;
 /// More SDO answers than requests by so many are those of two nodes. CAN itself doubles a frame whose last bit is disturbed
 /// (CAN 2.0, end of frame), but rarely.

@@ -113,7 +113,7 @@ fn service_address(station: u16, register: u16) -> u32 {
     frame::address(station, register)
 }
 
-/// Who waits for the frame that was asked beside the cycle.
+/// Requester of the service frame, which is sent in addition to the frames of the cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Asked {
     BringUp,
@@ -140,7 +140,7 @@ pub struct EthercatNetwork {
     /// Station address of the reference clock, if a device has one.
     reference: Option<u16>,
     flight: Flight,
-    /// Who waits for the service frame, and since when.
+    /// Requester of the service frame that is under way, and the time when it was sent.
     asked: Option<(Asked, Time)>,
     bring_up: BringUp,
     servo: GridServo,
@@ -250,12 +250,12 @@ impl EthercatNetwork {
         self.bus
     }
 
-    /// Where the network stands.
+    /// Returns the phase of the network.
     pub fn phase(&self) -> &Phase {
         &self.phase
     }
 
-    /// What has become of the frames.
+    /// Returns the frame counters.
     pub fn counts(&self) -> SegmentCounts {
         self.flight.counts
     }
@@ -265,8 +265,8 @@ impl EthercatNetwork {
         self.is_silent
     }
 
-    /// Whether the drives are being stopped. Where somebody else has written to the devices, they are asked for SAFE-OP then: there a drive
-    /// takes no outputs, whoever sends them.
+    /// Sets whether the drives are being stopped. If another master has written to the devices, this master then requests SAFE-OP: in that
+    /// state a drive takes no outputs, whoever sends them.
     ///
     /// Real-time: yes.
     pub(crate) fn set_stopping(&mut self, is_stopping: bool) {
@@ -278,13 +278,13 @@ impl EthercatNetwork {
         self.leaves_op = true;
     }
 
-    /// Falls silent, or goes on when a person has the exchange go on.
+    /// Stops sending, or resumes when a person resumes the exchange.
     pub fn set_silent(&mut self, is_silent: bool) {
         self.is_silent = is_silent;
     }
 
-    /// Has frames bear this source address. It has to be another one than that of any other master ([`frame::source`]); without a call it is
-    /// [`frame::SOURCE`], for a segment where there can be none.
+    /// Sets the source address of the frames. It has to differ from the address of any other master ([`frame::source`]). The default is
+    /// [`frame::SOURCE`], for a segment that cannot have another master.
     pub fn set_source(&mut self, source: [u8; 6]) {
         self.flight.set_source(source);
     }
@@ -294,28 +294,28 @@ impl EthercatNetwork {
         self.servo = self.servo.in_lockstep();
     }
 
-    /// State and AL status code of a device as it told them last; `None` for one that is not on the segment.
+    /// Returns the state and the AL status code that a device reported last; `None` if the device is not on the segment.
     pub fn al_status(&self, device: Device) -> Option<(AlStatus, AlStatusCode)> {
         self.station(device).map(|station| (station.status, station.code))
     }
 
-    /// How often inputs of a device did not come and it did not take its outputs, in the cycles of whoever runs them; `None` for one that is
-    /// not on the segment.
+    /// Returns how often a device's inputs did not come, and how often it did not take its outputs. All cycles count, whoever runs them.
+    /// `None` if the device is not on the segment.
     pub fn missed(&self, device: Device) -> Option<(u64, u64)> {
         self.station(device).map(|station| (station.inputs_missed, station.outputs_missed))
     }
 
-    /// What the devices told last, at most eight, the oldest first.
+    /// Returns the last emergency reports of the devices, at most eight, the oldest first.
     pub fn told(&self) -> impl Iterator<Item = EmergencyReport> {
         self.told.iter()
     }
 
-    /// Forgets what the devices told.
+    /// Forgets the emergency reports of the devices.
     pub(super) fn forget_told(&mut self) {
         self.told.forget();
     }
 
-    /// The objects that the boot writes, of each device.
+    /// Returns the objects that the boot writes, of each device.
     pub(crate) fn written(&self) -> impl Iterator<Item = Written> + '_ {
         let of = |station: &Station| {
             let StationSetup { position, name, .. } = &station.setup;
@@ -324,7 +324,7 @@ impl EthercatNetwork {
         self.stations.iter().map(of)
     }
 
-    /// What is wrong with the devices since the network was started, a line each, for reports: states, clocks, ports, frames.
+    /// Returns the faults of the devices since the network was started, a line each, for reports: states, clocks, ports, frames.
     pub fn findings(&self) -> Vec<String> {
         let title = |position: u16| {
             let station = self.stations.iter().find(|station| station.setup.position == position);
@@ -542,7 +542,7 @@ impl EthercatNetwork {
         }
     }
 
-    /// Notes what the interface to the segment tells; the next cycle acts on it.
+    /// Notes an event of the interface to the segment; the next cycle acts on it.
     ///
     /// Real-time: yes.
     pub fn on_link(&mut self, event: LinkEvent) {
@@ -574,8 +574,9 @@ impl EthercatNetwork {
         self.stations.iter().fold(DeviceSet::NONE, |all, station| all | station.setup.devices)
     }
 
-    /// Leaves the network: devices that were led farther than INIT go to PRE-OP, where nobody waits for outputs; where somebody else is on the
-    /// segment, those alone that are in SAFE-OP since this master has asked for it. For a rig that was stopped, or did not come up.
+    /// Leaves the network, for a rig that was stopped or did not come up. Devices that this master has taken beyond INIT go to PRE-OP,
+    /// where no watchdog waits for outputs. If another master is on the segment, only the devices that are in SAFE-OP at this master's
+    /// request go there.
     pub fn leave(&mut self, out: &mut impl EthernetOutbox) {
         let is_ours = std::mem::take(&mut self.is_ours);
         let is_left = |status: AlStatus| self.has_defended && status.state() == Some(AlState::SafeOperational);

@@ -84,7 +84,7 @@ fn reasons(modes: &[(OperationMode, &'static str)]) -> String {
     modes.iter().map(|(mode, reason)| format!("{mode:?}: {reason}")).collect::<Vec<_>>().join(", ")
 }
 
-/// What a drive can do, as far as it shows in Switch On Disabled.
+/// Abilities of a drive, as far as they show in Switch On Disabled.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Survey {
     /// Whether it is on EtherCAT.
@@ -107,7 +107,7 @@ pub struct Survey {
     pub rpdos: Vec<Vec<Carrier>>,
     /// The PDOs by which statusword and position come; on CANopen one, empty if there is none.
     pub tpdos: Vec<Carrier>,
-    /// Those that it says it has, and does not take or map, with the reason.
+    /// Modes that it lists but does not take or map, with the reason.
     pub refused_modes: Vec<(OperationMode, &'static str)>,
     /// Entries that one RPDO can carry.
     pub mapping_entries: u8,
@@ -137,7 +137,7 @@ pub struct Survey {
     pub slowest: Duration,
     /// Objects whose values have another length than the standard says: bytes sent, and meant.
     pub lengths: Vec<(Address, usize, usize)>,
-    /// What it showed of its objects, in the order in which it was asked.
+    /// Readings of its objects, in the order of the requests.
     pub told: Vec<(Address, ObjectReading)>,
 }
 
@@ -195,9 +195,9 @@ pub fn originals(objects: &mut dyn TrialAccess) -> Result<Vec<(Address, Vec<u8>)
     Ok(values)
 }
 
-/// Tries out what a drive can do. Afterwards its objects have their values of before again, `originals`, also after a failure. What
-/// a data sheet declares saves asking, as long as the drive does not contradict it. A device description, with the process data of its modules, says
-/// at which indices there are PDOs, and which ones are exchanged where the drive exchanges none yet.
+/// Tries out what a drive can do. Afterwards its objects have their values of before again, `originals`, also after a failure. A
+/// data sheet's declaration saves a trial, as long as the drive does not contradict it. A device description, with the process data of
+/// its modules, gives the indices of the PDOs. It also names the PDOs to exchange where the drive exchanges none yet.
 ///
 /// # Errors
 /// If the device falls silent, lacks what a master needs, or does not take back a value.

@@ -56,18 +56,18 @@ const PATTERN: [(u16, u8); 16] = [
     (0x1800, 0),
 ];
 
-/// What was heard and answered around one node.
+/// Observations on the bus around one node, and its answers.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NodeFacts {
     /// The node.
     pub node: NodeId,
-    /// What the interface told meanwhile.
+    /// State of the interface meanwhile.
     pub link: LinkFacts,
-    /// Frames of others, before anything was asked.
+    /// Frames of other nodes, before the first request.
     pub frames: u64,
     /// Nodes other than this one that were heard or answered.
     pub others: NodeSet,
-    /// Those of them that answered an SDO request.
+    /// Nodes other than this one that answered an SDO request.
     pub answered: NodeSet,
     /// Frames that the node sent by itself.
     pub own_frames: u64,
@@ -79,19 +79,19 @@ pub struct NodeFacts {
     pub foreign_requests: u64,
     /// Frames under the identifier of its SDO answers, before anything was asked.
     pub unasked: u64,
-    /// What was read of it, one after the other; empty where nothing was asked.
+    /// Readings of the node, one after the other; empty if nothing was requested.
     pub asked: Vec<Probe>,
     /// Identifiers under which something was sent here.
     pub sent: Vec<u16>,
     bus: BusId,
 }
 
-/// What the interface told.
+/// State that the interface reported.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LinkFacts {
-    /// Its controller has left the bus.
+    /// Whether its controller has left the bus.
     pub is_bus_off: bool,
-    /// Nobody acknowledges what it sends.
+    /// Whether no node acknowledges its frames.
     pub is_unheard: bool,
     /// Frames that were destroyed on the wire.
     pub bus_errors: u32,
@@ -190,7 +190,7 @@ fn ask_others<L: CanLink>(service: &mut Service<L>, facts: &mut NodeFacts) -> Re
 }
 
 impl NodeFacts {
-    /// Of a node of a bus of which nothing is known.
+    /// Creates the facts of a node of which nothing is known yet.
     pub fn new(node: NodeId, bus: BusId) -> Self {
         Self {
             node,

@@ -20,22 +20,22 @@ use super::substeps::equal_steps;
 use yieldwall_motion::linkage::{Dynamics, FiveBar, GeometryError, LinkageError, MassModel, Posture};
 use yieldwall_motion::quantity::{JointAngles, JointRates, JointTorques, TipPoint, TipVelocity};
 
-/// The simulation stops where the tool would move this many times faster than the elbows: about 1/30 rad before the
-/// distal links lie on one line (type 2), where the motors lose the tool and steps of any length overshoot.
+/// Largest ratio of the tool's speed to the elbows' speed; the simulation stops there. An arm reaches it about 1/30 rad
+/// before the distal links lie on one line (type 2). On that line the motors lose the tool, and steps of any length overshoot.
 const TRANSMISSION_LIMIT: f64 = 30.0;
 
 /// Dry friction of a blocked joint in N m, far beyond any motor.
 const BLOCKING_N_M: f64 = 1e6;
 
-/// What is wrong with an arm or with its motion. After an error of the motion the state is that before the step.
+/// Error in an arm's parameters or in its motion. After an error in the motion the arm keeps the state from before the step.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum ArmError {
     /// A quantity of the arm is out of its range.
     #[error("the arm has a {name} of {value}")]
     BadParameter {
-        /// Which quantity, with its unit and range.
+        /// Name of the quantity, with its unit and range.
         name: &'static str,
-        /// What was given.
+        /// Value that was given.
         value: f64,
     },
     /// The mass model is not that of a machine.
@@ -46,7 +46,7 @@ pub enum ArmError {
     Linkage {
         /// Beginning of the step that failed, in s.
         time_s: f64,
-        /// What the linkage says.
+        /// Error that the linkage reports.
         source: LinkageError,
     },
     /// The distal links are almost on one line or on each other, so that the motors hardly hold the tool.
@@ -91,7 +91,7 @@ pub struct JointElasticity {
     pub motor_share: f64,
 }
 
-/// What an arm is made of.
+/// Geometry, masses, friction and elasticity of an arm.
 #[derive(Clone, Copy, Debug)]
 pub struct ArmParameters {
     /// Geometry.
@@ -121,12 +121,12 @@ pub struct TipMotion {
 
 /// The arm and its state.
 ///
-/// It may pass a posture in which a chain is stretched or folded (type 1), as a real arm does; it refuses to come near
-/// one in which the distal links lie on one line (type 2). It has no stops at the ends of a joint's range.
+/// As a real arm does, it may pass a posture in which a chain is stretched or folded (type 1). The simulation stops near a
+/// posture in which the distal links lie on one line (type 2). The arm has no stops at the ends of a joint's range.
 #[derive(Clone, Debug)]
 pub struct Arm {
     linkage: FiveBar,
-    /// With what is attached to the tool, and without what lies before the springs.
+    /// Masses with the load attached to the tool, without the inertia that lies before the springs.
     mass: MassModel,
     coulomb_n_m: Vector2<f64>,
     /// Dry friction of the joints while nothing blocks them.
@@ -376,7 +376,7 @@ impl Arm {
     }
 }
 
-/// What is known at the middle of a step before its end rates are.
+/// Quantities at the middle of a step, computed before the rates at its end.
 struct Middle {
     angles: Vector2<f64>,
     dynamics: Dynamics,

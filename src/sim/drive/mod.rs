@@ -30,7 +30,7 @@ use yieldwall_fieldbus::canopen::{EmcyCode, ErrorRegister, Frame, Node, NodeId, 
 use yieldwall_fieldbus::objects::{Address, Object, ObjectDictionary, ServedDevice};
 use yieldwall_fieldbus::time::Time;
 
-/// What the drive knows about the joint angle.
+/// Form in which the drive knows the joint angle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoder {
     /// The angle itself in its own loop; counts only on the bus.
@@ -46,7 +46,7 @@ pub struct AxisSettings {
     pub scaling: AxisScaling,
     /// The loop that the drive closes itself.
     pub position_loop: PositionLoop,
-    /// What the drive knows about the angle.
+    /// Form in which the drive knows the angle.
     pub encoder: Encoder,
 }
 
@@ -63,13 +63,13 @@ pub struct DriveSettings {
     pub scaling: AxisScaling,
     /// The loop that the drive closes itself.
     pub position_loop: PositionLoop,
-    /// What the drive knows about the angle.
+    /// Form in which the drive knows the angle.
     pub encoder: Encoder,
-    /// What it does in a manner of its own.
+    /// Deviations of this drive that no profile describes.
     pub manner: DriveQuirks,
 }
 
-/// What a drive does in a manner of its own that no profile says, since a master gets along with all of it. Nothing by default.
+/// Deviations of a drive that no profile describes, since a master copes with all of them. By default there are none.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct DriveQuirks {
     /// It maps no dummy entries (06040041h), so that no bytes of an RPDO can be skipped.
@@ -170,11 +170,11 @@ fn axes<'a>(
 /// A simulated servo drive on a joint.
 ///
 /// The bus side is that of a device: [`Drive::boot`], [`Drive::on_frame`], [`Drive::poll`], [`Drive::next_deadline`].
-/// The physical side is [`Drive::measure`] in and [`Drive::torque_n_m`] out: give it the joint's motion at each moment
-/// before the frame or deadline of that moment, and read the torque afterwards; it is constant in between.
+/// The physical side is [`Drive::measure`] in and [`Drive::torque_n_m`] out. Pass the joint's motion at each moment
+/// before the frame or deadline of that moment, and read the torque afterwards. The torque is constant in between.
 ///
-/// In CST the torque of the last SYNC is held. In CSP the drive runs its own loop and draws a straight line from target
-/// to target over the interpolation period (60C2h), so that it is one period behind; in CSV it integrates the target.
+/// In CST the drive holds the torque of the last SYNC. In CSP the drive runs its own loop and draws a straight line from target
+/// to target over the interpolation period (60C2h), so that it is one period behind. In CSV it integrates the target.
 /// Without Operation Enabled there is no torque, except on the ramps that the option codes ask for.
 #[derive(Clone, Debug)]
 pub struct Drive {
@@ -247,8 +247,8 @@ impl Drive {
         self.is_powered = false;
     }
 
-    /// The joint's motion at this moment, in rad and rad/s. What is not finite, or too far away to count, is an encoder
-    /// fault (7305h), and the last good value stays.
+    /// Sets the joint's motion at this moment, in rad and rad/s. A value that is not finite, or too far away to count, causes an
+    /// encoder fault (7305h), and the last good value stays.
     pub fn measure(&mut self, angle_rad: f64, rate_rad_per_s: f64) {
         self.axes.front_mut().measure(angle_rad, rate_rad_per_s);
     }
@@ -315,10 +315,10 @@ impl Drive {
         }
     }
 
-    /// Takes a watch off the drive, as a model has it that lacks it or was delivered with it switched off: what it waits for
-    /// may stay away, and the drive goes on.
+    /// Disables a watchdog of the drive, as in a model that lacks it or was delivered with it switched off. The drive then goes
+    /// on when the frames that the watchdog waits for are missing.
     ///
-    /// The drive says so in 2010h, so that a master in lockstep, where no drill on the bus is possible, can refuse it.
+    /// The drive reports this in 2010h, so that a master in lockstep, where no drill on the bus is possible, can refuse it.
     pub fn ignore(&mut self, watchdog: Watchdog) {
         self.axes.each(|axis| {
             axis.lacks |= watchdog.bit();
@@ -335,8 +335,8 @@ impl Drive {
         }
     }
 
-    /// Has the drive take so long from a reset or from switching on to its boot-up message; it is deaf meanwhile. At once
-    /// unless set.
+    /// Sets the time from a reset or from switching on to the boot-up message; the drive is deaf meanwhile. By default the
+    /// message comes at once.
     pub fn set_reset_time(&mut self, time: Duration) {
         self.node.set_reset_time(time);
     }
@@ -346,43 +346,43 @@ impl Drive {
         self.node.set_sdo_time(time);
     }
 
-    /// Has the drive say in 2011h what its time follows.
+    /// Sets the clock that the drive's time follows, which the drive reports in 2011h.
     pub fn set_clock(&mut self, clock: Clock) {
         self.axes.each(|axis| axis.clock = clock);
     }
 
-    /// Has the drive keep its last target and say so (statusword bit 12), or follow again.
+    /// Makes the drive keep its last target and report this (statusword bit 12), or follow its targets again.
     pub fn set_ignores_targets(&mut self, ignores: bool) {
         self.axes.front_mut().set_ignores_targets(ignores);
     }
 
-    /// Has the drive take a torque limit (6072h) and forget it at once, or keep it.
+    /// Makes the drive accept a torque limit (6072h) and forget it at once, or keep it.
     pub fn set_forgets_torque_limit(&mut self, forgets: bool) {
         self.axes.front_mut().forgets_torque_limit = forgets;
     }
 
-    /// Has an encoder that knows nothing at power-on: the drive counts from where it was switched on until it is homed. Its mark, the index
-    /// or the edge of a limit switch, is where the joint is at this angle in rad.
+    /// Gives the drive an incremental encoder, which has no reference at power-on. Until the drive is homed, it counts from where it was
+    /// switched on. The encoder's mark, the index or the edge of a limit switch, lies at the joint angle `mark_rad`.
     pub fn set_incremental(&mut self, mark_rad: f64) {
         self.axes.front_mut().set_incremental(mark_rad);
     }
 
-    /// Has an incremental encoder find its mark with this standard deviation, rad, drawn for each homing.
+    /// Sets the standard deviation in rad with which an incremental encoder finds its mark; each homing draws a new error.
     pub fn set_loose_mark(&mut self, deviation_rad: f64, seed: u64) {
         self.axes.front_mut().set_loose_mark(deviation_rad, seed);
     }
 
-    /// Has the drive come with another torque limit in the positive direction (60E0h), per mille of rated, which somebody has stored in it.
+    /// Sets the torque limit in the positive direction (60E0h), per mille of rated, that an earlier user has stored in the drive.
     pub fn set_stored_torque_limit(&mut self, per_mille: u16) {
         self.axes.front_mut().set_stored_torque_limit(per_mille);
     }
 
-    /// Has the drive be homed already, if its encoder is incremental.
+    /// Marks the drive as homed, if its encoder is incremental.
     pub fn refer(&mut self) {
         self.axes.front_mut().refer();
     }
 
-    /// Has the state machine ignore the controlword, or follow it again.
+    /// Makes the state machine ignore the controlword, or follow it again.
     pub fn set_ignores_controlword(&mut self, ignores: bool) {
         self.axes.front_mut().set_ignores_controlword(ignores);
     }

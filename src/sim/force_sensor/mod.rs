@@ -33,10 +33,10 @@ const MOST_PPM: u32 = 1000;
 /// Settings of a simulated force sensor.
 #[derive(Clone, Debug)]
 pub struct ForceSensorSettings {
-    /// What it speaks.
+    /// Protocol of the sensor, with its settings.
     pub speaks: Speaks,
-    /// Samples per second: one of the rates of a CANopen model, at 1000 one at each SYNC; of a sensor on plain CAN 1 to
-    /// 10 000. A free-running clock takes them but for that one case.
+    /// Samples per second: one of the rates of a CANopen model, or 1 to 10 000 for a sensor on plain CAN. A CANopen model at
+    /// 1000 takes one sample at each SYNC; in all other cases a free-running clock triggers the samples.
     pub sample_rate_hz: u32,
     /// When the free-running clock takes its first sample after power-on, in us, less than its period.
     pub phase_us: u32,
@@ -44,7 +44,7 @@ pub struct ForceSensorSettings {
     pub range_counts: i32,
 }
 
-/// What a simulated force sensor speaks.
+/// Protocol of a simulated force sensor, with its settings.
 #[derive(Clone, Debug)]
 pub enum Speaks {
     /// CANopen.
@@ -133,7 +133,7 @@ impl ForceSensor {
         }
     }
 
-    /// Switches the sensor on. A sensor on plain CAN says nothing until it is told to.
+    /// Switches the sensor on. A sensor on plain CAN sends nothing until a command starts it.
     pub fn boot(&mut self, now: Time, out: &mut impl Outbox) {
         self.is_powered = true;
         match &mut self.speaker {
@@ -147,28 +147,28 @@ impl ForceSensor {
         self.is_powered = false;
     }
 
-    /// What the channels read at this moment, in counts.
+    /// Sets the reading of the channels at this moment, in counts.
     pub fn measure(&mut self, counts: [i32; CHANNELS]) {
         self.sampler().measure(counts);
     }
 
-    /// Has the clock run at a share of its rate, 0 (no samples any more) to 1. A sensor whose clock is SYNC leaves
+    /// Sets the clock to a share of its rate, 0 (no samples any more) to 1. A sensor whose clock is SYNC leaves
     /// samples out.
     pub fn set_clock_rate(&mut self, share: f64) {
         self.sampler().set_clock_rate(share);
     }
 
-    /// Has a free-running clock begin anew at this moment, with a sample at once; its phase then counts from here.
+    /// Restarts a free-running clock at this moment, with a sample at once. Its phase then counts from this moment.
     pub fn begin_clock(&mut self, now: Time) {
         self.sampler().begin_clock(now);
     }
 
-    /// Has a free-running clock take its next sample at this moment, and the others so long after one another.
+    /// If the sensor has a free-running clock, sets the time of the next sample to `next` and the period to `period`.
     pub fn set_clock(&mut self, next: Time, period: Duration) {
         self.sampler().set_clock(next, period);
     }
 
-    /// Has the status say that samples are not valid, or no longer. A streaming sensor can show an overload alone.
+    /// Makes the status report invalid samples, or valid samples again. A streaming sensor can show an overload alone.
     pub fn set_invalid(&mut self, is_invalid: bool) {
         self.sampler().set_invalid(is_invalid);
     }

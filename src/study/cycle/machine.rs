@@ -116,8 +116,8 @@ impl Setting {
         Self { wire: WIRES[rest % WIRES.len()], mode: MODES[rest / WIRES.len()], period_us: PERIODS_US[period] }
     }
 
-    /// Returns the shortest cycle in us, in steps of 10, in which all frames are in time, and the load of the bus then; `None` if
-    /// there is none up to 2 ms.
+    /// Returns the shortest cycle in us in which all frames are in time, and the bus load in that cycle. The search takes steps of
+    /// 10 us; the result is `None` if no cycle up to 2 ms is long enough.
     ///
     /// # Errors
     /// As [`Setting::machine`].

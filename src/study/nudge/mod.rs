@@ -17,8 +17,8 @@ use yieldwall_record::Row;
 use yieldwall_rig::EmbeddedRig;
 use yieldwall_rig::analysis::is_sampled_at_sync;
 
-/// Acceleration in m/s^2 of the virtual mass, and force of the hand in N, to which a nudge is limited: far above what counts of torque
-/// do, and far below what the torques can follow.
+/// Limits of a nudge: acceleration in m/s^2 of the virtual mass, and force of the hand in N. They are far above the effect of torque
+/// counts, and far below what the torques can follow.
 const NUDGE_M_PER_S2: f64 = 1.5;
 const NUDGE_N: f64 = 8.0;
 /// Cycles in which the hand's aim is displaced, at least: the sensor has to see it.
@@ -27,8 +27,8 @@ const NUDGE_CYCLES: f64 = 4.0;
 const NUDGE_RAD: f64 = 0.6;
 /// By how much a sample is later than the moment that its phase says, s: it is to be behind SYNC for certain.
 const BEHIND_S: f64 = 1e-6;
-/// Lateness of a sample on EtherCAT, s, behind SYNC0 of both drives: a sample between steps of their loops would see the one and not the other for as
-/// long as its phase stays.
+/// Delay in s of a sample on EtherCAT behind SYNC0 of both drives. A sample between the steps of their loops would see the step of one
+/// drive and not of the other, for as long as its phase stays.
 const BEHIND_SYNC0_S: f64 = 5e-6;
 /// Effective mass of the arms at the tool, kg, and lever of the tool on a joint, m: what a count of torque moves.
 const ARM_KG: f64 = 2.0;
@@ -54,7 +54,7 @@ const DIED: f64 = 0.006;
 /// Below this share little is left of it, in which counts show; a swing then grows by so many times in a quarter of a run.
 const LITTLE: f64 = 0.05;
 const GROWING: f64 = 1.5;
-/// A motion falls if it is below so much of what it was a quarter of the run before. One that swings at the limit of its torques stays.
+/// A motion falls if it is below so much of what it was a quarter of the run before. A motion that swings at its torque limit stays.
 const FALLS: f64 = 0.98;
 /// Above so many times its first window a motion grows.
 const GROWN: f64 = 4.0;
@@ -88,7 +88,7 @@ struct Trial {
     fast_m_per_s: f64,
     /// Greatest force of the nudge on a tool that rests, N.
     nudge_n: f64,
-    /// What moves no faster than this is no swing, m/s.
+    /// Least speed of a swing, m/s.
     floor_m_per_s: f64,
 }
 
@@ -99,8 +99,8 @@ impl Bench {
         Self { rig: frictionless(rig), scene: scene.clone(), grip: *grip, tool_m, phases, worst: 0 }
     }
 
-    /// How fast a count of the force, or one of the torque that the bus carries, has proxy and tool at the end of a cycle, m/s: a
-    /// motion below is no swing.
+    /// Returns the speed in m/s that one count of the force, or of the torque on the bus, gives proxy and tool by the end of a
+    /// cycle. A slower motion is no swing.
     fn floor_m_per_s(&self, mass_kg: f64, force_count_n: f64) -> f64 {
         count_m_per_s2(&self.rig).max(COUNTS_FELT * force_count_n / mass_kg) * self.period_s()
     }
@@ -154,7 +154,8 @@ impl Bench {
         }
     }
 
-    /// The same of a nudge of such a share of the usual one; inside what stopped the rig before it could be told.
+    /// Whether a nudge of this share of the usual one dies away. The inner error is the fault that stopped the rig before that was
+    /// clear.
     fn dies_away_after(&self, mass_kg: f64, phase: u32, share: f64) -> Result<Result<bool, Fault>, String> {
         let Trial { mut machine, fast_m_per_s, nudge_n, floor_m_per_s } = self.trial(mass_kg, phase, share)?;
         let [least_s, most_s] = DURATION_S;
@@ -201,9 +202,9 @@ impl Bench {
         Ok(true)
     }
 
-    /// The edge between stable and unstable masses near a mass that is said to be the last stable one; `towards` is the factor
-    /// that leads from it into the stable masses, such as 1.02 at the least and its inverse at the greatest. `None` if there is
-    /// no edge within a factor of ten.
+    /// Returns the edge between stable and unstable masses near `printed_kg`, the last stable mass as printed. The factor `towards`
+    /// points from there into the stable masses: for example 1.02 at the least mass, and its inverse at the greatest. The result is
+    /// `None` if there is no edge within a factor of ten.
     ///
     /// # Errors
     /// Why a run came to nothing.
@@ -287,8 +288,8 @@ impl Swing {
         ends.is_some_and(|(first, last)| last[0] > GROWN * GROWN * first[0])
     }
 
-    /// Whether the last quarter is below the one before, in each part of the motion. What is left of it by counts does not
-    /// fall: where little is left, a swing has to grow to count.
+    /// Whether the last quarter is below the one before, in each part of the motion. The residual motion that counts
+    /// cause does not fall. Where little motion is left, a swing therefore has to grow to count.
     fn falls(&self) -> bool {
         let quarter = WINDOWS / 4;
         let mean = |from: usize, which: usize| {

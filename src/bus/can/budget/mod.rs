@@ -1,8 +1,8 @@
 //! Whether a bus carries a rig: the longest time of every frame, and whether it is short enough.
 //!
-//! Worst-case response times after \[DBBL07\] (see [`response_ns`]), with three facts about this master: measured values follow
-//! SYNC, set-points follow the control step, and the frames of a Linux host leave through one FIFO. `docs/bus-budget.md` has the
-//! method and its assumptions.
+//! The module computes worst-case response times after \[DBBL07\] (see [`response_ns`]). It adds three facts about this master:
+//! measured values follow SYNC, set-points follow the control step, and the frames of a Linux host leave through one FIFO.
+//! `docs/bus-budget.md` has the method and its assumptions.
 
 mod advice;
 mod bits;

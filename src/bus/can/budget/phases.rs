@@ -75,8 +75,9 @@ impl Round<'_> {
         frame.is_of_master && self.timing.has_fifo
     }
 
-    /// Three things can delay SYNC: the frame on the wire, the frames of the last cycle that the master's FIFO still holds, and a
-    /// sensor on plain CAN with identifiers of higher priority. The FIFO's frames follow each other without a gap.
+    /// Returns the worst response time of SYNC in ns. The frame on the wire and the last cycle's frames in the master's FIFO can
+    /// delay SYNC. A sensor on plain CAN can delay it as well, if its identifiers have a higher priority. The FIFO's frames follow each
+    /// other without a gap.
     fn sync_ns(&self, stream: &Stream) -> Option<u64> {
         let background = self.seen(|at| self.is_background(at));
         let mut wait = blocking_ns(&background, stream.cob_id);

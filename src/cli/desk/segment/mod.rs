@@ -43,7 +43,7 @@ pub(super) struct Entry {
     pub(super) name: String,
     pub(super) position: u16,
     pub(super) profile: Option<Arc<DeviceProfile>>,
-    /// What its vendor's error codes mean.
+    /// Meanings of its vendor's error codes.
     pub(super) codes: Option<Arc<ErrorCodes>>,
     /// Scaling of the axis; only of a drive.
     pub(super) scaling: Option<AxisScaling>,
@@ -67,7 +67,7 @@ pub(super) struct SegmentSession {
     /// Arguments with which another command reaches the same devices, after a space.
     pub(super) arguments: String,
     pub(super) is_simulated: bool,
-    /// What was heard of another master.
+    /// Sign of another master, if one was heard.
     pub(super) heard: Option<SegmentSign>,
 }
 
@@ -319,7 +319,7 @@ impl SegmentSession {
         device_failure(message, error, device.position, &self.arguments)
     }
 
-    /// What an error code of a device means; its advice is for this place.
+    /// Returns the meaning of a device's error code, with advice for this place.
     pub(super) fn explained(&self, device: &Device, code: u16) -> Explanation {
         let codes = device.entry.as_ref().and_then(|entry| entry.codes.as_deref());
         placed(explanation::error_code(code, codes), device.position, &self.arguments, None)
