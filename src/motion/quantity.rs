@@ -155,15 +155,15 @@ linear!(
 );
 linear!(
     /// Angles of the two proximal links in rad, or the way from such angles to others.
-    JointAngles, left "Of the left arm.", right "Of the right arm."
+    JointAngles, left "At the left joint.", right "At the right joint."
 );
 linear!(
     /// Rates of the two proximal links in rad/s.
-    JointRates, left "Of the left arm.", right "Of the right arm."
+    JointRates, left "At the left joint.", right "At the right joint."
 );
 linear!(
     /// Torques on the two proximal links in N m, positive in the direction of the angle.
-    JointTorques, left "Of the left arm.", right "Of the right arm."
+    JointTorques, left "At the left joint.", right "At the right joint."
 );
 
 impl Sub for TipPoint {
