@@ -409,8 +409,7 @@ impl Settings {
                 "these measures are the same in all settings, or no run has them: there is nothing to draw".to_owned()
             );
         }
-        let columns = panels.len().min(2);
-        Ok(Chart { title: format!("Medians over {across}, intervals of 95 %"), panels, columns })
+        Ok(Chart { title: format!("Medians over {across}, intervals of 95 %"), panels })
     }
 }
 

@@ -114,5 +114,5 @@ fn chart(curve: &Curve) -> Chart {
         color,
     });
     let panel = Panel { title: String::new(), x: axis(curve.across), y: axis(curve.up), series: series.collect() };
-    Chart { title: curve.title.clone(), panels: vec![panel], columns: 1 }
+    Chart { title: curve.title.clone(), panels: vec![panel] }
 }

@@ -16,14 +16,16 @@ use thiserror::Error;
 
 use super::{Axis, Chart, Color, Mark, Panel, Series};
 
-/// Size of a panel in pixels of the SVG: with three beside one another on the width of a page, 170 mm, letters have 5 to 6 points.
+/// Panels in a row at most.
+const COLUMNS: usize = 2;
+/// Size of a panel in pixels of the SVG: on the width of a page, 160 mm, the smallest letters have 7 points.
 const PANEL: (f64, f64) = (340.0, 290.0);
 /// Part of a panel's width that lies within its axes, about.
 const WITHIN: f64 = 0.72;
-/// Sizes of letters in pixels of the SVG: of the chart's title, of those of panels and axes, and the least that long ones are set in.
+/// Sizes of letters in pixels of the SVG: of the chart's title, of those of panels and axes, and of ticks and the longest titles.
 const TITLE: u32 = 16;
 const LABEL: u32 = 13;
-const LEAST_LETTERS: u32 = 9;
+const LEAST_LETTERS: u32 = 12;
 /// Width of a letter over its size, about.
 const LETTER_WIDTH: f64 = 0.56;
 /// Half the width of a mark, in pixels of the SVG.
@@ -66,7 +68,7 @@ pub fn png(chart: &Chart) -> Result<Vec<u8>, DrawError> {
 }
 
 fn scene(chart: &Chart) -> Scene {
-    let columns = chart.columns.clamp(1, chart.panels.len().max(1));
+    let columns = chart.panels.len().clamp(1, COLUMNS);
     let rows = chart.panels.len().div_ceil(columns);
     let plots: Vec<Vec<Plot>> = chart.panels.iter().map(plots).collect();
     let layouts = chart.panels.iter().map(layout).collect();
@@ -120,7 +122,7 @@ fn layout(panel: &Panel) -> Layout {
         .with_x_label(&panel.x.name)
         .with_y_label(&panel.y.name)
         .with_label_size(fitting(&panel.x.name, PANEL.0, LABEL).min(fitting(&panel.y.name, PANEL.1, LABEL)))
-        .with_tick_size(11)
+        .with_tick_size(LEAST_LETTERS)
         .with_clamp_axis()
         .with_box_axes();
     if !panel.x.words.is_empty() {
@@ -358,7 +360,7 @@ mod tests {
             panel("left", Axis::linear("error (um)")),
             panel("right", Axis::logarithmic("error (um)").over(1.0, 1000.0)),
         ];
-        Chart { title: "A chart".to_owned(), panels, columns: 2 }
+        Chart { title: "A chart".to_owned(), panels }
     }
 
     #[test]

@@ -9,10 +9,8 @@ pub use draw::{DrawError, png, svg};
 pub struct Chart {
     /// Line above all panels.
     pub title: String,
-    /// Panels, row by row.
+    /// Panels, row by row, two in a row.
     pub panels: Vec<Panel>,
-    /// Panels in a row, at least 1.
-    pub columns: usize,
 }
 
 /// One pair of axes. Names of series stand once below the chart: series of one name and mark in several panels are one.

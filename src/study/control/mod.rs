@@ -290,7 +290,6 @@ impl Study for Control {
                 panel("impact with automatic hold, tool", "held_tool_depth_m", Axis::logarithmic("depth (mm)"), 1e3),
                 panel("crossover", "crossover_hz", Axis::logarithmic("crossover (Hz)"), 1.0),
             ],
-            columns: 3,
         };
         let mut notes = vec![format!(
             "{:34} {:>7} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10} {:>9}",

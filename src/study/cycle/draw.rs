@@ -57,8 +57,7 @@ pub(super) fn chart(rigs: &Table, computing: &Table) -> Chart {
         color: Color::Black,
     });
     Chart {
-        title: "Cycle time of the whole rig; gains by the rule of `tune gains`, drives as shipped; CAN ends where its budget refuses"
-            .into(),
+        title: "The whole rig over its cycle, gains by `tune gains`; CAN ends where its budget refuses".into(),
         panels: vec![
             panel(
                 "tracing the circle",
@@ -83,6 +82,5 @@ pub(super) fn chart(rigs: &Table, computing: &Table) -> Chart {
             panel("bus", Axis::logarithmic("load, at most (%)"), loads),
             panel("computer (measured at 1 ms)", Axis::logarithmic("control step (% of a cycle)"), shares),
         ],
-        columns: 3,
     }
 }

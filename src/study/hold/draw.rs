@@ -68,17 +68,16 @@ fn window(impacts: &Table, pushes: &Table) -> Chart {
         }
         Panel {
             title: format!("{} grips", grips.name),
-            x: Axis::linear("delay of a push begun 100 ms after the impact, median (ms)").over(-10.0, 330.0),
+            x: Axis::linear("median delay of a push begun 100 ms later (ms)").over(-10.0, 330.0),
             y: Axis::logarithmic("hands that break through (%)").over(LEAST, 100.0),
             series,
         }
     };
     Chart {
         title: format!(
-            "Windows of 15 to 500 ms, plane wall, {CASES} hands a mark with intervals of 95 %; a triangle: none broke through"
+            "Windows of 15 to 500 ms, plane wall, {CASES} hands a mark, intervals of 95 %; triangle: none broke through"
         ),
         panels: GRIPS.iter().map(panel).collect(),
-        columns: 3,
     }
 }
 
@@ -118,7 +117,6 @@ fn delay(pushes: &Table) -> Chart {
     Chart {
         title: "How long a push of 1.5 R waits, usual grips".to_owned(),
         panels: vec![panel("median", "delay_s"), panel("95 %", "delay_95_s"), panel("longest", "delay_max_s")],
-        columns: 3,
     }
 }
 
@@ -145,6 +143,5 @@ fn places(impacts: &Table) -> Chart {
     Chart {
         title: format!("The automatic hold at other surfaces, {CASES} hands a mark with intervals of 95 %"),
         panels: GRIPS.iter().map(panel).collect(),
-        columns: 3,
     }
 }

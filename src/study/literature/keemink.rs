@@ -336,7 +336,6 @@ pub(super) fn report(table: &Table, report: &mut Report) {
         title: "A cycle of 1 ms changes the stable stiffness by 1 to 3 %, a force filter or a compensation by far more"
             .to_owned(),
         panels: HANDS_N_S_PER_M.into_iter().map(panel).collect(),
-        columns: 2,
     };
     report.charts.push(("study-literature-keemink", chart));
 }

@@ -167,7 +167,6 @@ pub(super) fn report(table: &Table, report: &mut Report) {
                 series: swings.collect(),
             },
         ],
-        columns: 2,
     };
     report.charts.push(("study-literature-zwidth", chart));
 }

@@ -8,7 +8,7 @@ use super::model::Model;
 use super::outputs::{Change, Outcome, is_alike};
 use super::subject::Subject;
 use super::terms::{Case, case};
-use crate::sweep::{Clock, Sweep};
+use crate::sweep::{Clock, Sweep, median};
 
 /// One scene each in torque mode, in position mode, with elastic gears and with walls that move: arms and buses matter to them
 /// in different ways.
@@ -22,12 +22,10 @@ pub(super) const SHIPPED: [Case; 4] = [
 /// Names of their panels.
 pub(super) const LABELS: [&str; 4] = ["torque mode", "position mode", "gears", "moving walls"];
 
-/// Most runs of a model that are timed. All are timed once before one is timed again, so that a slow spell of the computer
-/// meets all.
-const ROUNDS: usize = 5;
-/// After how many seconds in all that is enough.
-const ENOUGH_S: f64 = 1.0;
-/// A model counts as equally fast if its fastest run is at most by this share slower than the median run of the fastest model.
+/// Runs of each model: one for each of so many hands, which differ in their seed. All models run with a hand before the next one comes, so
+/// that a slow spell of the computer meets all.
+pub(super) const ROUNDS: u64 = 3;
+/// A model counts as equally fast if it is slower than the fastest by at most this share: the median over the rounds.
 pub(super) const ALIKE: f64 = 0.05;
 
 /// All models of some subjects, timed.
@@ -42,12 +40,13 @@ type Timed = (Arc<Subject>, OnceLock<Vec<Found>>);
 /// Facts about one model.
 #[derive(Clone, Debug)]
 pub(super) struct Found {
-    /// Times of the runs in s, the shortest first.
-    seconds: Vec<f64>,
+    /// Simulated time over core time of each round, from the boot to the measures. NaN where the model does not run.
+    factors: Vec<f64>,
+    /// Outcome with the hand that changes the outputs most.
     pub(super) outcome: Outcome,
     pub(super) change: Option<Change>,
     /// Whether no output of this model, and of each that has its terms and more, changes by more than its tolerance beside the
-    /// dearest model. Where errors of two terms cancel, one of them alone does not.
+    /// dearest model, with any hand. Where errors of two terms cancel, one of them alone does not.
     pub(super) is_enough: bool,
     /// Whether no other model is both faster and nearer to the dearest.
     pub(super) is_on_front: bool,
@@ -56,53 +55,64 @@ pub(super) struct Found {
 }
 
 impl Found {
-    /// Simulated time over core time, from the boot to the measures: by the median run, the slowest and the fastest. NaN for a
-    /// model that does not run.
+    /// Simulated time over core time: the median, the least and the greatest.
     pub(super) fn realtime_factors(&self) -> [f64; 3] {
-        let last = self.seconds.len().saturating_sub(1);
-        [last / 2, last, 0].map(|place| {
-            let seconds = self.seconds.get(place).copied().filter(|_| self.outcome.values.is_some());
-            seconds.map_or(f64::NAN, |seconds| self.outcome.simulated_s / seconds)
-        })
+        let ends =
+            self.factors.iter().fold([f64::NAN; 2], |[least, most], &factor| [least.min(factor), most.max(factor)]);
+        [self.realtime_factor(), ends[0], ends[1]]
     }
 
     fn realtime_factor(&self) -> f64 {
-        self.realtime_factors()[0]
+        median(self.factors.iter().copied()).unwrap_or(f64::NAN)
+    }
+
+    /// Its speed over that of another model, round by round.
+    fn beside(&self, other: &Self) -> f64 {
+        median(self.factors.iter().zip(&other.factors).map(|(own, other)| own / other)).unwrap_or(0.0)
     }
 }
 
 /// Runs and times all models of a subject, and chooses.
 pub(super) fn measure(subject: &Subject, clock: Clock<'_>) -> Vec<Found> {
-    let mut all: Vec<Found> = Vec::new();
-    for _ in 0..ROUNDS {
-        for (index, model) in subject.models.iter().enumerate() {
-            if all.get(index).is_some_and(|found| found.seconds.iter().sum::<f64>() > ENOUGH_S) {
-                continue;
-            }
+    // By rounds, then by models.
+    let mut factors = Vec::new();
+    let mut outcomes = Vec::new();
+    for round in 0..ROUNDS {
+        for model in &subject.models {
             let before = clock();
-            let outcome = subject.run(model);
+            let outcome = subject.run(model, round);
             let seconds = clock().saturating_sub(before).as_secs_f64();
-            match all.get_mut(index) {
-                Some(found) => found.seconds.push(seconds),
-                None => all.push(Found {
-                    seconds: vec![seconds],
-                    outcome,
-                    change: None,
-                    is_enough: false,
-                    is_on_front: false,
-                    is_needed: false,
-                }),
-            }
+            factors.push(if outcome.values.is_some() { outcome.simulated_s / seconds } else { f64::NAN });
+            outcomes.push(outcome);
         }
     }
-    all.iter_mut().for_each(|found| found.seconds.sort_by(f64::total_cmp));
-    if let Some(reference) = all.last().map(|found| found.outcome.clone()) {
-        all.iter_mut().for_each(|found| found.change = found.outcome.change_from(&reference, &subject.tolerance));
-        let are_alike: Vec<bool> = all.iter().map(|found| is_alike(&found.outcome, &reference, found.change)).collect();
-        let alike = || subject.models.iter().zip(&are_alike);
-        for (found, model) in all.iter_mut().zip(&subject.models) {
-            found.is_enough = alike().all(|(other, is_alike)| *is_alike || !other.has_terms_of(model));
-        }
+    let count = subject.models.len();
+    let rounds = || outcomes.chunks(count).filter_map(|round| Some((round, round.last()?)));
+    let mut are_alike = Vec::new();
+    let mut all: Vec<Found> = Vec::new();
+    for place in 0..count {
+        let changes = rounds().map(|(round, reference)| {
+            let outcome = &round[place];
+            let change = outcome.change_from(reference, &subject.tolerance);
+            (is_alike(outcome, reference, change), change, outcome)
+        });
+        let most = changes.max_by(|(is_one, one, _), (is_other, other, _)| {
+            is_other.cmp(is_one).then(over(*one).total_cmp(&over(*other)))
+        });
+        let Some((is_alike, change, outcome)) = most else { continue };
+        are_alike.push(is_alike);
+        all.push(Found {
+            factors: factors.iter().skip(place).step_by(count).copied().collect(),
+            outcome: outcome.clone(),
+            change,
+            is_enough: false,
+            is_on_front: false,
+            is_needed: false,
+        });
+    }
+    let alike = || subject.models.iter().zip(&are_alike);
+    for (found, model) in all.iter_mut().zip(&subject.models) {
+        found.is_enough = alike().all(|(other, is_alike)| *is_alike || !other.has_terms_of(model));
     }
     choose(&subject.models, &mut all);
     all
@@ -110,28 +120,31 @@ pub(super) fn measure(subject: &Subject, clock: Clock<'_>) -> Vec<Found> {
 
 /// Marks the front and the proposal.
 fn choose(models: &[Model], all: &mut [Found]) {
-    let places: Vec<_> = all.iter().map(|found| (found.realtime_factor(), over(found))).collect();
+    let places: Vec<_> = all.iter().map(|found| (found.realtime_factor(), over(found.change))).collect();
     for (found, &(speed, change)) in all.iter_mut().zip(&places) {
         let is_better = |&(other_speed, other_change): &(f64, f64)| {
             other_speed >= speed && other_change <= change && (other_speed, other_change) != (speed, change)
         };
         found.is_on_front = speed.is_finite() && change.is_finite() && !places.iter().any(is_better);
     }
-    let fastest = all.iter().filter(|found| found.is_enough).map(Found::realtime_factor).fold(0.0, f64::max);
-    let by_terms = models.iter().zip(all).filter(|(_, found)| found.is_enough);
-    let fast = by_terms.filter(|(_, found)| found.realtime_factors()[2] >= (1.0 - ALIKE) * fastest);
-    let plainest = fast.min_by(|(one, one_found), (other, other_found)| {
-        let by_speed = other_found.realtime_factor().total_cmp(&one_found.realtime_factor());
-        one.terms.cmp(&other.terms).then(by_speed)
+    let speed = |found: &Found| found.realtime_factor();
+    let enough = || all.iter().zip(models).filter(|(found, _)| found.is_enough);
+    let Some((fastest, _)) = enough().max_by(|(one, _), (other, _)| speed(one).total_cmp(&speed(other))) else {
+        return;
+    };
+    let fast = enough().filter(|(found, _)| found.beside(fastest) >= 1.0 - ALIKE);
+    let plainest = fast.min_by(|(one, one_model), (other, other_model)| {
+        one_model.terms.cmp(&other_model.terms).then(speed(other).total_cmp(&speed(one)))
     });
-    if let Some((_, found)) = plainest {
-        found.is_needed = true;
+    let needed = plainest.map(|(_, model)| *model);
+    for (found, model) in all.iter_mut().zip(models) {
+        found.is_needed = Some(*model) == needed;
     }
 }
 
-/// Greatest change over its tolerance; infinite without one.
-fn over(found: &Found) -> f64 {
-    found.change.map_or(f64::INFINITY, |change| change.over_tolerance)
+/// A change over its tolerance; infinite for a model that does not run.
+fn over(change: Option<Change>) -> f64 {
+    change.map_or(f64::INFINITY, |change| change.over_tolerance)
 }
 
 impl Models {

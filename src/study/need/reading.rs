@@ -113,8 +113,8 @@ fn chart(all: &Rows<'_>, labels: &[&str]) -> Chart {
     let across = [slowest / 1.4, fastest * 1.4];
     let scenes = of_scenes(all);
     let panels: Vec<Panel> = scenes.iter().zip(labels).map(|(rows, label)| panel(rows, label, across)).collect();
-    let title = "The cheapest model within the tolerance of a scene".to_owned();
-    Chart { title, columns: panels.len().clamp(1, 2), panels }
+    let title = "The plainest fast model within the tolerance of a scene".to_owned();
+    Chart { title, panels }
 }
 
 fn panel(rows: &Rows<'_>, label: &str, across: [f64; 2]) -> Panel {
@@ -143,9 +143,10 @@ fn panel(rows: &Rows<'_>, label: &str, across: [f64; 2]) -> Panel {
     let points = needed.map(|row| (place(row).0, place(row).1.max(SHOWN[0]))).into_iter().collect();
     series.push(Series {
         points,
-        ..Series::new("ring: the cheapest within the tolerance".to_owned(), Mark::Rings, Color::Black)
+        ..Series::new("ring: the plainest fast model that is enough".to_owned(), Mark::Rings, Color::Black)
     });
-    let title = needed.map_or_else(String::new, |row| format!("{label}: {}", row.word("model")));
+    let title =
+        needed.map_or_else(String::new, |row| format!("{label}: {}", row.word("model").replace("bus timing", "bus")));
     Panel {
         title,
         x: Axis::logarithmic("times real time").over(across[0], across[1]),

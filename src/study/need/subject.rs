@@ -111,7 +111,7 @@ impl Subject {
 
     /// A file may have `timing: ideal` for a bus that cannot carry its frames; arbitration is then no choice.
     fn keep_what_runs(&mut self, source: &Source) -> Result<(), Report> {
-        let run = |subject: &Self| subject.models.last().map(|model| subject.run(model));
+        let run = |subject: &Self| subject.models.last().map(|model| subject.run(model, 0));
         let is_ideal = match &self.machine {
             Machine::Rig(rig) => {
                 rig.simulation.as_ref().is_some_and(|simulation| simulation.timing == BusTiming::Ideal)
@@ -140,8 +140,10 @@ impl Subject {
         (machine, scene)
     }
 
-    pub(super) fn run(&self, model: &Model) -> Outcome {
-        let (machine, scene) = self.with(model);
+    /// A run with another hand for each round; that of round 0 is the hand of the scene.
+    pub(super) fn run(&self, model: &Model, round: u64) -> Outcome {
+        let (machine, mut scene) = self.with(model);
+        scene.seed = scene.seed.wrapping_add(round);
         Outcome::of(&machine.run(&scene, &self.overrides, |_| {}))
     }
 

@@ -177,7 +177,6 @@ impl Study for PairStudy {
                 panel(STIFF, Axis::linear("speed in the end (mm/s)"), soft, stiff, "unrest_m_per_s", 1e3),
                 panel(STIFF, given(), soft, stiff, "given_j", 1.0),
             ],
-            columns: 3,
         };
         Report { notes, charts: vec![("study-pair", chart)] }
     }

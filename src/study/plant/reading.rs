@@ -177,7 +177,7 @@ fn chart(speed: &Table, hold: &Table) -> Chart {
             series: creep,
         },
     ];
-    Chart { title: "Five-bar with dry friction: methods and engines on one scene".to_owned(), panels, columns: 2 }
+    Chart { title: "Five-bar with dry friction: methods and engines on one scene".to_owned(), panels }
 }
 
 #[cfg(test)]

@@ -87,7 +87,7 @@ fn law(widths: &Table) -> Chart {
     }
     let title =
         format!("A simulated user chooses speed: time along a band, medians of {USERS} users with intervals of 95 %");
-    Chart { title, panels, columns: 2 }
+    Chart { title, panels }
 }
 
 /// Ways of three lengths on the circle: whether the time is one line over length over width.
@@ -117,7 +117,6 @@ fn length(widths: &Table, lengths: &Table) -> Chart {
             "Ways of three lengths on the circle: time along a band, medians of {USERS} users with intervals of 95 %"
         ),
         panels: AIDS_AT_LENGTHS.map(panel).to_vec(),
-        columns: 3,
     }
 }
 
@@ -139,7 +138,6 @@ fn error(widths: &Table) -> Chart {
     Chart {
         title: "Error against the time that users take, circle; a line runs over bands of 2, 4, 8, 16 and 32 mm".into(),
         panels: YIELDS_N.map(panel).to_vec(),
-        columns: 2,
     }
 }
 
@@ -171,7 +169,7 @@ fn users(widths: &Table, varied: &Table) -> Chart {
     }
     let title =
         "Users of other numbers: a the usual ones, b to o one number changed; medians with intervals of 95 %".into();
-    Chart { title, panels, columns: 2 }
+    Chart { title, panels }
 }
 
 /// A reference beside the way.
@@ -202,8 +200,7 @@ fn misplaced(widths: &Table, beside: &Table) -> Chart {
         }
     }
     Chart {
-        title: "A fixture beside the way, on which the tool starts; circle, band of 8 mm, whose edge is at 4 mm; medians with intervals of 95 %".into(),
+        title: "A fixture beside the way, on which the tool starts; circle, band of 8 mm; intervals of 95 %".into(),
         panels,
-        columns: 2,
     }
 }

@@ -193,11 +193,7 @@ pub(super) fn report(table: &Table, report: &mut Report) {
         y: Axis::linear("longer than the input's step by (R/kappa)").over(-0.05, 1.5),
         series,
     };
-    let chart = Chart {
-        title: "Where the nearest point of the surface jumps: steps of the proxy".to_owned(),
-        panels: vec![panel],
-        columns: 1,
-    };
+    let chart = Chart { title: "Steps of the proxy where the nearest point jumps".to_owned(), panels: vec![panel] };
     report.charts.push(("study-stability-corners", chart));
 }
 

@@ -164,7 +164,6 @@ pub(super) fn report(map: &Table, report: &mut Report) {
             "An impedance device of {DEVICE_KG} kg at a wall, virtual spring and damper: does a touch die away?"
         ),
         panels,
-        columns: 3,
     };
     report.charts.push(("study-stability-coupling", chart));
 }

@@ -155,11 +155,7 @@ pub(super) fn report(table: &Table, report: &mut Report) {
             1e3 * most("gained_j")
         ));
     }
-    let chart = Chart {
-        title: format!("A constant push on an admittance with F = {FRICTION_N} N, from rest"),
-        panels,
-        columns: 3,
-    };
+    let chart = Chart { title: format!("A constant push on an admittance with F = {FRICTION_N} N, from rest"), panels };
     report.charts.push(("study-stability-friction", chart));
 }
 

@@ -192,7 +192,6 @@ pub(super) fn report(proxy: &Table, tool: &Table, report: &mut Report) {
     let chart = Chart {
         title: format!("Impacts of a proxy of {MASS_KG} kg on a wall"),
         panels: vec![capture_panel(proxy, &mut notes), depth_panel(proxy, &mut notes), tool_panel(tool, &mut notes)],
-        columns: 3,
     };
     report.notes.extend(notes);
     report.charts.push(("study-stability-impact", chart));

@@ -216,12 +216,11 @@ pub(super) fn report(map: &Table, theory: &Table, rows: &Table, report: &mut Rep
         }
         panels.push(panel(setting.name, &points, sampled, by_crossover));
     }
-    let chart = Chart {
-        title: "Does a nudge of a hand on the tool die away? Virtual mass against stiffness of the hand".to_owned(),
-        panels,
-        columns: 4,
-    };
-    report.charts.push(("study-stability-mass", chart));
+    let others = panels.split_off(MAPS.len() / 2);
+    for (name, panels) in [("study-stability-mass", panels), ("study-stability-mass-others", others)] {
+        let title = "Does a nudge of a hand on the tool die away? Virtual mass against stiffness of the hand";
+        report.charts.push((name, Chart { title: title.to_owned(), panels }));
+    }
     row_notes(rows, report);
 }
 

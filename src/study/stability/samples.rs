@@ -177,7 +177,6 @@ pub(super) fn report(table: &Table, report: &mut Report) {
     let chart = Chart {
         title: "Energy given back in 4 s while samples of the force are lost or late; means of 8 runs".to_owned(),
         panels,
-        columns: 4,
     };
     report.charts.push(("study-stability-samples", chart));
 }

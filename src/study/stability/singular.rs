@@ -176,11 +176,8 @@ pub(super) fn report(map: &Table, report: &mut Report) {
         ));
         panels.push(panel(case, &points, bound));
     }
-    let chart = Chart {
-        title: format!("Near singularities, a hand of {HAND_N_PER_M} N/m: does a nudge die away?"),
-        panels,
-        columns: 4,
-    };
+    let chart =
+        Chart { title: format!("Near singularities, a hand of {HAND_N_PER_M} N/m: does a nudge die away?"), panels };
     report.charts.push(("study-stability-singular", chart));
 }
 

@@ -149,7 +149,7 @@ pub(super) fn report(table: &Table, report: &mut Report) {
             });
         }
     }
-    let chart = Chart { title: "Overshoot of one joint under PSMC after saturation".to_owned(), panels, columns: 4 };
+    let chart = Chart { title: "Overshoot of one joint under PSMC after saturation".to_owned(), panels };
     report.charts.push(("study-stability-sliding", chart));
 }
 

@@ -81,10 +81,11 @@ impl Aid {
     /// In words, without R.
     pub(crate) fn name(&self) -> String {
         let hardness = self.hardness.unwrap_or(f64::NAN);
+        let n_per_mm = hardness / 1000.0;
         match self.law {
             Law::None | Law::Plastic => self.law.name().to_owned(),
-            Law::Saturated => format!("spring {hardness:.0e} N/m, at most R"),
-            Law::Spring => format!("spring {hardness:.0e} N/m"),
+            Law::Saturated => format!("spring of {n_per_mm} N/mm, at most R"),
+            Law::Spring => format!("spring of {n_per_mm} N/mm"),
             Law::Viscous => format!("viscous, R at {} m/s", self.yield_n.unwrap_or(f64::NAN) / hardness),
         }
     }

@@ -80,11 +80,10 @@ fn speed(errors: &Table, speeds: &Table) -> Chart {
     };
     Chart {
         title: format!(
-            "Error at an imposed speed, circle, aim off by {} mm RMS at rest; medians of {USERS} users with intervals of 95 %",
+            "Error at an imposed speed, circle, aim off by {} mm at rest; medians of {USERS} users, 95 % intervals",
             1e3 * AIM_M
         ),
         panels: YIELDS_N.map(panel).to_vec(),
-        columns: 2,
     }
 }
 
@@ -119,10 +118,9 @@ fn price(errors: &Table) -> Chart {
     }
     Chart {
         title: format!(
-            "Error against its price, circle at {SPEED_M_PER_S} m/s, soft hand; medians, of errors, energy and jumps with intervals of 95 %; a line runs over aims off by 1.25, 2.5, 5 and 10 mm RMS at rest"
+            "Error against its price, circle at {SPEED_M_PER_S} m/s, soft hand; medians with intervals of 95 %"
         ),
         panels,
-        columns: 3,
     }
 }
 
@@ -219,7 +217,6 @@ fn map(errors: &Table) -> Chart {
             "Which law errs least at each R by a tenth and more, user by user, circle at {SPEED_M_PER_S} m/s"
         ),
         panels,
-        columns: 2,
     }
 }
 
@@ -256,13 +253,18 @@ fn on_device(device: &Table) -> Chart {
     let error = || Axis::logarithmic("RMS error (mm)").over(0.2, 12.0);
     let rest = || Axis::logarithmic("speed when nobody holds it, RMS (m/s)").over(1e-4, 10.0);
     Chart {
-        title: "An impedance device of 50 g at 1 kHz: spring and coupling of plastic have one K; medians, of errors and jumps with intervals of 95 %".into(),
+        title: "An impedance device of 50 g at 1 kHz; medians with intervals of 95 %".into(),
         panels: vec![
             panel("soft hand", GRIPS[0].name, ERROR, 1e3, error()),
             panel("stiff hand", GRIPS[1].name, ERROR, 1e3, error()),
-            panel("soft hand, after a press of 4 N", GRIPS[0].name, JUMP, 1e3, Axis::linear("jump when let go (mm)").over(0.0, 8.0)),
+            panel(
+                "soft hand, after a press of 4 N",
+                GRIPS[0].name,
+                JUMP,
+                1e3,
+                Axis::linear("jump when let go (mm)").over(0.0, 8.0),
+            ),
             panel("let go", GRIPS[0].name, ["resting_m_per_s"; 3], 1.0, rest()),
         ],
-        columns: 2,
     }
 }

@@ -87,7 +87,7 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     };
     Ok(bullets(&[
         format!(
-            "With R = 5 N, a soft hand and an aim off by 5 mm at 0.08 m/s, springs of 1e4 N/m and more err {} to {} of what plastic errs. They **give {:.0} to {:.0} times the energy, and throw the tool** by {:.0} mm. A viscous field errs {} mm and does not give way. Rows: {}, {}, {}.",
+            "With R = 5 N, a soft hand and an aim off by 5 mm at 0.08 m/s, springs of 10 N/mm and more err {} to {} of what plastic errs. They **give {:.0} to {:.0} times the energy, and throw the tool** by {:.0} mm. A viscous field errs {} mm and does not give way. Rows: {}, {}, {}.",
             share(springs.least("error_rms_m")?),
             share(springs.greatest("error_rms_m")?),
             springs.least("energy_across_j")? / energy,
@@ -99,8 +99,9 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
             field.places()
         ),
         format!(
-            "On an impedance device at 1 kHz springs without limit run up to 3000 N/m and not from {least:.0e} N/m on. Plastic fixtures run with every coupling up to {:.0e} N/m, **and chatter**: from 1e4 N/m on the tool moves at up to {} m/s when it is released, with springs cut at R at up to {} m/s. Rows: {}.",
-            coupled.greatest("hardness")?,
+            "On an impedance device at 1 kHz springs without limit run up to 3 N/mm and not from {} N/mm on. Plastic fixtures run with every coupling up to {} N/mm, **and chatter**: from 10 N/mm on the tool moves at up to {} m/s when it is released, with springs cut at R at up to {} m/s. Rows: {}.",
+            least / 1000.0,
+            coupled.greatest("hardness")? / 1000.0,
             digits(chatter(Law::Plastic)?, 2),
             digits(chatter(Law::Saturated)?, 2),
             device.places()

@@ -67,7 +67,8 @@ fn ten_thousand_malformed_handshakes_and_frames_are_refused_and_the_next_client_
     let refused = server.refused();
     assert!(accepted < 4000 && refused + accepted >= 4000, "{accepted} accepted, {refused} refused");
     for _ in 0..2000 {
-        let frames = (0..dice.below(200)).map(|_| dice.byte());
+        // Without any data hyper may see the end before it has answered, and then does not answer.
+        let frames = (0..=dice.below(200)).map(|_| dice.byte());
         let sent: Vec<u8> = head.iter().copied().chain(frames).collect();
         assert!(exchange(&server, &sent).starts_with(b"HTTP/1.1 101"));
         orders.try_iter().for_each(drop);

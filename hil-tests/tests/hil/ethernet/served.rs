@@ -35,6 +35,8 @@ pub(super) struct Seen {
     /// Frames that came, and those among them that write something.
     pub(super) frames: usize,
     pub(super) writing: usize,
+    /// Frames with outputs, one a cycle of the master.
+    pub(super) cycles: u64,
 }
 
 impl Seen {
@@ -201,6 +203,7 @@ impl Far {
             seen.writing += usize::from(commands.iter().any(|command| !reading.contains(command)));
             if commands.contains(&(Command::Lwr as u8)) {
                 seen.outputs = Some((self.server.now(), frame.to_vec()));
+                seen.cycles += 1;
             }
         }
         let Self { server, link, .. } = self;

@@ -62,11 +62,7 @@ fn bode(title: &str, curves: &[Curve]) -> Chart {
         y: Axis::linear(y),
         series: series(of),
     };
-    Chart {
-        title: title.to_owned(),
-        panels: vec![panel("gain (dB)", gain_db), panel("phase (deg)", phase_deg)],
-        columns: 1,
-    }
+    Chart { title: title.to_owned(), panels: vec![panel("gain (dB)", gain_db), panel("phase (deg)", phase_deg)] }
 }
 
 /// Returns the gain at each frequency, dB.
@@ -142,6 +138,5 @@ fn step_chart(joint: &JointLoop) -> Option<Chart> {
             y: Axis::linear("share of the step"),
             series: vec![line("reference", 1, Color::Blue), line("angle", 2, Color::Vermilion)],
         }],
-        columns: 1,
     })
 }
