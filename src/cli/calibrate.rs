@@ -8,7 +8,8 @@ use serde_json::json;
 
 use super::bus::check_buses;
 use super::ending::rig_failure;
-use super::failure::{Exit, Failure};
+use super::failure::{self, Exit, Failure};
+use super::fit;
 use super::interrupt::on_interrupt;
 use super::on_bus::live_failure;
 use super::output::Output;
@@ -79,13 +80,13 @@ pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     let geometry = rig.value.linkage.geometry();
     let found = kinematics(&geometry, &visited).map_err(|error| {
         let what = match mistaken(&geometry, &visited, MISTAKEN_M) {
-            Some(Mistaken::Point(at)) => format!("point {} does not fit the others", at + 1),
+            Some(Mistaken::Point(at)) => format!("point {} does not fit the other points", at + 1),
             Some(Mistaken::Exchanged(one, other)) => {
                 format!("points {} and {} look exchanged", one + 1, other + 1)
             }
             None => error.to_string(),
         };
-        let help = "compare the points with the plate, and lead the tool to eight and more that are spread over the working disc";
+        let help = "compare the points with the plate, and guide the tool to at least eight points that are spread over the working disc";
         Failure::new(Exit::OutOfTolerance, format!("nothing was identified: {what}"), help)
     })?;
     tell(&rig.value, &visited, &found, output)
@@ -95,7 +96,7 @@ pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
 fn plate(arguments: &Arguments, rig: &config::Rig) -> Result<Vec<TipPoint>, Failure> {
     #[cfg(target_os = "linux")]
     if arguments.on_bus.is_asked() {
-        let message = "no points are named that the tool is led to";
+        let message = "there is no table of points for the tool";
         let help = "measure or drill a plate, and write its points into a table: --points POINTS.csv with the columns x_m and y_m";
         return Err(Failure::new(Exit::Usage, message, help));
     }
@@ -123,7 +124,7 @@ fn check_points(rows: &Rows, path: &Path, rig: &config::Rig) -> Result<(), Failu
         Rows::Visited(visited) => visited.iter().map(|(point, _)| *point).collect(),
     };
     if points.len() < LEAST {
-        let message = format!("{} has {} points, and it takes {LEAST}", path.display(), points.len());
+        let message = format!("{} has {} points (at least {LEAST} needed)", path.display(), points.len());
         let help = "spread them over the working disc";
         return Err(Failure::about_file(Exit::ConfigInvalid, path, message, help));
     }
@@ -141,7 +142,7 @@ fn check_points(rows: &Rows, path: &Path, rig: &config::Rig) -> Result<(), Failu
 /// Reads a table with a row of column names.
 fn table(path: &Path) -> Result<Rows, Failure> {
     let about = |message: String| {
-        let help = "a table has the columns x_m and y_m, and left_rad and right_rad if the angles were measured, divided by commas";
+        let help = "write the columns x_m and y_m, and left_rad and right_rad if the angles were measured, separated by commas";
         Failure::about_file(Exit::ConfigInvalid, path, message, help)
     };
     let text = fs::read_to_string(path).map_err(|error| about(format!("{}: {error}", path.display())))?;
@@ -207,11 +208,7 @@ fn visit(
     let is_interrupted = on_interrupt()?;
     let machine = EmbeddedRig::new(rig, &scene, &rig.fixture, scene.seed);
     let mut machine = machine.map_err(|error| rig_failure(&error))?;
-    let name = &rig.rig.name;
-    output.aside(&format!(
-        "the simulated arm of {name}, led to {} points; a real one with --bus INTERFACE",
-        points.len()
-    ));
+    output.simulated("arm", rig, &format!("guided to {} points", points.len()));
     let angles = machine.visit(points, &is_interrupted).map_err(|error| rig_failure(&error))?;
     let angles = angles.map_err(|error| match error {
         RunError::Interrupted => Failure::new(Exit::Interrupted, "interrupted; nothing was enabled", ""),
@@ -250,12 +247,12 @@ fn tell(rig: &config::Rig, visited: &[Visited], found: &Kinematics, output: &mut
     let (worst, worst_m) = found.worst;
     let mistaken = || {
         let message = format!(
-            "point {} is {:.2} mm off, and all are {:.2} mm off in the mean",
+            "point {} is {:.2} mm off, with {:.2} mm RMS of all points",
             worst + 1,
             1e3 * worst_m,
             1e3 * after_m
         );
-        let help = "compare it with the plate, and lead the tool there again: what was found is of no use with a point that was mistaken";
+        let help = "compare this point with the plate, and guide the tool there again; do not use these numbers";
         Failure::new(Exit::OutOfTolerance, message, help)
     };
     let judged = if worst_m > MISTAKEN * after_m && worst_m > MISTAKEN_M { Err(mistaken()) } else { Ok(()) };
@@ -271,19 +268,21 @@ fn tell(rig: &config::Rig, visited: &[Visited], found: &Kinematics, output: &mut
         });
         return output.end(document, judged);
     }
+    let limit_m = MISTAKEN_M.max(MISTAKEN * after_m);
     let mut text = format!(
-        "points    {}: the tool is {:.3} mm RMS beside them by the numbers of the file, {:.3} mm by those that fit; point {} is farthest off, \
-         {:.3} mm\n",
-        visited.len(),
+        "{}\nerror     {:.3} mm RMS with the rig file, {:.3} mm RMS with the numbers below\nworst     point {}: {:.3} mm (limit {:.3} mm)\n",
+        failure::verdict(&judged, || format!("{} points fit one arm", visited.len())),
         1e3 * before_m,
         1e3 * after_m,
         worst + 1,
-        1e3 * worst_m
+        1e3 * worst_m,
+        1e3 * limit_m
     );
     for (key, old, new) in &rows {
         text += &format!("  {key:32} {old:>10} -> {:.6} +- {:.6}\n", new.value, new.half_width());
     }
-    text += "Nothing was written: what differs by more than its interval belongs into the rig file.\n";
+    let advice = "nothing written; copy each number that changed by more than its 95 % interval (+-) into the rig file";
+    text += &format!("{}\n", fit::filled("", "", advice, fit::USUAL));
     output.result(&text)?;
     judged
 }

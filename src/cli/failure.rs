@@ -74,6 +74,17 @@ pub(super) fn both(first: Result<(), Failure>, then: Result<(), Failure>) -> Res
     }
 }
 
+/// Returns the first line of a report: `ok` with its facts, or the failure with its exit code.
+pub(super) fn verdict(end: &Result<(), Failure>, ok: impl FnOnce() -> String) -> String {
+    match end {
+        Ok(()) => format!("verdict   ok: {}", ok()),
+        Err(failure) => {
+            let why = failure.report.diagnostics.first().map_or("", |first| first.message.as_str());
+            format!("verdict   NOT OK (exit code {}): {why}", failure.exit.code())
+        }
+    }
+}
+
 /// Failure of a command.
 #[derive(Debug)]
 pub struct Failure {

@@ -7,7 +7,7 @@ use serde_json::json;
 use super::bus::check_buses;
 use super::commission::add_defects;
 use super::ending::{rig_failure, stopped_by};
-use super::failure::{Exit, Failure, both};
+use super::failure::{self, Exit, Failure, both};
 use super::interrupt::{interrupted, on_interrupt};
 use super::on_bus::live_failure;
 use super::output::Output;
@@ -69,24 +69,23 @@ impl Plan {
         let joint = arguments.joint.as_deref().map(|name| super::jog::joint(rig, name)).transpose()?;
         let joints = [0, 1].map(|one| joint.is_none_or(|joint| joint == one));
         let home = HomePlan::of(rig, joints, settling_on_bus(rig)).ok_or_else(|| {
-            let message =
-                format!("the drives of {} are not homed: their encoders know their angle at power-on", rig.rig.name);
-            let help = "an encoder that does not gets `encoder: incremental` and `homing`, as docs/bringup.md says";
+            let message = format!("the drives of {} need no homing: their encoders are absolute", rig.rig.name);
+            let help = "for an incremental encoder write `encoder: incremental` and `homing`; see docs/bringup.md";
             Failure::new(Exit::Usage, message, help)
         })?;
         let rated = rig.drives.iter().map(|drive| drive.rated_torque_n_m.get()).fold(f64::INFINITY, f64::min);
         let torque = arguments.torque.map_or(TORQUE_SHARE * rated, Positive::get);
         let positive = |value| {
-            let none = || Failure::new(Exit::Usage, "no torque is left", "write a greater --torque");
+            let none = || Failure::new(Exit::Usage, "the torque is 0", "write a larger --torque");
             Positive::new(value).ok_or_else(none)
         };
         let torque_n_m = positive(torque.min(rig.guard.torque_limit_n_m.get()))?;
         let asked = rig.drives.iter().zip(joints).filter(|(_, is_asked)| *is_asked).map(|(drive, _)| drive);
         let in_a_jig = |drive: &config::Drive| drive.homing.is_some_and(|homing| matches!(homing.method, 35 | 37));
         if let Some(drive) = asked.into_iter().find(|drive| arguments.repeat.is_some() && in_a_jig(drive)) {
-            let message = format!("--repeat: {} is homed where its joint stands, in a jig", drive.name);
-            let help = "nothing is looked for there that could be found elsewhere; put the joint into its jig again, and compare by \
-                        `yieldwall calibrate kinematics`";
+            let message = format!("--repeat: {} homes at its present position, in a jig", drive.name);
+            let help = "this method searches for no mark, so that there is nothing to repeat; put the joint into its jig again, and compare \
+                        with `yieldwall calibrate kinematics`";
             return Err(Failure::new(Exit::Usage, message, help));
         }
         let bounds = Bounds { motion_rad: positive(home.bound_rad())?, torque_n_m };
@@ -108,8 +107,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let is_interrupted = on_interrupt()?;
     let machine = EmbeddedRig::new(rig, &scene, &rig.fixture, scene.seed);
     let mut machine = machine.map_err(|error| rig_failure(&error))?;
-    let name = &rig.rig.name;
-    output.aside(&format!("the simulated arm of {name}, switched on just now; a real one with --bus INTERFACE"));
+    output.simulated("arm", rig, "just switched on");
     let mut done = 0;
     let told = |homed: &Homed| count(&mut done, plan.times, homed, output);
     let repeated = machine.home_repeatedly(rig, (&plan.home, plan.times), plan.bounds, &is_interrupted, told);
@@ -185,24 +183,27 @@ fn end(
             end,
         );
     }
-    let mut text = String::new();
+    let asked = joints.clone().filter(|(_, is_asked)| *is_asked).map(|((drive, _), _)| drive.name.as_str());
+    let asked = asked.collect::<Vec<_>>().join(" and ");
+    let mut text = failure::verdict(&end, || format!("{asked} homed"));
+    text.push('\n');
     for ((drive, joint), is_asked) in joints {
         let word = match (joint.is_homed, is_asked) {
             (true, _) => "homed",
             (false, true) => "not homed",
             (false, false) => "held",
         };
-        let reference = if joint.is_referenced { "" } else { ", as far as it is known without a reference" };
+        let reference = if joint.is_referenced { "" } else { " (by the encoder, without a reference)" };
         text.push_str(&format!(
-            "{word:9} {}: went {:.3} deg at most, stands at {:.3} deg{reference}\n",
+            "{word:9} {}: at {:.3} deg{reference}\n          largest travel {:.3} deg\n",
             drive.name,
-            joint.farthest_rad.to_degrees(),
-            joint.angle_rad.to_degrees()
+            joint.angle_rad.to_degrees(),
+            joint.farthest_rad.to_degrees()
         ));
     }
-    text.extend(shifts.iter().map(|shifts| shifts.lines(rig)));
+    text.extend(shifts.iter().map(|shifts| shifts.lines(rig, plan.within_rad)));
     let torque = plan.bounds.torque_n_m.get();
-    text.push_str(&format!("torque    {torque:.1} N m at most, set in both drives\n"));
+    text.push_str(&format!("torque    limit {torque:.1} N m, set in both drives\n"));
     let unknown: Vec<&str> = rig
         .drives
         .iter()
@@ -212,7 +213,7 @@ fn end(
         .collect();
     if end.is_ok() && !unknown.is_empty() {
         text.push_str(&format!(
-            "{} was not homed since it was switched on, and no rig runs with it\n",
+            "missing   {} is not homed since power-on: home it before `run`\n",
             unknown.join(" and ")
         ));
     }
@@ -224,8 +225,8 @@ fn end(
 fn not_begun(error: &RunError) -> Failure {
     let mut failure = live_failure(error);
     if let RunError::WayBlocked { .. } = error {
-        let help = "nothing was enabled; a joint may be `within_rad` from home and go as far again, the other one as far off too: write a smaller \
-                    `within_rad` and lead the arm nearer to home by hand, or home where the arm has more room";
+        let help = "nothing was enabled: both joints may travel twice `within_rad`, and the arm has no room for it; write a smaller `within_rad` and move \
+                    the arm nearer to home by hand, or home where the arm has more room";
         failure.report.diagnostics.iter_mut().for_each(|finding| finding.help = Some(help.to_owned()));
     }
     failure
@@ -240,67 +241,66 @@ fn not_home(rig: &config::Rig, joint: usize, why: NotHome) -> Failure {
     let (exit, message, help) = match why {
         NotHome::GaveUp => (
             Exit::DeviceFault,
-            format!("the drive {joint_name} has given up homing (statusword, bit 13)"),
-            "`yieldwall state` shows its error code; look at its switches and at `homing.method`".to_owned(),
+            format!("the drive {joint_name} reports a homing error (statusword bit 13)"),
+            "`yieldwall state` shows its error code; check its switches and `homing.method`".to_owned(),
         ),
         NotHome::NotBegun => (
             Exit::DeviceFault,
-            format!("the drive {joint_name} has not begun to home: it still reports the homing before"),
-            "switch it off and on, and try again; look whether it has the method and the mode".to_owned(),
+            format!("the drive {joint_name} has not begun to home: it still reports the previous homing"),
+            "switch it off and on, and try again; check whether it supports the method and the mode".to_owned(),
         ),
         NotHome::TooLong(longest_s) => (
             Exit::OutOfTolerance,
             format!("the drive {joint_name} did not find home within {longest_s:.1} s"),
-            "look for friction and for what blocks the joint, or raise --torque".to_owned(),
+            "check friction and obstacles, or raise --torque".to_owned(),
         ),
         NotHome::NotReferenced => (
             Exit::DeviceMismatch,
-            format!("the drive {joint_name} says that homing is over, and not that its position refers to home"),
+            format!("the drive {joint_name} reports that homing is complete, but not that its position refers to home"),
             "compare `referenced_bit` of its profile with the manual".to_owned(),
         ),
         NotHome::Elsewhere(off_rad) => (
             Exit::OutOfTolerance,
-            format!("by its position the joint of {joint_name} stands {:.2} deg beside home", off_rad.to_degrees()),
+            format!("the position of {joint_name} is {:.2} deg off home", off_rad.to_degrees()),
             "compare `position_at_home` of its profile with the manual: some drives take the home offset with the other sign"
                 .to_owned(),
         ),
         NotHome::Blocked(blocked, torque_n_m) => (
             Exit::SafetyStop,
             format!(
-                "the drive {} pushed with {:.1} N m, all that it may or nearly so, and its position stood still",
+                "the drive {} pushed with {:.1} N m, at or near its limit, and its position did not change",
                 name(blocked),
                 torque_n_m.abs()
             ),
-            "torque is off; look whether the joint is blocked and whether its encoder counts (`yieldwall monitor` while you lead it by hand), \
-             then at friction, and raise --torque only if that is the reason"
+            "torque is off; check for an obstacle, and whether the encoder counts (`yieldwall monitor` while you move the joint by hand); raise \
+             --torque only if friction is the reason"
                 .to_owned(),
         ),
         NotHome::Silent(silent) => (
             Exit::DeviceFault,
-            format!("the drive {} no longer reports its torque (6077h), by which a joint that is blocked is seen", name(silent)),
-            "look at the cable and at the load of the bus".to_owned(),
+            format!("the drive {} no longer reports its torque (6077h), which shows whether a joint is blocked", name(silent)),
+            "check the cable and the bus load".to_owned(),
         ),
         NotHome::Jumped(jumped) => (
             Exit::SafetyStop,
-            format!("while {joint_name} was homed the position of {}, which holds, jumped", name(jumped)),
-            "look at its encoder and its cable".to_owned(),
+            format!("while {joint_name} was homed, the position of {}, which holds, jumped", name(jumped)),
+            "check its encoder and its cable".to_owned(),
         ),
         NotHome::TooFar(moved, gone_rad) if moved != joint => (
             Exit::SafetyStop,
-            format!("while {joint_name} was homed the joint of {} went {:.2} deg", name(moved), gone_rad.to_degrees()),
-            "it has to hold: look at its brake, at the gains of the drive's own loop, and whether somebody holds the arm"
+            format!("while {joint_name} was homed, the joint of {} moved by {:.2} deg", name(moved), gone_rad.to_degrees()),
+            "this joint has to hold: check its brake, the gains of the drive's own loop, and whether somebody holds the arm"
                 .to_owned(),
         ),
         NotHome::TooFar(_, gone_rad) => (
             Exit::SafetyStop,
             format!(
-                "the joint of {joint_name} went {:.2} deg and did not find home, which is to lie within {within:.2} deg of where it began; \
-                 {:.2} deg more are its bound",
+                "the joint of {joint_name} moved by {:.2} deg and did not find home (limit: `within_rad` of {within:.2} deg and {:.2} deg more)",
                 gone_rad.to_degrees(),
                 HOMING_BEYOND_RAD.to_degrees()
             ),
-            "lead the arm to where home lies ahead on its way, by hand or with `yieldwall jog`, and try again: right after a homing the joint stands \
-             behind its home; look at `homing.method` and at the wires of the switch"
+            "move the joint to where home lies ahead in the direction of homing, by hand or with `yieldwall jog`, and try again: after a homing it \
+             is beyond its home; check `homing.method` and the wires of the switch"
                 .to_owned(),
         ),
     };
@@ -324,7 +324,7 @@ fn on_bus(
     let opened = arguments.on_bus.open("home", &arguments.rig, rig, output)?;
     let Opened { on_bus, terms, interfaces, is_interrupted } = opened;
     let rig = &rig.value;
-    output.aside("one joint moves after the other, and the other one holds; nobody may hold the handle");
+    output.aside("one joint moves after the other, while the other one holds; nobody may hold the handle");
     let mut done = 0;
     let outcome = on_bus.home(&terms, (&plan.home, plan.times), plan.bounds, &is_interrupted, |news| match news {
         News::Refused(refusal) => warn(output, refusal),

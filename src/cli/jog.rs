@@ -10,7 +10,7 @@ use serde_json::json;
 
 use super::bus::check_buses;
 use super::ending::{rig_failure, stopped_by};
-use super::failure::{Exit, Failure, both};
+use super::failure::{self, Exit, Failure, both};
 use super::faults::FaultArgument;
 use super::interrupt::{interrupted, on_interrupt};
 use super::on_bus::live_failure;
@@ -84,7 +84,7 @@ pub(super) fn joint(rig: &config::Rig, name: &str) -> Result<usize, Failure> {
     let names = rig.drives.each_ref().map(|drive| drive.name.as_str());
     let by_side = || ["left", "right"].iter().position(|side| *side == name);
     names.iter().position(|known| *known == name).or_else(by_side).ok_or_else(|| {
-        let message = format!("{name} is no joint of the rig");
+        let message = format!("{name} is not a joint of the rig");
         Failure::new(Exit::Usage, message, format!("write {}", names.join(" or ")))
     })
 }
@@ -108,20 +108,21 @@ impl<'a> Plan<'a> {
         let joint = joint(rig, &arguments.joint)?;
         let (option, way) = arguments.by.map_or(("--within", arguments.within), |by| ("--by", by));
         if way == 0.0 || way.abs() > PI {
-            let help = format!("write for example {option} 5deg");
-            return Err(usage(format!("{option}: no way, or more than half a turn"), &help));
+            let help = format!("write, for example, {option} 5deg");
+            return Err(usage(format!("{option}: the angle is 0, or more than half a turn"), &help));
         }
         if !(arguments.rate > 0.0 && arguments.rate <= MOST_RATE) {
             return Err(usage(
-                "--rate: more than 0 and at most 30deg in a second".to_owned(),
-                "write for example --rate 6deg",
+                "--rate: write more than 0 and at most 30deg (per second)".to_owned(),
+                "write, for example, --rate 6deg",
             ));
         }
         let rated = rig.drives.iter().map(|drive| drive.rated_torque_n_m.get()).fold(f64::INFINITY, f64::min);
         let most = rig.guard.torque_limit_n_m.get();
         let torque = arguments.torque.map_or(TORQUE_SHARE * rated, Positive::get).min(most);
-        let positive =
-            |value| Positive::new(value).ok_or_else(|| usage("no torque and no way".to_owned(), "write greater ones"));
+        let positive = |value| {
+            Positive::new(value).ok_or_else(|| usage("torque and angle are 0".to_owned(), "write larger values"))
+        };
         let mut by = [0.0; 2];
         by.iter_mut().skip(joint).take(1).for_each(|by| *by = way);
         let limits =
@@ -155,18 +156,17 @@ impl<'a> Plan<'a> {
             let torque = self.bounds.torque_n_m.get();
             first.help = Some(if stands {
                 format!(
-                    "{torque:.1} N m do not move it as it is led: look for what blocks it, a closed brake or an encoder that stands still, or raise \
-                     --torque if its friction is greater"
+                    "the joint does not follow with {torque:.1} N m: check for an obstacle, a closed brake or a frozen encoder; raise --torque only if \
+                     the friction is larger"
                 )
             } else if gone * led_rad < 0.0 {
                 format!(
-                    "by its encoder it went {:.2} deg the other way than it was led: compare `direction` and the encoder's polarity with the machine \
-                     (step `rotation` of `yieldwall commission`), and give it no more torque",
+                    "its encoder reports {:.2} deg of motion opposite to the reference: compare `direction` and the encoder's polarity with the machine \
+                     (step `rotation` of `yieldwall commission`); do not raise the torque",
                     gone.abs().to_degrees()
                 )
             } else {
-                "look for an encoder that stands still, for what blocks the joint, and for a joint that runs away; more torque makes that worse"
-                    .to_owned()
+                "check for a frozen encoder, an obstacle and a joint that runs away; do not raise the torque".to_owned()
             });
         }
         failure
@@ -182,15 +182,13 @@ impl<'a> Plan<'a> {
         let off = self.off(jogged);
         let Some((drive, off)) = rig.drives.iter().zip(off).find(|(_, off)| off.abs() > OFF_RAD) else { return Ok(()) };
         let message = format!(
-            "the joint of {} is {:.2} deg beside where it was led, more than {:.2} deg",
+            "the joint of {} is {:.2} deg off its target (limit {:.2} deg)",
             drive.name,
             off.to_degrees(),
             OFF_RAD.to_degrees()
         );
         let torque = self.bounds.torque_n_m.get();
-        let help = format!(
-            "{torque:.1} N m do not bring it there: look for friction and for what blocks it, or raise --torque"
-        );
+        let help = format!("{torque:.1} N m do not move it there: check friction and obstacles, or raise --torque");
         Err(Failure::new(Exit::OutOfTolerance, message, help))
     }
 
@@ -220,21 +218,23 @@ impl<'a> Plan<'a> {
                 end,
             );
         }
-        let mut text = String::new();
+        let name = rig.drives.get(self.joint).map_or("", |drive| drive.name.as_str());
+        let mut text = failure::verdict(&end, || format!("{name} was jogged, the other joint held"));
+        text.push('\n');
         let each =
             rig.drives.iter().zip(jogged.from.to_array()).zip(jogged.to.to_array()).zip(jogged.deviation.to_array());
         for (joint, (((drive, from), to), deviation)) in each.enumerate() {
             let has_moved = joint == self.joint && (to - from).abs() > OFF_RAD;
             let word = if has_moved { "moved" } else { "held" };
             text.push_str(&format!(
-                "{word:9} {}: {:.3} -> {:.3} deg, {:.3} deg beside its reference at most\n",
+                "{word:9} {}: {:.3} -> {:.3} deg\n          max deviation from the reference: {:.3} deg\n",
                 drive.name,
                 from.to_degrees(),
                 to.to_degrees(),
                 deviation.to_degrees()
             ));
         }
-        text.push_str(&format!("torque    {:.1} N m at most, set in both drives\n", self.bounds.torque_n_m.get()));
+        text.push_str(&format!("torque    limit {:.1} N m, set in both drives\n", self.bounds.torque_n_m.get()));
         output.result(&text)?;
         end
     }
@@ -266,8 +266,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     for fault in &arguments.fault {
         machine.inject(fault.of_rig(rig)?).map_err(|error| rig_failure(&error))?;
     }
-    output
-        .aside(&format!("the simulated arm of {}, with no hand on it; a real one with --bus INTERFACE", rig.rig.name));
+    output.simulated("arm", rig, "hands off");
     let reader = read(output)?;
     reader.iter().for_each(|_| output.aside(KEYS));
     let period = Duration::from_micros(rig.cycle.period_us.into());
@@ -294,12 +293,11 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 
 /// Returns the failure for joints that did not reach their targets, although no fault stopped the rig.
 pub(super) fn short_of(jogged: &Jogged) -> Failure {
-    let message =
-        format!("after {:.3} s the rig was stopped before its joints were where they should go", jogged.time_s);
+    let message = format!("the rig stopped after {:.3} s, before its joints reached their targets", jogged.time_s);
     Failure::new(
         Exit::SafetyStop,
         message,
-        "go less far: the way leads near a singularity or the edge of the workspace",
+        "move less far: the path leads near a singularity or the edge of the workspace",
     )
 }
 
@@ -329,7 +327,7 @@ fn on_bus(
         }));
         output.aside(KEYS);
     }
-    output.aside("one joint will move, and the other one hold; nobody may hold the handle");
+    output.aside("one joint will move, the other one will hold; nobody may hold the handle");
     let outcome = on_bus.jog(&terms, &plan.jog, plan.bounds, &is_interrupted, |news| match news {
         News::Refused(refusal) => warn(output, refusal),
         // The steps of the boot are for --verbose.
@@ -393,8 +391,8 @@ mod tests {
         let [left, right] = [0, 1].map(DeviceSet::drive);
         assert!(advice(Fault::FollowingError, left, 1e-4).contains("raise --torque"));
         // A joint that ran away, or did not continue.
-        assert!(advice(Fault::FollowingError, left, -5e-3).contains("went 0.29 deg the other way than it was led"));
-        assert!(advice(Fault::FollowingError, left, 5e-3).contains("an encoder that stands still"));
+        assert!(advice(Fault::FollowingError, left, -5e-3).contains("0.29 deg of motion opposite to the reference"));
+        assert!(advice(Fault::FollowingError, left, 5e-3).contains("a frozen encoder"));
         // The one that was to hold, and another fault.
         for (fault, devices, gone_rad) in [
             (Fault::FollowingError, right, 0.0),

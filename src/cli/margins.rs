@@ -55,8 +55,8 @@ impl Margins {
         let (gain_db, phase_deg) = LEAST_MARGINS;
         let message = if worst.stable {
             format!(
-                "the gains in `{key}` leave {:.1} dB of gain up, {:.1} dB down and {:.0} degrees of phase at the worst pose along the surface, where \
-                 {gain_db} dB and {phase_deg} degrees are wanted",
+                "the gains in `{key}` leave a gain margin of +{:.1}/-{:.1} dB and a phase margin of {:.0} degrees at the worst pose \
+                 along the surface; the limits are {gain_db} dB and {phase_deg} degrees",
                 worst.gain_db, worst.gain_reduction_db, worst.phase_deg
             )
         } else {
@@ -66,14 +66,13 @@ impl Margins {
         let help = match proposed_gains(&rig.value, found) {
             Some(tuned) => {
                 let gains = gains_words(tuned.gains, found.is_cartesian);
-                format!("`{gains}` leaves {gain_db} dB and {phase_deg} degrees by the same computation")
+                format!("write `{gains}`: {gain_db} dB and {phase_deg} degrees by the same computation")
             }
-            None => format!(
-                "no gains that were tried leave {gain_db} dB and {phase_deg} degrees: look at the period and at the inertia"
-            ),
+            None => {
+                format!("no gains found with {gain_db} dB and {phase_deg} degrees; check the period and the inertia")
+            }
         };
-        let see =
-            [("cycle.period_us", "the period"), ("control.feed_forward.inertia", "the inertia that is counted with")];
+        let see = [("cycle.period_us", "the period"), ("control.feed_forward.inertia", "the inertia of the model")];
         Some(rig.finding(Severity::Warning, key, message, help, &see))
     }
 
@@ -94,11 +93,9 @@ impl Margins {
                 ]
             }
             Self::Velocity { gain_period } => {
-                vec![format!(
-                    "velocity loop in the drives; rate gain times period {gain_period:.3}, overshoot from 0.25"
-                )]
+                vec![format!("velocity loop in the drives; rate gain x period {gain_period:.3} (overshoot from 0.25)")]
             }
-            Self::Position => vec!["position loop in the drives: no margins of this program's own".to_owned()],
+            Self::Position => vec!["position loop in the drives: no margins to compute here".to_owned()],
             Self::Unknown(why) => vec![format!("no margins: {why}")],
         }
     }

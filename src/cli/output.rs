@@ -9,7 +9,7 @@ use super::failure::{Exit, Failure};
 use super::fit;
 use super::printable::printable;
 use super::render::Renderer;
-use yieldwall_config::{Diagnostic, Report};
+use yieldwall_config::{Diagnostic, Report, Rig};
 
 /// Standard output and standard error under `--quiet` and `--json`.
 #[derive(Debug)]
@@ -140,6 +140,11 @@ impl Output {
             // If standard error is closed, no message can reach anybody.
             let _ = io::stderr().lock().write_all(format!("{}\n", printable(&line)).as_bytes());
         }
+    }
+
+    /// Names the simulated part of a rig that a command uses, and the option for the real one.
+    pub(super) fn simulated(&self, part: &str, rig: &Rig, condition: &str) {
+        self.aside(&format!("simulated {part} of {}, {condition} (real one: --bus INTERFACE)", rig.rig.name));
     }
 
     /// Whether a configuration with warnings is refused.

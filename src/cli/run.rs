@@ -13,7 +13,7 @@ use super::bus::check_buses;
 use super::desk::plan::{self, Sender};
 use super::ending::{self, above_bound, rig_failure};
 use super::events::{Events, Listening, Stream};
-use super::failure::{Exit, Failure};
+use super::failure::{self, Exit, Failure};
 use super::faults::FaultArgument;
 use super::interrupt::{interrupted, on_interrupt, unless};
 use super::keep::{Keep, described};
@@ -216,22 +216,15 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
 
 /// The first line of a report: whether the run ended as it should.
 pub(super) fn verdict(end: &Result<(), Failure>, report: &RunReport) -> String {
-    let simulated_s = report.simulated_s();
-    match end {
-        Ok(()) => {
-            let released = match report.measures.unintended_releases {
-                0 => "no unintended release".to_owned(),
-                1 => "1 unintended release".to_owned(),
-                several => format!("{several} unintended releases"),
-            };
-            let energy = if report.measures.energy_bound_j.is_finite() { ", energy within its limit" } else { "" };
-            format!("verdict   ok: ran for {simulated_s:.1} s, {released}{energy}")
-        }
-        Err(failure) => {
-            let why = failure.report.diagnostics.first().map_or("", |first| first.message.as_str());
-            format!("verdict   NOT OK (exit code {}): {why}", failure.exit.code())
-        }
-    }
+    failure::verdict(end, || {
+        let released = match report.measures.unintended_releases {
+            0 => "no unintended release".to_owned(),
+            1 => "1 unintended release".to_owned(),
+            several => format!("{several} unintended releases"),
+        };
+        let energy = if report.measures.energy_bound_j.is_finite() { ", energy within its limit" } else { "" };
+        format!("ran for {:.1} s, {released}{energy}", report.simulated_s())
+    })
 }
 
 /// Refuses a log of CAN frames of a rig that has no CAN.

@@ -107,10 +107,7 @@ fn simulated(rig: &Loaded<config::Rig>, output: &Output) -> Result<EmbeddedRig, 
     let (rig, scene) = (&rig.value, rig.scene()?.value);
     let machine = EmbeddedRig::new(rig, &scene, &rig.fixture, scene.seed);
     let machine = machine.map_err(|error| rig_failure(&error))?;
-    output.aside(&format!(
-        "the simulated sensor of {}, which nobody touches; a real one with --bus INTERFACE",
-        rig.rig.name
-    ));
+    output.simulated("sensor", rig, "hands off");
     Ok(machine)
 }
 
@@ -157,7 +154,7 @@ fn watch(arguments: &Monitor, rig: &Loaded<config::Rig>, output: &mut Output) ->
     let listened_s = if has_asked { ROW_S * rows.len() as f64 } else { arguments.seconds };
     let per_second = shown.count() as f64 / listened_s;
     let end = if shown.count() == 0 {
-        let help = "look at the sensor with `yieldwall doctor`";
+        let help = "check the sensor with `yieldwall doctor`";
         Err(Failure::new(Exit::DeviceMismatch, format!("{name} has sent no valid sample"), help))
     } else if has_asked {
         Err(Failure::new(Exit::Interrupted, "interrupted; nothing was enabled", ""))
@@ -182,7 +179,7 @@ fn watch(arguments: &Monitor, rig: &Loaded<config::Rig>, output: &mut Output) ->
         text.push_str(&format!("{word:>8}{}\n", columns(wrench)));
     }
     text.push_str(&format!(
-        "{name}, in its own frame: {} samples, {per_second:.0} in a second; {} at the end of the range, {} not valid\n",
+        "sensor    {name}, in its own frame\nsamples   {}, {per_second:.0} per second\n          {} saturated, {} invalid\n",
         shown.count(),
         shown.saturated,
         shown.invalid
@@ -197,7 +194,7 @@ fn zero(arguments: &Tare, rig: &Loaded<config::Rig>, output: &mut Output) -> Res
         Some(rig.value.fixture.friction_n.get()).filter(|friction_n| *friction_n > 0.0).unwrap_or(f64::INFINITY);
     let by_yield = || Positive::new((ZERO_SHARE * rig.value.fixture.yield_n.get()).min(friction_n));
     let most_n = arguments.up_to.or(rig.value.sensor.tare_up_to_n).or_else(by_yield);
-    let most_n = most_n.ok_or_else(|| Failure::new(Exit::Usage, "no force is left for a zero", "write --up-to 3"))?;
+    let most_n = most_n.ok_or_else(|| Failure::new(Exit::Usage, "the largest zero is 0 N", "write --up-to 3"))?;
     #[cfg(target_os = "linux")]
     let is_on_bus = arguments.on_bus.is_asked();
     #[cfg(not(target_os = "linux"))]
@@ -224,20 +221,25 @@ fn zero(arguments: &Tare, rig: &Loaded<config::Rig>, output: &mut Output) -> Res
     let heading = AXES.map(|(axis, unit)| format!("{:>11}", format!("{axis} {unit}"))).concat();
     let force_n = yieldwall_motion::elementary::hypot(zero.0.x, zero.0.y);
     let kept = match rig.value.sensor.tare_up_to_n {
-        Some(most_n) if force_n <= most_n.get() => "The rig is tared so each time it is enabled.".to_owned(),
-        Some(most_n) => format!("The rig is not enabled with that: its `tare_up_to_n` is {} N.", most_n.get()),
+        Some(most_n) if force_n <= most_n.get() => {
+            format!("tare      {force_n:.3} N at each enabling (limit {} N)", most_n.get())
+        }
+        Some(most_n) => {
+            format!(
+                "tare      NOT OK: {force_n:.3} N (limit {} N, `tare_up_to_n`); the rig refuses to enable",
+                most_n.get()
+            )
+        }
         None => {
             let most_n = most_n.get();
             let but = if most_n > friction_n {
                 format!(
-                    " That is more than the {friction_n} N of `friction_n`: the force of a hand that rests while the rig is tared moves the arm once it is gone."
+                    "\nwarning   {most_n} N exceed `friction_n` of {friction_n} N: if a hand rests on the handle during the\n          tare, the arm moves when the hand lets go"
                 )
             } else {
                 String::new()
             };
-            format!(
-                "Nothing was kept. `tare_up_to_n: {most_n}` of the sensor has the rig tared so each time it is enabled.{but}"
-            )
+            format!("nothing saved; to tare at each enabling, write `tare_up_to_n: {most_n}` in `sensor`{but}")
         }
     };
     output.result(&format!("{:>8}{heading}\n{:>8}{}\n{kept}\n", "", "zero", columns(zero)))

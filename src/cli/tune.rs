@@ -93,14 +93,16 @@ pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
         Document::Device(device) => {
             output.configuration(&device.warnings)?;
             if !arguments.hand_stiffness.is_empty() {
-                let message = "--hand-stiffness is for rigs: the coupling of a device is judged with the hand off, its worst case";
-                return Err(Failure::new(Exit::Usage, message, "leave --hand-stiffness away"));
+                let message = "--hand-stiffness is for rigs; the worst case of a device is the hand off";
+                return Err(Failure::new(Exit::Usage, message, "omit --hand-stiffness"));
             }
             let coupled = coupled_device(&device.value, reserve).map_err(|error| failure(&error))?;
             match coupled {
                 Some(coupled) if output.is_json() => output.report(coupled_json(&coupled, reserve)),
                 Some(coupled) => output.result(&(coupled_lines(&device.value, &coupled, reserve).join("\n") + "\n")),
-                None => Err(Failure::new(Exit::Usage, "this device is no impedance", "name a rig for an admittance")),
+                None => {
+                    Err(Failure::new(Exit::Usage, "this device is not an impedance", "name a rig for an admittance"))
+                }
             }
         }
         _ => Err(Failure::new(

@@ -67,7 +67,7 @@ impl Checked {
     pub(crate) fn lines(&self) -> impl Iterator<Item = String> {
         let device = device(&self.result).zip(self.coupled.as_ref());
         let coupled = device.map(|(device, coupled)| tune::coupled_lines(&device.value, coupled, 1.0));
-        let margins = self.margins.iter().flat_map(Margins::lines).chain(self.masses.iter().map(Masses::line));
+        let margins = self.margins.iter().flat_map(Margins::lines).chain(self.masses.iter().flat_map(Masses::lines));
         margins
             .chain(coupled.into_iter().flatten())
             .chain(self.plans().iter().map(Plan::line).collect::<Vec<_>>())

@@ -74,35 +74,29 @@ impl Shifts {
     }
 
     /// Lines for a person.
-    pub(super) fn lines(&self, rig: &config::Rig) -> String {
+    pub(super) fn lines(&self, rig: &config::Rig, within_rad: Option<f64>) -> String {
         let mut text = String::new();
         for (drive, joint) in rig.drives.iter().zip(&self.joints) {
             let Some(joint) = joint else { continue };
             let angle = |rad: f64| {
                 format!("{:.4} deg ({:.6} rad, {:.1} counts)", rad.to_degrees(), rad, rad * joint.counts_per_rad)
             };
-            let name = &drive.name;
-            text.push_str(&format!(
-                "repeated  {name}: {} homings, the reference shifts by {} at most from one to the next\n",
-                joint.shifts_rad.len() + 1,
-                angle(joint.greatest_rad)
-            ));
+            let limit = within_rad.map_or(String::new(), |limit| format!(" (limit {:.4} deg)", limit.to_degrees()));
+            text.push_str(&format!("repeated  {}: {} homings\n", drive.name, joint.shifts_rad.len() + 1));
+            text.push_str(&format!("          largest shift: {}{limit}\n", angle(joint.greatest_rad)));
             if let Some(deviation_rad) = joint.deviation_rad {
-                text.push_str(&format!(
-                    "          {name}: standard deviation of the shifts {}\n",
-                    angle(deviation_rad)
-                ));
+                text.push_str(&format!("          std dev of shifts: {}\n", angle(deviation_rad)));
             }
             if let Some(home) = joint.home {
                 text.push_str(&format!(
-                    "          {name}: standard deviation of home {:.4} deg, {:.4} to {:.4} deg with 95 %\n",
+                    "          std dev of home: {:.4} deg (95 % interval {:.4} to {:.4} deg)\n",
                     home.value.to_degrees(),
                     home.low.to_degrees(),
                     home.high.to_degrees()
                 ));
             }
             text.push_str(&format!(
-                "          {name}: the last home lies {:.4} deg beside the first, known to {:.4} deg\n",
+                "          last home minus first: {:.4} deg (uncertainty {:.4} deg)\n",
                 joint.drift_rad.to_degrees(),
                 joint.drift_known_to_rad().to_degrees()
             ));
@@ -123,12 +117,12 @@ impl Shifts {
         let Some(joint) = beyond else { return Ok(()) };
         let greatest_rad = self.joints[joint].as_ref().map_or(0.0, greatest);
         let message = format!(
-            "the reference of {} shifts by {:.4} deg from one homing to the next, more than {:.4} deg",
+            "the reference of {} shifts by {:.4} deg from one homing to the next (limit {:.4} deg)",
             name(joint),
             greatest_rad.to_degrees(),
             within_rad.to_degrees()
         );
-        let help = "look for a loose switch, encoder disc or coupling; a lower `homing.rate_rad_per_s` shows whether the drive latches home in time";
+        let help = "check for a loose switch, encoder disc or coupling; a lower `homing.rate_rad_per_s` shows whether the drive latches home in time";
         Err(Failure::new(Exit::OutOfTolerance, message, help))
     }
 
@@ -153,19 +147,19 @@ impl Shifts {
 fn unknown(name: &str, why: NoShift) -> Failure {
     let (message, help) = match why {
         NoShift::NoJump => (
-            format!("{name} is homed, and its position did not jump: nobody saw when its drive takes its reference"),
-            "switch the drives off and on, so that they count from somewhere else, lead the arm by hand to where home lies ahead, and try again",
+            format!("{name} is homed, but its position did not jump: the moment of its new reference is unknown"),
+            "switch the drives off and on, so that they count from another position; move the arm by hand to where home lies ahead, and try again",
         ),
         NoShift::TooNear(way_rad) => (
             format!(
-                "{name} is homed, and began only {:.2} deg from home: it does not come up to its rate there",
+                "{name} is homed, but began only {:.2} deg from home, too near to reach its rate",
                 way_rad.to_degrees()
             ),
-            "lead the arm by hand farther away, to where home lies ahead, switch the drives off and on, and try again",
+            "move the arm by hand farther away, to where home lies ahead; switch the drives off and on, and try again",
         ),
         NoShift::NoPositions => (
-            format!("{name} is homed, and positions are missing at the moment at which its drive took its reference"),
-            "look at the cable and at the load of the bus, and try again",
+            format!("{name} is homed, but positions are missing at the moment of its new reference"),
+            "check the cable and the bus load, and try again",
         ),
     };
     Failure::new(Exit::OutOfTolerance, message, help)

@@ -28,11 +28,11 @@ impl Measured {
     pub(super) fn words(&self) -> String {
         let Self { delay_cycles, force_later_s } = self;
         let force = if *force_later_s > 0.0 {
-            format!(", and with a force up to {:.2} ms older than the rig file says", 1e3 * force_later_s)
+            format!(", force up to {:.2} ms older than by the rig file", 1e3 * force_later_s)
         } else {
             String::new()
         };
-        format!("by what `tune loop` has measured on a bus: inertia, a delay of {delay_cycles:.2} cycles{force}")
+        format!("`tune loop` has measured on a bus: inertia, delay {delay_cycles:.2} cycles{force}")
     }
 
     /// Returns the data for a program.
@@ -45,7 +45,7 @@ impl Masses {
     /// Computes them as [`Masses::of`] does, from the rig's measurements in a folder; `None` if there are none.
     pub(crate) fn of_recorded(rig: &Loaded<Rig>, stiffnesses: &[f64], folder: &Path) -> Result<Option<Self>, Failure> {
         let loaded = MeasuredLoop::load(&rig.value, folder).map_err(|error| {
-            let help = "delete the record, or measure anew with `yieldwall tune loop` and --bus";
+            let help = "delete the record, or measure again with `yieldwall tune loop` and --bus";
             Failure::new(Exit::OutOfTolerance, error.to_string(), help)
         })?;
         let Some(recorded) = loaded else { return Ok(None) };
@@ -75,13 +75,13 @@ impl Masses {
             return None;
         }
         let message = format!(
-            "without friction a virtual mass of {} kg is unstable with a hand of {} N/m, {}: stable is {}",
+            "without friction a virtual mass of {} kg is unstable with a hand of {} N/m (stable: {}); {}",
             self.configured_kg,
             holding.grip.stiffness_n_per_m,
-            measured.words(),
-            range_words(holding.masses.as_ref())
+            range_words(holding.masses.as_ref()),
+            measured.words()
         );
-        let help = "write a mass well within that; `yieldwall tune fixture` prints it for other hands";
+        let help = "write a mass well within the stable range; `yieldwall tune fixture` prints it for other hands";
         let key = "fixture.coupling.admittance.mass_kg";
         Some(rig.finding(Severity::Warning, key, message, help, &[("sensor", "the force sensor")]))
     }
@@ -106,7 +106,7 @@ mod tests {
             let force = ForceFound { between_s, mass_kg: 0.3 };
             MeasuredLoop::new(&rig.value, joints, Some(force)).store(&folder).unwrap();
             let masses = Masses::of_recorded(&rig, &[500.0], &folder).unwrap().unwrap();
-            let [_, usual] = masses.holdings.as_deref().unwrap() else { panic!("{}", masses.line()) };
+            let [_, usual] = masses.holdings.as_deref().unwrap() else { panic!("{:?}", masses.lines()) };
             least_kg.extend(usual.masses.map(|masses| masses.least_kg));
             let finding = masses.measured_finding(&rig);
             assert_eq!(finding.is_some(), is_told, "{between_s:?}: {}", masses.text(2.0));

@@ -15,18 +15,21 @@ pub(crate) fn coupled_lines(device: &ImpedanceDevice, coupled: &Coupled, reserve
     let Coupling::Impedance { stiffness_n_per_m, damping_n_s_per_m } = device.fixture.coupling else { return vec![] };
     let own = device.plant.damping_n_s_per_m.get();
     let bound = |value: Option<f64>| value.map_or("none".to_owned(), |value| four_digits(value).to_string());
+    let (stiffness, damping) = (*stiffness_n_per_m, damping_n_s_per_m.get());
     vec![
+        format!("coupling  {} with the hand off", if coupled.is_stable { "stable" } else { "UNSTABLE" }),
         format!(
-            "virtual coupling, hand off: {}; K = {} N/m needs about {:.3} N s/m, device and B have {:.3} N s/m",
-            if coupled.is_stable { "stable" } else { "UNSTABLE" },
-            *stiffness_n_per_m,
-            coupled.damping_needed_n_s_per_m,
-            own + damping_n_s_per_m.get()
+            "stiffness K = {stiffness} N/m (limit {} N/m with this B, reserve {reserve})",
+            bound(coupled.greatest_stiffness_n_per_m)
         ),
         format!(
-            "with a reserve of {reserve}: K at most {} N/m beside this B, B at most {} N s/m beside this K",
-            bound(coupled.greatest_stiffness_n_per_m),
+            "damping   B = {damping} N s/m (limit {} N s/m with this K, reserve {reserve})",
             bound(coupled.greatest_damping_n_s_per_m)
+        ),
+        format!(
+            "          device and B: {:.3} N s/m (this K needs about {:.3} N s/m)",
+            own + damping,
+            coupled.damping_needed_n_s_per_m
         ),
     ]
 }
@@ -49,7 +52,7 @@ pub(crate) fn coupled_finding(device: &Loaded<ImpedanceDevice>, coupled: &Couple
     }
     let message = "spring and damper of the virtual coupling are unstable on the free device".to_owned();
     let help = format!(
-        "a spring needs K T/2 of damping, at most that of a small B T/m; `yieldwall tune fixture {}` finds both",
+        "a spring needs a damping of K T/2 at least, while B T/m stays small; `yieldwall tune fixture {}` computes both",
         device.source
     );
     let see = [("cycle.period_us", "the period"), ("plant.damping_n_s_per_m", "the device's own damping")];
@@ -68,7 +71,7 @@ mod tests {
         let coupled = coupled_device(&device.value, 2.0).unwrap().unwrap();
         let coupled = Coupled { greatest_stiffness_n_per_m: Some(1944.4191), ..coupled };
         let lines = coupled_lines(&device.value, &coupled, 2.0);
-        assert!(lines[1].contains("K at most 1944 N/m beside"), "{lines:?}");
+        assert!(lines[1].contains("limit 1944 N/m with this B"), "{lines:?}");
         assert_eq!(four_digits(0.000_123_456), 0.000_123_5);
     }
 

@@ -48,7 +48,12 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         output.warnings(&masses.finding(&proposal.tuned).into_iter().collect::<Vec<_>>());
     }
     if !output.is_json() {
-        output.result(&format!("{}: {}\n{}", rig.value.rig.name, title(&rig.value), proposal.text(&rig.value)))?;
+        output.result(&format!(
+            "rig       {}: {}\n{}",
+            rig.value.rig.name,
+            title(&rig.value),
+            proposal.text(&rig.value)
+        ))?;
     }
     let written = proposal.write(&rig, arguments.write, arguments.yes)?;
     if output.is_json() {
@@ -91,7 +96,7 @@ impl Proposal {
         let edit = Edit::of(rig, &self.tuned.value, &self.changes, &self.place)?;
         let what = format!("{}: {}", edit.path().display(), edit.words());
         if !says_yes && !agreed(&what) {
-            return Err(Failure::new(Exit::Usage, "nothing was written", "answer yes, or give --yes"));
+            return Err(Failure::new(Exit::Usage, "nothing written", "answer yes, or add --yes"));
         }
         edit.carry_out().map(Some)
     }
@@ -99,16 +104,16 @@ impl Proposal {
     /// Reports the written gains, or the gains that would be written.
     pub(super) fn tell(&self, written: Option<&Path>, output: &mut Output) -> Result<(), Failure> {
         match (written, &self.place) {
-            _ if self.is_tuned() => output.news("The rig has these gains already. Nothing was written."),
-            (Some(path), _) => output.news(&format!("wrote {}", path.display())),
-            (None, GainsSource::Here(_)) => output.news("Nothing was written; --write does."),
+            _ if self.is_tuned() => output.news("nothing written; the rig already has these gains"),
+            (Some(path), _) => output.news(&format!("written   {}", path.display())),
+            (None, GainsSource::Here(_)) => output.news("nothing written; add --write to write the gains"),
             (None, GainsSource::Inherited { from }) => {
                 output.news(&format!(
-                    "These gains stand in {from}, which this rig is like. Nothing was written; --write gives this rig gains of its own."
+                    "nothing written; this rig inherits its gains from {from}\nadd --write to write gains into this rig's own file"
                 ))
             }
             (None, GainsSource::Unclear { key }) => {
-                output.news(&format!("Nothing was written: `{key}` is not a plain number in this file."))
+                output.news(&format!("nothing written; `{key}` is not a plain number in this file"))
             }
         }
     }
@@ -131,11 +136,11 @@ fn tuned(rig: &Loaded<Rig>) -> Result<Loaded<Rig>, Failure> {
     let mut tuned = rig.clone();
     match rig.value.rig.command_mode {
         CommandMode::Position => {
-            let message = "in position mode the drives close the loop: this program has no gains there";
+            let message = "in position mode the drives close the loop; this program has no gains";
             return Err(Failure::new(
                 Exit::Usage,
                 message,
-                "tune the drives by their maker's program; or write `command_mode: torque`",
+                "tune the drives with their manufacturer's program, or write `command_mode: torque`",
             ));
         }
         CommandMode::Velocity => {
@@ -165,8 +170,10 @@ fn tuned(rig: &Loaded<Rig>) -> Result<Loaded<Rig>, Failure> {
 
 pub(super) fn nothing() -> Failure {
     let (gain_db, phase_deg) = PROPOSED_MARGINS;
-    let message = format!("no gains that were tried leave {gain_db} dB and {phase_deg} degrees at every pose");
-    Failure::new(Exit::OutOfTolerance, message, "look at `cycle.period_us` and at `control.feed_forward.inertia`")
+    let message = format!(
+        "no gains found with a gain margin of {gain_db} dB and a phase margin of {phase_deg} degrees at every pose"
+    );
+    Failure::new(Exit::OutOfTolerance, message, "check `cycle.period_us` and `control.feed_forward.inertia`")
 }
 
 /// Replaces the gains.
@@ -211,7 +218,7 @@ fn changes(old: &ControlGains, new: &ControlGains) -> Vec<Change> {
 /// Returns the tuned object, and the source of the computation.
 fn title(rig: &Rig) -> String {
     match rig.rig.command_mode {
-        CommandMode::Velocity => "the rate gain, from the cycle time".to_owned(),
+        CommandMode::Velocity => "rate gain, from the cycle time".to_owned(),
         _ => format!("gains of the {} law, from a model of the arm", law(rig)),
     }
 }
@@ -234,22 +241,21 @@ fn text(rig: &Rig, changes: &[Change], [before, after]: [&Margins; 2]) -> String
         margins.lines().iter().for_each(|line| text += &format!("  {line}\n"));
         if let (Margins::Velocity { .. }, Some((_, old, new))) = (margins, changes.first()) {
             let gain = if at == 1 { *old } else { *new };
-            text += &format!("  {}\n", rate_words(gain, rig));
+            rate_lines(gain, rig).iter().for_each(|line| text += &format!("  {line}\n"));
         }
     }
     text
 }
 
-fn rate_words(gain_per_s: f64, rig: &Rig) -> String {
+/// Returns the margins of a rate gain with ideal drives, a line each.
+fn rate_lines(gain_per_s: f64, rig: &Rig) -> Vec<String> {
     let period_s = f64::from(rig.cycle.period_us) * 1e-6;
     match rate_margins(gain_per_s * period_s) {
-        Some(margins) => format!(
-            "drives that follow at once: gain up {:.1} dB, phase {:.1} deg; a lag of {:.2} ms is left",
-            margins.gain_db,
-            margins.phase_deg,
-            1e3 * margins.lag_cycles * period_s
-        ),
-        None => "drives that follow at once: UNSTABLE".to_owned(),
+        Some(margins) => vec![
+            format!("ideal drives         gain +{:.1} dB, phase {:.1} deg", margins.gain_db, margins.phase_deg),
+            format!("remaining lag        {:.2} ms", 1e3 * margins.lag_cycles * period_s),
+        ],
+        None => vec!["ideal drives         UNSTABLE".to_owned()],
     }
 }
 

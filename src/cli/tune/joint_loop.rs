@@ -11,7 +11,8 @@ use super::gains::{Proposal, file, nothing, set};
 use crate::bus::check_buses;
 use crate::commission::add_defects;
 use crate::ending::{rig_failure, stopped_by};
-use crate::failure::{Exit, Failure, both};
+use crate::failure::{self, Exit, Failure, both};
+use crate::fit;
 use crate::interrupt::{interrupted, on_interrupt};
 use crate::margins::Margins;
 use crate::masses::Masses;
@@ -36,6 +37,8 @@ use yieldwall_run::{
 const SLIDING_FACTOR: f64 = 1.3;
 /// Share of the identified dry friction that a feed-forward may have: an excess over the real friction pushes a joint at rest.
 const FED_SHARE: f64 = 0.8;
+/// Columns of a reason beside the joint and the label.
+const REASON_COLUMNS: usize = fit::USUAL - 20;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
@@ -90,10 +93,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let is_interrupted = on_interrupt()?;
     let machine = EmbeddedRig::new(&rig.value, &scene, &rig.value.fixture, scene.seed);
     let mut machine = machine.map_err(|error| rig_failure(&error))?;
-    output.aside(&format!(
-        "the simulated arm of {}, with no hand on it; a real one with --bus INTERFACE",
-        rig.value.rig.name
-    ));
+    output.simulated("arm", &rig.value, "hands off");
     let mut traced = Vec::new();
     for plan in &plans {
         let one = machine.tune_loop(&rig.value, plan, &is_interrupted).map_err(|error| rig_failure(&error))?;
@@ -118,12 +118,12 @@ fn on_bus(arguments: &Arguments, plans: &[LoopPlan], rig: &Loaded<Rig>, output: 
     use yieldwall_run::host::News;
 
     let what = format!(
-        "Each joint goes to and fro by {:.1} degrees at most, at up to 20 degrees in a second and with small vibrations, for half a minute. The arm has \
-         to be free to move, nobody may hold it, and somebody has a hand on the emergency stop",
+        "Each joint moves back and forth for half a minute: by {:.1} degrees at most, at up to 20 degrees per second, with small vibrations. Confirm: \
+         the arm is free to move, nobody holds it, and one hand is on the emergency stop",
         LOOP_BOUND_RAD.to_degrees()
     );
     if !arguments.yes && !agreed(&what) {
-        return Err(Failure::new(Exit::Usage, "nothing was done", "answer yes, or write --yes"));
+        return Err(Failure::new(Exit::Usage, "nothing was done", "answer yes, or add --yes"));
     }
     let events = Events::of(output);
     let opened = arguments.on_bus.open("tune loop", &arguments.rig, rig, output)?;
@@ -168,7 +168,7 @@ fn keep(traced: &[LoopTraced], rig: &Loaded<Rig>, is_by_the_clock: bool) -> Resu
     let force = ForceFound::of(&found).or_else(before);
     let stored = MeasuredLoop::new(&rig.value, joints, force).store(&folder);
     stored.map(Some).map_err(|error| {
-        Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
+        Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make this folder writable")
     })
 }
 
@@ -210,12 +210,21 @@ fn end(
         }
     }
     if !output.is_json() {
-        let mut text: String = found.iter().map(|joint| joint_text(joint, &rig.value)).collect();
-        text += &advice(&found, &rig.value).iter().map(|line| format!("{line}\n")).collect::<String>();
+        let mut text = failure::verdict(&judged, || match &proposal {
+            Some(_) => "both joints identified, gains proposed".to_owned(),
+            None => "friction of both joints identified".to_owned(),
+        });
+        text += "\n";
+        text += &found.iter().map(|joint| joint_text(joint, &rig.value)).collect::<String>();
+        for advice in advice(&found, &rig.value) {
+            text += &format!("{}\n", fit::filled("advice    ", "          ", &advice, fit::USUAL));
+        }
         if let Some(proposal) = &proposal {
             text += &proposal.text(&rig.value);
         }
-        text += &masses.as_ref().map_or(String::new(), |masses| format!("{}\n", masses.line()));
+        for line in masses.iter().flat_map(Masses::lines) {
+            text += &format!("{line}\n");
+        }
         output.result(&text)?;
     }
     let written = match &proposal {
@@ -258,13 +267,13 @@ fn failure(traced: &LoopTraced, joint: usize, name: &str, rig: &Rig) -> Failure 
         Ended::Interrupted => interrupted(traced.time_s),
         _ if traced.ran_away => Failure::new(
             Exit::SafetyStop,
-            format!("the joint of {name} ran the other way than it was led"),
-            "`yieldwall commission` finds what is the wrong way round: look at `direction` of the drive and at its encoder",
+            format!("the joint of {name} moved opposite to its reference"),
+            "check `direction` of the drive and its encoder; `yieldwall commission` finds which one is inverted",
         ),
         Ended::Stopped if is_weak => {
             let mut failure = stopped_by(traced.cause, traced.time_s, rig);
             let help = format!(
-                "{torque:.1} N m do not lead the joint of {name} along its course: raise --torque; or its loop is too soft, look at `control.gains`"
+                "the joint of {name} does not follow its course with {torque:.1} N m: raise --torque, or check whether `control.gains` are too soft"
             );
             failure.report.diagnostics.iter_mut().take(1).for_each(|diagnostic| diagnostic.help = Some(help.clone()));
             failure
@@ -272,17 +281,17 @@ fn failure(traced: &LoopTraced, joint: usize, name: &str, rig: &Rig) -> Failure 
         Ended::Whole => Failure::new(
             Exit::OutOfTolerance,
             format!(
-                "{torque:.1} N m were too little for the course of the joint of {name}: what was cut shows no inertia"
+                "{torque:.1} N m were too little for the course of the joint of {name}: torque at its limit shows no inertia"
             ),
             "raise --torque",
         ),
         Ended::Stopped if traced.cause.is_none() => Failure::new(
             Exit::SafetyStop,
             format!(
-                "after {:.3} s the rig was stopped before joint {joint}, {name}, was at the end of its course",
+                "the rig stopped after {:.3} s, before joint {joint} ({name}) reached the end of its course",
                 traced.time_s
             ),
-            "lead the arm to the middle of its workspace by hand",
+            "move the arm to the middle of its workspace by hand",
         ),
         _ => stopped_by(traced.cause, traced.time_s, rig),
     }
@@ -298,13 +307,11 @@ fn judge(found: &[&JointLoop], rig: &Rig) -> Result<(), Failure> {
         let Some((what, error)) = errors.into_iter().find_map(|(what, error)| Some((what, error?))) else { continue };
         let help = match error {
             NotIdentified::TooFew if joint.is_told => {
-                "the drive reports its torque (6077h) too seldom: look at its answers with `yieldwall commission`"
+                "the drive reports its torque (6077h) too seldom: check its answers with `yieldwall commission`"
             }
-            NotIdentified::Stands => "the joint sticks at 10 degrees in a second: look at its loop and at its friction",
-            NotIdentified::NoDelay { .. } => {
-                "look at what delays the torque: filters of the drive, a torque that is no torque"
-            }
-            _ => "look at the joint with `yieldwall commission`, and begin again",
+            NotIdentified::Stands => "the joint sticks at 10 degrees per second: check its loop and its friction",
+            NotIdentified::NoDelay { .. } => "check what delays the torque, such as filters of the drive",
+            _ => "check the joint with `yieldwall commission`, and measure again",
         };
         return Err(Failure::new(Exit::OutOfTolerance, format!("{what} of {name}: {error}"), help));
     }
@@ -344,6 +351,7 @@ fn plus_minus(estimate: &Estimate, factor: f64, digits: usize) -> String {
     format!("{:.digits$} +- {:.digits$}", factor * estimate.value, factor * estimate.half_width())
 }
 
+/// Returns the identified values of a joint, a line each: the joint, a label, the value.
 fn joint_text(joint: &JointLoop, rig: &Rig) -> String {
     let name = rig.drives.get(joint.joint).map_or("", |drive| drive.name.as_str());
     let [left, right] = joint.pose.to_array().map(f64::to_degrees);
@@ -351,54 +359,54 @@ fn joint_text(joint: &JointLoop, rig: &Rig) -> String {
     let mut lines = Vec::new();
     match &joint.dynamics {
         Ok(dynamics) => {
-            lines.push(format!(
-                "inertia   {} kg m^2, mean over the travel about {left:.1} and {right:.1} deg",
-                plus_minus(&dynamics.inertia_kg_m2, 1.0, 4)
-            ));
-            lines.push(format!(
-                "delay     {} ms from an angle to its torque, {:.2} cycles; {:.1} % of the torque is not explained",
-                plus_minus(&dynamics.delay_s, 1e3, 3),
-                dynamics.delay_s.value / period_s,
-                100.0 * dynamics.misfit
-            ));
+            lines.push(("inertia", format!("{} kg m^2", plus_minus(&dynamics.inertia_kg_m2, 1.0, 4))));
+            lines.push(("", format!("mean over the travel, near {left:.1} and {right:.1} deg")));
+            let cycles = dynamics.delay_s.value / period_s;
+            let delay = plus_minus(&dynamics.delay_s, 1e3, 3);
+            lines.push(("delay", format!("{delay} ms from angle to torque ({cycles:.2} cycles)")));
+            lines.push(("residual", format!("{:.1} % of the torque not explained", 100.0 * dynamics.misfit)));
         }
-        Err(error) => lines.push(format!("inertia   not identified: {error}")),
+        Err(error) => lines.extend(not_identified("inertia", "", error)),
     }
     match &joint.friction {
         Ok(friction) => {
+            lines.push(("friction", format!("dry {} N m", plus_minus(&friction.coulomb_n_m, 1.0, 3))));
             let viscous = match viscous(friction, rig) {
-                Some(viscous) => format!("{} N m s/rad viscous", plus_minus(viscous, 1.0, 3)),
-                None => "viscous friction not identified".to_owned(),
+                Some(viscous) => format!("viscous {} N m s/rad", plus_minus(viscous, 1.0, 3)),
+                None => "viscous not identified".to_owned(),
             };
-            lines.push(format!(
-                "friction  {} N m dry, {viscous}; {:.2} N m are the same both ways",
-                plus_minus(&friction.coulomb_n_m, 1.0, 3),
-                // Zero has no sign.
-                (100.0 * friction.offset_n_m).round() / 100.0 + 0.0
-            ));
+            lines.push(("", viscous));
+            // Zero has no sign.
+            let offset = (100.0 * friction.offset_n_m).round() / 100.0 + 0.0;
+            lines.push(("offset", format!("{offset:.2} N m in both directions (gravity, cables)")));
         }
-        Err(error) => lines.push(format!("friction  not identified: {error}")),
+        Err(error) => lines.extend(not_identified("friction", "", error)),
     }
-    lines.push(force::line(&joint.handle));
+    lines.extend(force::lines(&joint.handle));
     if let Some(lag_s) = joint.lag_s.filter(|_| joint.is_told) {
-        lines.push(format!(
-            "lag       {:.2} ms from a set-point to the angle; the loop closes in the drive",
-            1e3 * lag_s
-        ));
+        lines.push(("lag", format!("{:.2} ms from set-point to angle, loop in the drive", 1e3 * lag_s)));
     }
     if let Some(step) = &joint.step {
-        let rise = step.rise_s.map_or("it does not come to the step".to_owned(), |rise| {
+        let rise = step.rise_s.map_or("none: the angle does not reach the step".to_owned(), |rise| {
             // It is seen once a cycle.
             let rise = if rise > 0.0 { format!("{:.1} ms", 1e3 * rise) } else { "less than a cycle".to_owned() };
-            format!("it rises in {rise}, the reference in {:.1} ms", 1e3 * STEP_RISE_S)
+            format!("{rise} (reference {:.1} ms)", 1e3 * STEP_RISE_S)
         });
-        lines.push(format!("step      {rise}, and goes {:.0} % beyond", 100.0 * step.overshoot));
+        lines.push(("step", format!("rise time {rise}")));
+        lines.push(("", format!("overshoot {:.0} % (reference 0 %)", 100.0 * step.overshoot)));
     }
-    lines.push(format!("torque    {:.1} N m at most, set in both drives", joint.torque_n_m));
+    lines.push(("torque", format!("limit {:.1} N m, set in both drives", joint.torque_n_m)));
     if joint.left_out > 0 {
-        lines.push(format!("cycles    are missing in {} parts of the course, which were left out", joint.left_out));
+        lines.push(("cycles", format!("{} parts of the course omitted, since cycles are missing", joint.left_out)));
     }
-    lines.iter().map(|line| format!("{name:9} {line}\n")).collect()
+    lines.iter().map(|(label, text)| format!("{name:9} {label:9} {text}\n")).collect()
+}
+
+/// Returns the lines of a value that was not identified, with the reason.
+fn not_identified(label: &'static str, what: &str, error: &NotIdentified) -> Vec<(&'static str, String)> {
+    let reason = fit::filled("", "", &error.to_string(), REASON_COLUMNS);
+    let reason = reason.lines().map(|line| ("", line.to_owned()));
+    [(label, format!("{what}not identified:"))].into_iter().chain(reason).collect()
 }
 
 /// Returns further conclusions on the rig file from the identified values.
@@ -410,12 +418,12 @@ fn advice(found: &[&JointLoop], rig: &Rig) -> Vec<String> {
         let most = FED_SHARE * friction.coulomb_n_m.low;
         if rig.rig.command_mode == CommandMode::Torque && fed > friction.coulomb_n_m.low {
             lines.push(format!(
-                "`control.feed_forward.coulomb_n_m` has {fed:.1} N m for {}, more than its friction: a joint that rests is pushed; write {most:.1}",
+                "`control.feed_forward.coulomb_n_m` of {} is {fed:.1} N m, above its friction, and pushes a joint at rest; write {most:.1}",
                 drive.name
             ));
         } else if rig.rig.command_mode == CommandMode::Torque && fed < 0.8 * most {
             lines.push(format!(
-                "`control.feed_forward.coulomb_n_m` has {fed:.1} N m for {}, of which {most:.1} could be fed forward",
+                "`control.feed_forward.coulomb_n_m` of {} is {fed:.1} N m; its friction allows up to {most:.1} N m",
                 drive.name
             ));
         }
@@ -432,8 +440,8 @@ fn advice(found: &[&JointLoop], rig: &Rig) -> Vec<String> {
     let is_psmc = rig.rig.command_mode == CommandMode::Torque && rig.control.law == ControlLaw::Psmc;
     if is_psmc && bound > rig.control.sliding_time_s.get() {
         lines.push(format!(
-            "sliding time: from {bound:.4} s on PSMC does not overshoot after a saturation at `guard.joint_speed_limit_rad_per_s`; \
-             `control.sliding_time_s` has {}",
+            "`control.sliding_time_s` is {} s: from {bound:.4} s on, PSMC does not overshoot after a saturation at \
+             `guard.joint_speed_limit_rad_per_s`",
             rig.control.sliding_time_s.get()
         ));
     }
@@ -441,11 +449,11 @@ fn advice(found: &[&JointLoop], rig: &Rig) -> Vec<String> {
     match rig.rig.command_mode {
         CommandMode::Torque => {}
         CommandMode::Velocity => lines.push(
-            "the velocity loop closes in the drives: inertia and the delay of a torque are not to be seen; `yieldwall tune gains` proposes the rate gain".to_owned(),
+            "the velocity loop closes in the drives, which hides inertia and torque delay; `yieldwall tune gains` proposes the rate gain".to_owned(),
         ),
         CommandMode::Position => lines.push(
-            "the position loop closes in the drives: inertia, viscous friction and the delay of a torque are not to be seen, and this program has no gains; \
-             tune the drives by their maker's program"
+            "the position loop closes in the drives, which hides inertia, viscous friction and torque delay; this program has no gains: tune the \
+             drives with their manufacturer's program"
                 .to_owned(),
         ),
     }

@@ -43,19 +43,19 @@ pub enum NotIdentified {
     #[error("there are too few samples")]
     TooFew,
     /// A sample is not finite.
-    #[error("a sample is no number")]
+    #[error("a sample is not a number")]
     NotFinite,
     /// The joint stood, or turned back, while it had to turn one way.
     #[error("the joint did not turn one way all the time")]
     Stands,
     /// The drive closes the loop. It does not report its torque between two set-points, which causes a large share of the acceleration.
-    #[error("the drive closes the loop, and does not report what its torque is from one moment to the next")]
+    #[error("the drive closes the loop, and does not report its torque within a cycle")]
     InDrive,
     /// The motion does not determine the unknowns separately.
-    #[error("the motion does not report inertia, friction and delay apart")]
+    #[error("the motion does not separate inertia, friction and delay")]
     Indistinct,
     /// The points do not determine the lengths and zeros of an arm, or the arm cannot be at them.
-    #[error("the points do not tell links and zeros apart, or no such arm is at them")]
+    #[error("the points do not separate links from zeros, or no such arm reaches them")]
     Apart,
     /// No delay within the range of the search fits.
     #[error("no delay up to {longest_s} s fits")]
@@ -64,7 +64,7 @@ pub enum NotIdentified {
         longest_s: f64,
     },
     /// The mass beyond the force sensor is too small against the sensor's noise.
-    #[error("the force sensor feels {:.1} g at most beyond it, too little against its noise", 1e3 * up_to_kg)]
+    #[error("at most {:.1} g are beyond the force sensor, too little against its noise", 1e3 * up_to_kg)]
     NoHandle {
         /// The mass that fits, kg.
         mass_kg: f64,

@@ -76,7 +76,7 @@ impl Edit {
                 for ((offset, length), (_, _, new)) in edits {
                     text.replace_range(*offset..offset + length, &format!("{new:?}"));
                 }
-                (text, format!("{} numbers take the place of others", changes.len()))
+                (text, format!("replace {} numbers", changes.len()))
             }
             GainsSource::Inherited { from } => {
                 // If the file has its own group, its author has to change it.
@@ -85,14 +85,14 @@ impl Edit {
                     .any(|key| old.lines().any(|line| line.trim_start_matches('\u{feff}').starts_with(key)));
                 if has_group || old.trim_start().starts_with('{') {
                     let message =
-                        format!("the gains stand in {from}, and {} has a group `control` without them", rig.source);
+                        format!("the gains are in {from}, and {} has a group `control` without gains", rig.source);
                     return Err(Failure::new(Exit::Usage, message, by_hand()));
                 }
                 let end = if old.contains("\r\n") { "\r\n" } else { "\n" };
                 let gap = if old.ends_with('\n') { "" } else { end };
                 (
                     format!("{old}{gap}{end}{}", lines(changes, end)),
-                    format!("gains of its own, in place of those in {from}"),
+                    format!("add gains, which replace the gains of {from}"),
                 )
             }
             GainsSource::Unclear { key } => {
@@ -121,7 +121,7 @@ impl Edit {
         exchange(&self.path, &self.text, io, |beside| match load_rig(Source::disk(beside)) {
             Ok(rig) if rig.value == self.wanted => Ok(()),
             Ok(_) => Err(refused(format!(
-                "{}: with these gains it would be another rig in more than them",
+                "{}: with these gains other values of the rig would change too",
                 self.path.display()
             ))),
             Err(report) => Err(Failure::from(report)),
