@@ -53,14 +53,14 @@ impl Typed {
     /// Asks for a known force at the tool, or for none, and returns whether it is there.
     pub(super) fn pull(&self, force: Force, otherwise: &str) -> bool {
         if force == Force::default() {
-            self.ask("Take the pull away, then press Enter:");
+            self.ask("Remove the pull, then press Enter:");
             return true;
         }
         let (along, size) = if force.x() != 0.0 { ("x", force.x()) } else { ("y", force.y()) };
         let (way, size) = if size < 0.0 { ("against ", -size) } else { ("along ", size) };
         let question = format!(
-            "Have {size} N pull at the tool {way}{along} of the base frame, by a weight over a pulley or a spring balance. The arm has to rest \
-             under it without torque. Write yes; {otherwise}:"
+            "Pull at the tool with {size} N {way}{along} of the base frame, with a weight over a pulley or a spring balance. The arm has to rest \
+             under this force without torque. Then write yes; {otherwise}:"
         );
         is_yes(self.ask(&question).as_deref())
     }
@@ -72,7 +72,7 @@ impl Typed {
             Task::LeadTo(at, point) => {
                 let [x, y] = point.to_array().map(|at| 1e3 * at);
                 let question = format!(
-                    "{}. Lead the tool by hand to x {x:.2} mm, y {y:.2} mm of the base frame, let it rest there, and press Enter:",
+                    "{}. Guide the tool by hand to x {x:.2} mm, y {y:.2} mm of the base frame, let it rest there, and press Enter:",
                     at + 1
                 );
                 self.ask(&question).is_some()

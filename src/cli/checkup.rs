@@ -118,16 +118,16 @@ fn failure(sections: &[Section], exit: Exit) -> Failure {
     let subjects: Vec<&str> = wrong.iter().map(|check| check.subject).collect();
     let message = match wrong.as_slice() {
         [only] => format!("{}: {}", only.subject, only.found),
-        several => format!("{} things are wrong: {}", several.len(), subjects.join(", ")),
+        several => format!("{} checks failed: {}", several.len(), subjects.join(", ")),
     };
     let help = match wrong.iter().filter(|check| check.fix.is_some()).count() {
         0 => String::new(),
         1 => match wrong.iter().find_map(|check| check.fix.as_ref()) {
             Some(command) if command_lines(command).count() == 1 => format!("`{command}`"),
             // What is drawn around a message would be copied with it.
-            _ => "run the command that stands above".to_owned(),
+            _ => "run the command above".to_owned(),
         },
-        _ => "run the command that stands below each, the first one first, and ask again".to_owned(),
+        _ => "run the command under each failed check, in this order, and check again".to_owned(),
     };
     Failure::new(exit, message, help)
 }

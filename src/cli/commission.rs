@@ -13,6 +13,7 @@ use super::bus::check_buses;
 use super::clock::now_unix_s;
 use super::ending::rig_failure;
 use super::failure::{Exit, Failure, both};
+use super::fit;
 use super::interrupt::on_interrupt;
 use super::output::Output;
 use super::page::{Pace, Page, PageOf, ViewArgument};
@@ -23,6 +24,9 @@ use yieldwall_config::injection::{DEFECTS, Defect, DefectError};
 use yieldwall_config::{self as config, Source};
 use yieldwall_rig::EmbeddedRig;
 use yieldwall_run::commission::{Begin, Commissioned, STEPS, Step, StepReport, Verdict};
+
+/// Columns of a defect's name in the list.
+const DEFECT_COLUMNS: usize = 24;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -80,7 +84,7 @@ pub(super) fn add_defects(scene: &mut config::Scene, rig: &config::Rig, defects:
                 }
                 _ => None,
             };
-            let help = help.unwrap_or_else(|| "`yieldwall commission --defect list` says what there is".to_owned());
+            let help = help.unwrap_or_else(|| "`yieldwall commission --defect list` lists all defects".to_owned());
             Failure::new(Exit::Usage, format!("--defect {text}: {error}"), help)
         })?;
         if let Some([why, which]) = rig.excludes(defect.kind) {
@@ -90,7 +94,7 @@ pub(super) fn add_defects(scene: &mut config::Scene, rig: &config::Rig, defects:
             known.defect().is_ok_and(|known| known.kind == defect.kind && known.drive == defect.drive)
         };
         if scene.defects.iter().any(is_same) {
-            let message = format!("--defect {text}: the machine has it already");
+            let message = format!("--defect {text}: the machine already has this defect");
             return Err(Failure::new(Exit::Usage, message, "name each defect once"));
         }
         scene.defects.push(defect.into());
@@ -108,12 +112,17 @@ fn list(output: &mut Output) -> Result<(), Failure> {
         };
         return output.report(json!({ "defects": DEFECTS.iter().map(row).collect::<Vec<_>>() }));
     }
+    let indent = " ".repeat(DEFECT_COLUMNS);
+    let line =
+        |head: &str, text: &str| fit::filled(&format!("{head:DEFECT_COLUMNS$}"), &indent, text, fit::USUAL) + "\n";
     let mut text = String::new();
     for row in &DEFECTS {
-        let size = row.size.map_or(String::new(), |size| {
-            format!("; {}: {} unless said, {} to {}", size.what, size.usual, size.least, size.most)
-        });
-        text.push_str(&format!("{:24}{}{size}. Found by {}\n", row.name, row.meaning, row.found_by));
+        text += &line(row.name, row.meaning);
+        if let Some(size) = row.size {
+            let range = format!("size: {} (default {}, {} to {})", size.what, size.usual, size.least, size.most);
+            text += &line("", &range);
+        }
+        text += &line("", &format!("found by {}", row.found_by));
     }
     output.result(&text)
 }
@@ -123,7 +132,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         return list(output);
     }
     let Some(file) = &arguments.rig else {
-        let message = "--defect is for a rig, and none is named";
+        let message = "--defect needs a rig";
         return Err(Failure::new(Exit::Usage, message, "write yieldwall commission RIG.yaml --defect NAME"));
     };
     let rig = config::load_rig(Source::named(file))?;
@@ -157,7 +166,7 @@ fn run_simulated(
     let machine = EmbeddedRig::new(rig, scene, &rig.fixture, scene.seed);
     let mut machine = machine.map_err(|error| rig_failure(&error))?;
     machine.set_watch(served.watch_by_the_clock());
-    output.aside(&format!("the simulated machine of {}; a real one with --bus INTERFACE", rig.rig.name));
+    output.simulated("arm", rig, "hands off");
     let simulated = Machine::Simulated {
         defects: scene
             .defects
@@ -191,14 +200,14 @@ impl Machine {
     /// Returns the text for a person.
     fn words(&self) -> String {
         match self {
-            Self::Simulated { defects } if defects.is_empty() => "a simulated one: no drive was moved".to_owned(),
+            Self::Simulated { defects } if defects.is_empty() => "simulated; no drive moved".to_owned(),
             Self::Simulated { defects } => {
-                format!("a simulated one, with {}: no drive was moved", defects.join(" and "))
+                format!("simulated, with {}; no drive moved", defects.join(" and "))
             }
             #[cfg(target_os = "linux")]
             Self::OnBus { buses, is_lockstep } => {
-                let pace = if *is_lockstep { ", in lockstep: simulated devices" } else { "" };
-                format!("the one on {}{pace}", buses.join(", "))
+                let pace = if *is_lockstep { ", simulated devices in lockstep" } else { "" };
+                format!("on {}{pace}", buses.join(", "))
             }
         }
     }
@@ -226,7 +235,7 @@ fn begin(
     };
     let earlier = Earlier::read(file, rig, machine)?;
     let (passed, from) = (earlier.passed(), earlier.begin.from.name());
-    output.aside(&format!("{passed} steps have passed in {}; it goes on with {from}", file.display()));
+    output.aside(&format!("{passed} steps have passed in {}; next step: {from}", file.display()));
     Ok((earlier.begin, Some(earlier)))
 }
 
@@ -250,7 +259,7 @@ fn told(earlier: Option<&Earlier>, report: &StepReport) -> String {
     let name = report.step.name();
     match earlier.and_then(|earlier| earlier.verdict(report.step)) {
         Some(verdict) if report.verdict == Verdict::Skipped => {
-            format!("{:9} {name}, in the earlier run", verdict.name())
+            format!("{:9} {name} (in the earlier run)", verdict.name())
         }
         _ => lines(report),
     }
@@ -305,8 +314,8 @@ fn end(
     if judged.is_ok() {
         let count = |verdict| commissioned.steps.iter().filter(|step| step.verdict == verdict).count();
         let (passed, skipped) = (count(Verdict::Pass), count(Verdict::Skipped));
-        let but = if skipped == 0 { "" } else { ": that is a part of a commissioning" };
-        output.news(&format!("{passed} steps passed, {skipped} were skipped{but}"))?;
+        let part = if skipped == 0 { "" } else { ": an incomplete commissioning" };
+        output.news(&format!("verdict   ok: {passed} steps passed, {skipped} skipped{part}"))?;
     }
     judged
 }
@@ -318,12 +327,12 @@ fn judge(
     output: &Output,
 ) -> Result<(), Failure> {
     let Some(failed) = commissioned.steps.iter().find(|step| step.verdict == Verdict::Fail) else {
-        let message = "interrupted: the rig is stopped, and no drive makes torque";
+        let message = "interrupted: the rig has stopped, and no drive makes torque";
         let interrupted = |step: Step| {
             // Only a report that is printed and knows its drives can be continued.
             let can_resume = output.is_json() && commissioned.drives.is_some();
-            let or = if can_resume { ", or with --resume and this report" } else { "" };
-            let help = format!("begin again with --from {}{or}", step.name());
+            let or = if can_resume { ", or --resume with this report" } else { "" };
+            let help = format!("continue with --from {}{or}", step.name());
             Failure::new(Exit::Interrupted, message, help)
         };
         return commissioned.interrupted_in.map_or(Ok(()), |step| Err(interrupted(step)));
@@ -333,15 +342,15 @@ fn judge(
     // A fixed rig file is another configuration, which needs its own drill.
     let again = match failed.step {
         Step::Rotation | Step::Motor | Step::Friction | Step::Admittance if is_on_bus => {
-            "watchdogs, since the drill was one of the rig file as it was"
+            "watchdogs, since the drill was done with the old rig file"
         }
         _ => name,
     };
     let help = match failed.step {
         Step::Identity if is_resumed => {
-            "begin anew, without --resume: what passed before was of other drives".to_owned()
+            "start again without --resume: the earlier steps passed with other drives".to_owned()
         }
-        _ => format!("fix it, and begin again with --from {again}; docs/bringup.md says more of each step"),
+        _ => format!("fix the cause, and continue with --from {again}; docs/bringup.md describes each step"),
     };
     if let (Step::Watchdogs, Some(drilled)) = (failed.step, &commissioned.drilled) {
         let named = |mut failure: Failure| {

@@ -25,7 +25,7 @@ const LONGEST: usize = 4096;
 
 /// Whether a person answers yes.
 pub(super) fn agreed(what: &str) -> bool {
-    is_yes(ask(&format!("{what}. Write yes to go on; anything else ends:"), || true).as_deref())
+    is_yes(ask(&format!("{what}. Write yes to continue; anything else stops here:"), || true).as_deref())
 }
 
 /// Whether an answer is the one word that counts as a yes.
@@ -51,7 +51,7 @@ fn ask_on(from: BorrowedFd<'_>, to: &mut dyn Write, question: &str, mut waits: i
         if !is_terminal || !comes_within_reading(from, &mut waits)? {
             break;
         }
-        let _ = writeln!(to, "\nthat came before anybody could have read the question, and does not count");
+        let _ = writeln!(to, "\ninput before the question could be read does not count");
         // A key that is held down is asked nothing until it is released.
         while comes_within_reading(from, &mut waits)? {
             tcflush(from, QueueSelector::IFlush).ok()?;
@@ -166,7 +166,7 @@ mod tests {
         person.write_all(b"yes\nyes\nye").unwrap();
         let mut hasty = Hasty { person, seen: String::new() };
         assert_eq!(ask_on(program.as_fd(), &mut hasty, "Is it free?", || true).as_deref(), Some("no"));
-        assert!(hasty.seen.starts_with("Is it free? \nthat came before"), "{}", hasty.seen);
+        assert!(hasty.seen.starts_with("Is it free? \ninput before"), "{}", hasty.seen);
         assert!(hasty.seen.ends_with("does not count\nIs it free? "), "{}", hasty.seen);
     }
 

@@ -134,8 +134,8 @@ fn consent(wanted: &[Wanted], is_segment: impl Fn(&Wanted) -> bool, is_given: bo
 fn wanted(arguments: &Arguments, rig: Option<&Rig>) -> Result<Vec<Wanted>, Failure> {
     let Some(rig) = rig.filter(|_| !arguments.bus.is_empty()) else {
         if let Some(named) = arguments.bus.iter().find(|bus| bus.contains('=')) {
-            let message = format!("--bus {named} names a bus of a rig, and no rig is given");
-            return Err(Failure::new(Exit::Usage, message, "name the rig, or leave out the name of the bus"));
+            let message = format!("--bus {named} names a bus of a rig, but there is no rig");
+            return Err(Failure::new(Exit::Usage, message, "name the rig, or omit the name of the bus"));
         }
         let of = |bus: &String| Wanted { interface: bus.clone(), argument: bus.clone(), bit_rate: None };
         return Ok(arguments.bus.iter().map(of).collect());
@@ -208,18 +208,20 @@ pub(super) fn proven_tier(rig: &Rig) -> Option<String> {
 fn timing(rig: &Rig, limits: &Limits) -> Check {
     let subject = "timing";
     let Some(folder) = state_folder("latency") else {
-        return Check::unknown(subject, "there is no folder for measurements: set XDG_STATE_HOME or HOME");
+        return Check::unknown(subject, "no folder for measurements: set XDG_STATE_HOME or HOME");
     };
     let computer = computer(limits.priority.is_ok(), limits.memory.is_ok());
     let period_us = rig.cycle.period_us;
     let measure = format!("yieldwall latency --period-us {period_us} --duration 60");
     match computer.check(rig, &folder, now_unix_s()) {
         Ok(kept) => Check::ok(subject, format!("tier {} is proved: {}", kept.tier, kept.shown)),
-        Err(Untimely::Missing { .. }) => Check::unknown(subject, "nobody has measured how late this computer wakes up")
-            .follows("`run --bus` asks for it by the wall clock, not in lockstep")
-            .fix(measure),
+        Err(Untimely::Missing { .. }) => {
+            Check::unknown(subject, "the wake-up latency of this computer is not measured yet")
+                .follows("`run --bus` requires this measurement, except in lockstep")
+                .fix(measure)
+        }
         Err(error) => Check::wrong(subject, error.to_string())
-            .follows("fix what is named above, or take a slower cycle; then measure again")
+            .follows("fix the findings above, or use a slower cycle; then measure again")
             .fix(measure),
     }
 }

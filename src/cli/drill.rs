@@ -8,7 +8,7 @@ use super::bus::check_buses;
 use super::desk::journal::{journals, not_opened};
 use super::desk::plan::{self, Sender};
 use super::events::{Events, Listening, Stream};
-use super::failure::{Exit, Failure};
+use super::failure::{self, Exit, Failure};
 use super::interfaces::Interfaces;
 use super::interrupt::on_interrupt;
 use super::keep::state_folder;
@@ -60,7 +60,7 @@ fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<
     let rig = rig.value;
     let folder = state_folder("drills").ok_or_else(no_home)?;
     let unkept = |error: io::Error| {
-        Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
+        Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make this folder writable")
     };
     // Before anything moves.
     trusted::make_folder(&folder).map_err(unkept)?;
@@ -73,7 +73,7 @@ fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<
         1 => "once".to_owned(),
         several => format!("{several} times"),
     };
-    output.news(&format!("the rig is enabled {times}, at rest; nobody may hold the handle"))?;
+    output.news(&format!("the drill enables the rig {times}, at rest; nobody may hold the handle"))?;
     let (listening, watch) = Listening::start(events, Watched::Interfaces(interfaces.names()), &rig)?;
     on_bus.set_watch(watch);
     let outcome = on_bus.drill(&is_interrupted, |news| match news {
@@ -91,13 +91,14 @@ fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<
     })?;
     let path = Subject::new(&rig, identities).store(&drilled, &folder).map_err(unkept)?;
     let done = match drilled.findings.len() {
-        1 => "the rig was enabled at rest for its watchdog and is stopped".to_owned(),
-        several => format!("the rig was enabled at rest for each of {several} watchdogs and is stopped"),
+        1 => "the rig was enabled at rest for its watchdog, and has stopped".to_owned(),
+        several => format!("the rig was enabled at rest for each of {several} watchdogs, and has stopped"),
     };
     let judged = judge(&drilled, &rig, &done);
     events.end(&judged);
     if !output.is_json() {
-        output.news(&lines(&drilled, &rig, &path.display().to_string()))?;
+        let verdict = failure::verdict(&judged, || "the drives stop without each watched signal".to_owned());
+        output.news(&format!("{verdict}\n{}", lines(&drilled, &rig, &path.display().to_string())))?;
         return judged;
     }
     let document = json!({ "drives": identities, "watchdogs": watchdogs_json(&drilled), "settled": settled_json(&drilled.settled(&rig)), "record": path });
@@ -113,6 +114,6 @@ fn lines(drilled: &Drilled, rig: &config::Rig, path: &str) -> String {
 
 /// Returns the failure that there is no place for records.
 pub(super) fn no_home() -> Failure {
-    let message = "there is no folder for the records of drills: neither XDG_STATE_HOME nor HOME is set";
-    Failure::new(Exit::Usage, message, "set XDG_STATE_HOME to a folder that is kept")
+    let message = "no folder for the records of drills: neither XDG_STATE_HOME nor HOME is set";
+    Failure::new(Exit::Usage, message, "set XDG_STATE_HOME to a permanent folder")
 }

@@ -6,6 +6,7 @@ use std::str::FromStr;
 use serde_json::json;
 
 use super::failure::{Exit, Failure};
+use super::fit;
 use super::output::Output;
 use yieldwall_config as config;
 use yieldwall_config::injection::{
@@ -79,7 +80,7 @@ impl FromStr for FaultArgument {
         };
         let mut injection = match times {
             None if kind.row().lasts == Lasts::FromBoot => Injection::new(kind, 0.0),
-            None => return Err(format!("say when: {name}@1.5 begins 1.5 s after the scene")),
+            None => return Err(format!("add a time: {name}@1.5 begins 1.5 s after the start of the scene")),
             Some(times) => {
                 let (start, duration) = match times.split_once('+') {
                     Some((start, duration)) => (start, Some(duration)),
@@ -131,9 +132,13 @@ pub(super) fn list(arguments: &Arguments, output: &mut Output) -> Result<(), Fai
         return output.report(json!({ "faults": rows.into_iter().map(document).collect::<Vec<_>>() }));
     }
     if is_all {
-        let widest = rows.iter().map(|row| row.name.len()).max().unwrap_or_default();
-        let lines: String = rows.iter().map(|row| format!("{:widest$}  {}\n", row.name, row.meaning)).collect();
-        return output.result(&(lines + "\n`yieldwall faults NAME` says where it acts, how long, and what follows.\n"));
+        let widest = rows.iter().map(|row| row.name.len()).max().unwrap_or_default() + 2;
+        let indent = " ".repeat(widest);
+        let lines: String = rows
+            .iter()
+            .map(|row| fit::filled(&format!("{:widest$}", row.name), &indent, row.meaning, fit::USUAL) + "\n")
+            .collect();
+        return output.result(&(lines + "\n`yieldwall faults NAME` prints targets, duration and consequence.\n"));
     }
     let lines: Vec<String> = rows.into_iter().map(text).collect();
     output.result(&(lines.join("\n\n") + "\n"))
@@ -163,14 +168,14 @@ fn duration(row: &CatalogueRow) -> String {
 fn ending(expected: &Expected) -> String {
     let faults = fault_names(expected).join(" or ");
     match expected.ending {
-        Ending::GoesOn if faults.is_empty() => "the rig goes on".to_owned(),
-        Ending::GoesOn => format!("{faults} is counted; the rig goes on"),
+        Ending::GoesOn if faults.is_empty() => "the rig continues".to_owned(),
+        Ending::GoesOn => format!("counted as {faults}; the rig continues"),
         Ending::Latched(states) => {
             let states = states.iter().map(|state| format!("{state:?}")).collect::<Vec<_>>().join(" or ");
             format!("{faults} stops the rig: {states}")
         }
         Ending::NotEnabled if faults.is_empty() => "the boot refuses the device".to_owned(),
-        Ending::NotEnabled => format!("{faults} keeps the rig from running"),
+        Ending::NotEnabled => format!("{faults} prevents the rig from running"),
         Ending::DrivesStop => "the drives stop by their own watchdogs".to_owned(),
     }
 }
@@ -178,9 +183,9 @@ fn ending(expected: &Expected) -> String {
 fn recovery(expected: &Expected) -> &'static str {
     match expected.recovery {
         Recovery::None => "",
-        Recovery::Reset => "; reset and enable to go on",
-        Recovery::Restart => "; restart to go on",
-        Recovery::NewProcess => "; only a new process goes on",
+        Recovery::Reset => "; reset and enable to continue",
+        Recovery::Restart => "; restart to continue",
+        Recovery::NewProcess => "; start a new process to continue",
     }
 }
 
@@ -192,16 +197,20 @@ pub(super) fn consequence(row: &CatalogueRow) -> String {
 }
 
 fn text(row: &CatalogueRow) -> String {
-    let size = row.size.map_or(String::new(), |size| format!("; {}, usually {}", size.what, size.usual));
-    format!(
-        "{}\n    {}\n    at {}, on {}; {}{size}\n    then {}",
-        row.name,
-        row.meaning,
-        targets(row),
-        media(row).join(" and "),
-        duration(row),
-        consequence(row)
-    )
+    let size = row.size.map(|size| format!("{}, default {}", size.what, size.usual));
+    let facts = [
+        ("fault", Some(row.name.to_owned())),
+        ("effect", Some(row.meaning.to_owned())),
+        ("targets", Some(targets(row))),
+        ("bus", Some(media(row).join(" and "))),
+        ("duration", Some(duration(row))),
+        ("size", size),
+        ("result", Some(consequence(row))),
+    ];
+    let lines = facts.iter().filter_map(|(label, text)| {
+        Some(fit::filled(&format!("{label:9} "), "          ", text.as_deref()?, fit::USUAL))
+    });
+    lines.collect::<Vec<_>>().join("\n")
 }
 
 fn document(row: &CatalogueRow) -> serde_json::Value {

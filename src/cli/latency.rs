@@ -11,6 +11,7 @@ use serde_json::{Value, json};
 use super::clock::now_unix_s;
 use super::events::{Event, Events, Stream};
 use super::failure::{Exit, Failure};
+use super::fit;
 use super::interrupt::{on_interrupt, unless};
 use super::keep::state_folder;
 use super::on_bus::{link_failure, other_master, warn};
@@ -68,8 +69,8 @@ impl SoFar {
     /// it.
     fn watch(&self, arguments: &Arguments, events: &Events, mut is_over: impl FnMut() -> bool) {
         let period_s = f64::from(arguments.period_us) * 1e-6;
-        let text = format!("{} us for {} s", arguments.period_us, arguments.duration);
-        events.tell(&Event::new("begun", Some(0.0), format!("a cycle of {text}")));
+        let text = format!("cycle {} us, for {} s", arguments.period_us, arguments.duration);
+        events.tell(&Event::new("begun", Some(0.0), text));
         let mut told_ns = 0;
         loop {
             let is_last = is_over();
@@ -79,12 +80,12 @@ impl SoFar {
             let (time_s, worst_us) = (cycles as f64 * period_s, worst_ns as f64 * 1e-3);
             let frames = if arguments.bus.is_some() { format!("  frames lost {lost}") } else { String::new() };
             events.show(&format!(
-                "{time_s:>8.1} of {} s  late {worst_us:.0} us at most  missed {missed}{frames}",
+                "{time_s:>8.1} of {} s  worst wake-up {worst_us:.0} us late  missed {missed}{frames}",
                 arguments.duration
             ));
             if worst_ns > told_ns {
                 told_ns = worst_ns;
-                let event = Event::new("late", Some(time_s), format!("by {worst_us:.0} us, later than ever before"));
+                let event = Event::new("late", Some(time_s), format!("new worst wake-up: {worst_us:.0} us late"));
                 events.tell(&event.with("worst_us", worst_us).with("cycles", cycles).with("missed", missed));
             }
             if is_last {
@@ -116,9 +117,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 fn measure(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<(), Failure> {
     let duration = arguments.duration;
     if !(duration > 0.0 && duration <= 1e7) {
-        let message =
-            format!("--duration is {duration}: a measurement lasts more than 0 and at most 10 000 000 seconds");
-        return Err(Failure::new(Exit::Usage, message, "give a number of seconds, such as --duration 60"));
+        let message = format!("--duration {duration}: write more than 0 and at most 10 000 000 seconds");
+        return Err(Failure::new(Exit::Usage, message, "write, for example, --duration 60"));
     }
     // The results need a folder before the measurement begins, since it may take a day.
     let folder = state_folder("latency").ok_or_else(no_home)?;
@@ -208,7 +208,7 @@ fn keep(
 
 /// Returns the failure that the measurement cannot be saved.
 fn cannot_keep(folder: &Path, error: &std::io::Error) -> Failure {
-    Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
+    Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make this folder writable")
 }
 
 /// Returns the failure that the load cannot be started.
@@ -216,7 +216,7 @@ fn cannot_load(error: &std::io::Error) -> Failure {
     Failure::new(
         Exit::Usage,
         format!("the load cannot be started: {error}"),
-        "allow this user more threads, or leave --load away",
+        "allow this user more threads, or omit --load",
     )
 }
 
@@ -242,9 +242,7 @@ fn open(bus: &str, is_over: &AtomicBool) -> Result<SocketCan, Failure> {
     let mut ear = SocketCan::open(&SocketCanSettings::everything(bus)).map_err(failed)?;
     let signs = Signs::of_any_master();
     match listen(&mut ear, LISTENING, is_over, |frame| signs.find(frame)) {
-        Some(heard) => {
-            Err(other_master(format!("a master is on this bus; nothing was sent. Heard: {heard}, on `{bus}`"), &heard))
-        }
+        Some(heard) => Err(other_master(format!("another master is on `{bus}`: {heard}; nothing was sent"), &heard)),
         None => Ok(link),
     }
 }
@@ -255,22 +253,23 @@ fn verdict(latency: &Latency, period_us: u32) -> String {
     let (tier, proven, cycles) = (lateness.tier(period_us), lateness.proven(period_us), lateness.cycles);
     match tier {
         _ if tier != proven && proven == Tier::C => {
-            format!("{tier} so far: {cycles} of the {STOCK_CYCLES} cycles that show B; until then as C")
+            format!("{tier} so far: {cycles} of {STOCK_CYCLES} cycles that prove tier B; until then tier C")
         }
         Tier::A if proven == Tier::A => "A, real-time: every command mode and limit".to_owned(),
         Tier::A => {
-            format!("A, real-time, so far: {cycles} of the {PROVING_CYCLES} cycles that show it; until then as B")
+            format!("A, real-time, so far: {cycles} of {PROVING_CYCLES} cycles that prove tier A; until then tier B")
         }
         Tier::B => format!(
-            "B, stock kernel: nothing bounds how late a cycle may begin; tool speed up to {REDUCED_SPEED_M_PER_S} m/s, force up to \
-             {REDUCED_FORCE_N} N, and torque mode only with a drive whose drill shows 10 ms or less"
+            "B, stock kernel, no bound on lateness; limits: tool speed {REDUCED_SPEED_M_PER_S} m/s, force {REDUCED_FORCE_N} N, torque mode only \
+             if the drill shows that the drives stop within 10 ms"
         ),
-        Tier::C => "C: simulation in lockstep or in virtual time only, or a slower cycle".to_owned(),
+        Tier::C => "C: simulation only (lockstep or virtual time); try a slower cycle".to_owned(),
     }
 }
 
 fn text(arguments: &Arguments, latency: &Latency, refused: &[&Refusal], told: &LatencyDetails) -> String {
-    let mut lines = Vec::new();
+    let verdict = format!("tier {}", verdict(latency, arguments.period_us));
+    let mut lines = vec![fit::filled("verdict   ", "          ", &verdict, fit::USUAL)];
     match refused {
         [] => lines.push("realtime  SCHED_FIFO and locked memory".to_owned()),
         refused => lines.extend(refused.iter().map(|refusal| format!("realtime  {refusal}"))),
@@ -279,22 +278,22 @@ fn text(arguments: &Arguments, latency: &Latency, refused: &[&Refusal], told: &L
     if let Some((facts, stamps)) = &told.interface {
         lines.push(format!("adapter   {}", facts.told()));
         let Stamps { hardware, kernel, none } = stamps;
-        lines.push(format!("stamps    {hardware} of the controller, {kernel} of the kernel, {none} of this program"));
+        lines.push(format!("stamps    frames stamped by controller {hardware}, kernel {kernel}, program {none}"));
     }
     lines.push(match &told.load {
         Some(load) => format!("load      {load}"),
-        None => "load      none: with --load it is measured while the computer is busy".to_owned(),
+        None => "load      none (--load measures a busy computer)".to_owned(),
     });
     let cycles = latency.wake.count();
     lines.push(format!("cycles    {cycles} of {} us, {} missed", arguments.period_us, latency.missed));
-    lines.push(format!("wake-up   late by {}", shares(&latency.wake)));
+    lines.push(format!("wake-up   lateness: {}", shares(&latency.wake)));
     if let Some(bus) = &arguments.bus {
-        lines.push(format!("frame     on {bus} and back in {}; {} lost", shares(&latency.round_trip), latency.lost));
+        lines.push(format!("frame     round trip on {bus}: {}", shares(&latency.round_trip)));
+        lines.push(format!("          {} lost", latency.lost));
     }
     lines.extend(bars(&latency.wake));
-    lines.push(format!("tier      {}", verdict(latency, arguments.period_us)));
     lines.extend(told.record.as_ref().map(|Stored { path, is_earlier }| {
-        let earlier = if *is_earlier { "; it is the longer measurement of before, which still counts" } else { "" };
+        let earlier = if *is_earlier { " (an earlier, longer measurement, which still counts)" } else { "" };
         format!("record    {}{earlier}", path.display())
     }));
     lines.join("\n") + "\n"

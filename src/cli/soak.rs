@@ -10,7 +10,7 @@ use std::time::Instant;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::json;
 
-use super::failure::{Exit, Failure};
+use super::failure::{self, Exit, Failure};
 use super::interrupt::on_interrupt;
 use super::output::Output;
 use super::parts::{Array, Parts, interrupted, threads};
@@ -76,7 +76,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         Campaign { seeds: seeds(arguments), shard: arguments.parts.shard, cycles, jobs: threads(arguments.jobs) };
     let folder = arguments.out.as_deref();
     if folder.is_none() && arguments.parts.is_in_parts() {
-        return Err(Failure::new(Exit::Usage, "parts are kept in a folder", "name it with --out"));
+        return Err(Failure::new(Exit::Usage, "parts need a folder", "name it with --out"));
     }
     let folder = folder.unwrap_or(Path::new("."));
     let missing = || Ok(campaign.missing(&Store::read(folder, cycles).map_err(store_failure)?));
@@ -90,7 +90,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         (Some(seed), Some(script)) => {
             script.check(&shipped, seed).map_err(|error| {
                 let help = format!(
-                    "the rig of seed {seed} has another bus; `yieldwall faults NAME` says on which one a fault acts"
+                    "the rig of seed {seed} has another bus; `yieldwall faults NAME` prints the buses of a fault"
                 );
                 Failure::new(Exit::Usage, format!("--script {error}"), help)
             })?;
@@ -119,7 +119,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             let outcomes = outcomes.map_err(store_failure)?;
             let missing = campaign.missing(&outcomes).len();
             if missing > 0 {
-                let kept = arguments.out.as_ref().map(|_| format!("the others are kept in {}", folder.display()));
+                let kept = arguments.out.as_ref().map(|_| format!("the other seeds are in {}", folder.display()));
                 print_replays(outcomes.values(), output)?;
                 return Err(interrupted(missing, missing + outcomes.len(), "seeds", kept.as_deref()));
             }
@@ -146,11 +146,12 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         });
         return output.end(document, end);
     }
+    output.news(&failure::verdict(&end, || format!("no violation in {} seeds", tally.seeds)))?;
     output.news(&soak::text(&tally))?;
     output.news(&format!("{:34} {wall_s:.1} s, {:.0} cycles/s", "run in", tally.cycles as f64 / wall_s))?;
     for (what, missed) in [("injections", tally.missed_injections()), ("faults", tally.missed_faults())] {
         if !missed.is_empty() && tally.seeds > 1 {
-            output.news(&format!("{:34} {}", format!("{what} never met"), missed.join(", ")))?;
+            output.news(&format!("{:34} {}", format!("{what} that never occurred"), missed.join(", ")))?;
         }
     }
     print_replays(&outcomes, output)?;
@@ -191,9 +192,9 @@ fn merge(folder: &Path, campaign: &Campaign) -> Result<Vec<SeedResult>, Failure>
     let mut known = Store::read(folder, campaign.cycles).map_err(store_failure)?;
     let missing = campaign.missing(&known);
     if let Some(first) = missing.first() {
-        let message = format!("{} seeds are missing, the first is {first}", missing.len());
+        let message = format!("{} seeds are missing; the first is {first}", missing.len());
         let help = format!(
-            "--missing names their parts; without --merge and --shard all that is missing in {} is run",
+            "--missing prints their parts; without --merge and --shard the command runs all seeds that are missing in {}",
             folder.display()
         );
         return Err(Failure::new(Exit::Usage, message, help));
@@ -212,7 +213,7 @@ fn kept(folder: &Path, shard: Shard, outcomes: &BTreeMap<u64, SeedResult>, outpu
         return output.report(document);
     }
     output.news(&format!(
-        "{} seeds, {failed} of them with violations, kept in {}; when all parts are there, judge them with --merge",
+        "{} seeds, {failed} with violations, saved in {}\njudge all parts with --merge when they are complete",
         outcomes.len(),
         folder.display()
     ))
@@ -224,10 +225,10 @@ fn judge(arguments: &Arguments, tally: &Tally, outcomes: &[SeedResult]) -> Resul
     if let Some(first) = failed.next() {
         let told = std::iter::once(first).chain(failed).take(MOST_TOLD);
         let diagnostics = told.flat_map(|outcome| {
-            let help = "run the line above that begins with this seed: it shows the violation again".to_owned();
+            let help = "run the `yieldwall soak` command above with this seed to repeat the violation".to_owned();
             outcome.violations.iter().take(1).flat_map(move |found| {
                 let message = format!(
-                    "seed {} ({}): {} did not hold in cycle {}, at {:.4} s: {}",
+                    "seed {} ({}): {} violated in cycle {}, at {:.4} s: {}",
                     outcome.seed,
                     outcome.rig,
                     found.invariant.name(),
@@ -242,8 +243,8 @@ fn judge(arguments: &Arguments, tally: &Tally, outcomes: &[SeedResult]) -> Resul
     }
     let missed = [tally.missed_injections(), tally.missed_faults()].concat();
     if (arguments.require_hits || tally.seeds >= ALL_HIT_FROM) && !missed.is_empty() {
-        let message = format!("never met in {} seeds: {}", tally.seeds, missed.join(", "));
-        return Err(Failure::new(Exit::OutOfTolerance, message, "run more seeds, or more cycles of each"));
+        let message = format!("never occurred in {} seeds: {}", tally.seeds, missed.join(", "));
+        return Err(Failure::new(Exit::OutOfTolerance, message, "run more seeds, or more cycles of each seed"));
     }
     Ok(())
 }
@@ -260,7 +261,7 @@ fn bar(output: &Output, seeds: u64, known: u64) -> ProgressBar {
 }
 
 fn store_failure(error: StoreError) -> Failure {
-    let help = "choose another folder, or the cycles of these results";
+    let help = "choose another folder, or use the cycles of these results";
     match &error {
         StoreError::OtherLength { .. } => Failure::new(Exit::Usage, error.to_string(), help),
         StoreError::Lines(error) => error.into(),

@@ -46,9 +46,12 @@ impl CanPlan<'_> {
     pub(super) fn text(&self) -> String {
         let budget = &self.budget;
         let Conditions { bit_rate, compute_at, .. } = budget.conditions;
+        let verdict_word =
+            if budget.is_schedulable() { "ok: every frame arrives in time" } else { "NOT OK: frames arrive late" };
         let mut lines = vec![
+            format!("verdict   {verdict_word}"),
             format!(
-                "{}{}: {} kbit/s, cycle {} us, control step at {} us",
+                "rig       {}{}: {} kbit/s, cycle {} us, control step at {} us",
                 self.rig.rig.name,
                 called(self.rig, ", bus ", self.name),
                 f64::from(bit_rate) / 1e3,
@@ -56,7 +59,7 @@ impl CanPlan<'_> {
                 compute_at.as_micros()
             ),
             format!(
-                "load at most {:.1} %, of it SYNC and process data {:.1} %",
+                "load      at most {:.1} % (SYNC and process data {:.1} %)",
                 100.0 * budget.load(),
                 100.0 * budget.cyclic_load()
             ),
@@ -71,9 +74,9 @@ impl CanPlan<'_> {
         lines.push(String::new());
         lines.extend(self.verdict());
         lines.push(String::new());
-        lines.push("* not counted for the other frames, and not in the verdict:".to_owned());
+        lines.push("* these frames do not count for the other frames, nor for the verdict:".to_owned());
         let disturbed = [
-            ("an SDO exchange in operation", &budget.latest_with_sdo, "this program makes none then"),
+            ("an SDO exchange in operation", &budget.latest_with_sdo, "this program sends none then"),
             ("emergencies of all nodes in one cycle", &budget.latest_with_emergencies, "they stop the rig"),
         ];
         for (what, latest, why) in disturbed {
@@ -82,8 +85,8 @@ impl CanPlan<'_> {
             lines.push(format!("  {verdict}"));
         }
         if self.is_ideal() {
-            lines.push("`timing: ideal`: the embedded simulation delivers every frame at once; this".to_owned());
-            lines.push("table is what a real bus of this bit rate would do.".to_owned());
+            lines.push("`timing: ideal`: the embedded simulation delivers every frame at once; the".to_owned());
+            lines.push("table is for a real bus of this bit rate.".to_owned());
         }
         lines.join("\n") + "\n"
     }
@@ -91,17 +94,17 @@ impl CanPlan<'_> {
     fn verdict(&self) -> Vec<String> {
         let Some(latest) = self.budget.latest() else { return Vec::new() };
         if self.budget.is_schedulable() {
-            return vec!["schedulable:".to_owned(), format!("  {}", verdict(latest))];
+            return vec![format!("nearest   {}", verdict(latest))];
         }
         let late = self.budget.regular().filter(|frame| !frame.is_in_time()).count();
         let others = if late > 1 { format!(", {late} frames late") } else { String::new() };
-        vec![format!("NOT schedulable{others}:"), format!("  {}", verdict(latest)), format!("  {}", self.help())]
+        vec![format!("latest    {}{others}", verdict(latest)), format!("advice    {}", self.help())]
     }
 
     /// Returns the advice: the values to change.
     fn help(&self) -> String {
         let Some(advice) = self.advice() else {
-            return "no bit rate or period does: map less process data".to_owned();
+            return "no bit rate or period suffices: map less process data".to_owned();
         };
         let [earliest, latest] = advice.compute_at_us;
         let step = if earliest == latest {

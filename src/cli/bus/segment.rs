@@ -67,7 +67,7 @@ impl<'a> SegmentPlan<'a> {
     /// Returns the advice: the values to change.
     fn help(&self) -> String {
         let Some(Advice { period, compute_at_us: [earliest, latest] }) = self.advice() else {
-            return "no period does: map less process data".to_owned();
+            return "no period suffices: map less process data".to_owned();
         };
         let step = format!("`compute_at_us` {earliest} to {latest}");
         if period == self.budget.period {
@@ -99,21 +99,24 @@ impl<'a> SegmentPlan<'a> {
     /// Returns the text for a person in 80 columns.
     pub(super) fn text(&self) -> String {
         let budget = &self.budget;
+        let computing_us = Budget::computing().as_micros();
+        let verdict = if self.is_schedulable() { "ok: every frame is in time" } else { "NOT OK: frames are late" };
         let mut lines = vec![
+            format!("verdict   {verdict}"),
             format!(
-                "{}{}: EtherCAT, {} devices, cycle {} us, control step at {} us",
+                "rig       {}{}: EtherCAT, {} devices, cycle {} us, control step at {} us",
                 self.rig.rig.name,
                 called(self.rig, ", bus ", self.name),
                 budget.devices,
                 budget.period.as_micros(),
                 budget.compute_at.as_micros()
             ),
-            format!("the wire is busy at most {:.1} % of the time", 100.0 * budget.load()),
+            format!("load      at most {:.1} %", 100.0 * budget.load()),
             String::new(),
             format!("{:<8} {:>5} {:>5}    times in us", "", "", "on"),
             format!(
                 "{:<8} {:>5} {:>5} {:>8} {:>8} {:>8} {:>8} {:>8}",
-                "frame", "bytes", "wire", "time", "sent", "done", "allowed", "left"
+                "frame", "bytes", "wire", "time", "sent", "done", "allowed", "slack"
             ),
         ];
         let sent = || budget.frames.iter().filter(|each| !each.frame.is_empty());
@@ -121,22 +124,21 @@ impl<'a> SegmentPlan<'a> {
         lines.push(String::new());
         lines.extend(sent().flat_map(|each| datagrams(each.frame.purpose, &each.frame.datagrams)));
         lines.push(String::new());
-        let computing_us = Budget::computing().as_micros();
         if self.is_schedulable() {
-            lines.push(format!("in time, with {computing_us} us for computing and for the devices:"));
+            lines.push(format!("slack of each frame, with {computing_us} us for computing and for the devices:"));
             lines.extend(sent().map(|each| format!("  {}", self.verdict(each))));
         } else {
-            lines.push(format!("NOT in time, with {computing_us} us for computing and for the devices:"));
+            lines.push(format!("late frames, with {computing_us} us for computing and for the devices:"));
             let late = budget.frames.iter().filter(|each| !each.is_in_time());
             lines.extend(late.map(|each| format!("  {}", self.verdict(each))));
-            lines.push(format!("  {}", self.help()));
+            lines.push(format!("advice    {}", self.help()));
         }
         let by = if budget.has_sync0 { "SYNC0" } else { "the next cycle" };
         lines.push(format!(
-            "outputs of another master act if they come in the last {} us before {by}",
+            "outputs of another master take effect in the last {} us before {by}",
             us(budget.exposed_ns)
         ));
-        lines.push("what this computer takes to wake up and to send has to fit into what is left".to_owned());
+        lines.push("wake-up and send latency of this computer have to fit into the slack".to_owned());
         lines.join("\n") + "\n"
     }
 

@@ -39,15 +39,17 @@ struct AtTheTerminal {
 impl Person for AtTheTerminal {
     fn look(&mut self, joint: usize) {
         if let Some(name) = self.names.as_ref().and_then(|names| names.get(joint)).cloned() {
-            self.typed.ask(&format!("Note the angle of the proximal link of {name}, for example with a digital protractor on it, and press Enter:"));
+            self.typed.ask(&format!(
+                "Note the angle of the proximal link of {name}, for example with a digital protractor, and press Enter:"
+            ));
         }
     }
 
     fn turned(&mut self, joint: usize) -> Option<f64> {
         let name = self.names.as_ref()?.get(joint)?.clone();
         let question = format!(
-            "By how many degrees has the proximal link of {name} turned since you noted its angle? Counter-clockwise as seen from above is \
-             positive, and it turns to and fro, so that one of the two ways is negative; nothing if you have not looked:"
+            "By how many degrees has the proximal link of {name} turned since then? Counter-clockwise, seen from above, is positive. The link turns back \
+             and forth, so that one of the two angles is negative. Press Enter alone if you have not looked:"
         );
         loop {
             let text = self.typed.ask(&question).filter(|text| !text.is_empty())?;
@@ -61,8 +63,8 @@ impl Person for AtTheTerminal {
 
     fn power_cycle(&mut self, restarted: &mut dyn FnMut() -> [bool; 2]) -> bool {
         let Some(names) = &self.names else { return false };
-        let question = "Switch the supply of both drives off, the logic supply too, and on again. Write yes once they are on; anything else \
-                        leaves it out:";
+        let question = "Switch the supply of both drives off and on again, including the logic supply. Write yes once they are on; anything else \
+                        skips this check:";
         loop {
             let is_on = self.typed.agrees_while(question, || {
                 restarted();
@@ -82,7 +84,7 @@ impl Person for AtTheTerminal {
                 // Nothing is lost if standard error is closed.
                 let _ = writeln!(
                     io::stderr(),
-                    "{name} has not started anew since you were asked: its logic supply was not off, or it is not on yet"
+                    "{name} has not restarted since the question: its logic supply was not off, or is not on yet"
                 );
             }
         }
@@ -90,8 +92,7 @@ impl Person for AtTheTerminal {
 
     fn accepts_drive_limit(&mut self, text: &str) -> bool {
         // With --yes nobody is asked; --accept-drive-limit says it then.
-        self.names.is_some()
-            && self.typed.agrees_while(&format!("{text} Write yes if it may be moved with this limit:"), || ())
+        self.names.is_some() && self.typed.agrees_while(&format!("{text} Write yes to accept this limit:"), || ())
     }
 
     fn pull(&mut self, force: Force) -> bool {
@@ -128,9 +129,11 @@ pub(super) fn run(
         let are_closed = close_journals(&arguments.on_bus.interfaces(rig)?, output)?;
         return match output.is_json() {
             true => output.report(json!({ "restored": are_closed })),
-            false => {
-                output.news(if are_closed { "no journal is open any more" } else { "no journal is open on this bus" })
-            }
+            false => output.news(if are_closed {
+                "restored  all changed objects"
+            } else {
+                "restored  nothing: no object of this bus was left changed"
+            }),
         };
     }
     let interfaces = arguments.on_bus.interfaces(rig)?;
@@ -140,12 +143,12 @@ pub(super) fn run(
         for step in STEPS {
             let bound = step
                 .motion_bound_rad()
-                .map_or(String::new(), |bound| format!(" (a joint goes {:.1} deg at most)", bound.to_degrees()));
+                .map_or(String::new(), |bound| format!(" (limit of a joint: {:.1} deg)", bound.to_degrees()));
             // The person who is asked reads it, whatever else is printed.
             let _ = writeln!(io::stderr(), "{:14} {}{bound}", step.name(), step.does());
         }
-        if !agreed("Is the arm free to move, does nobody hold it, and has somebody a hand on the emergency stop") {
-            return Err(Failure::new(Exit::Usage, "nothing was done", "answer yes, or write --yes"));
+        if !agreed("Confirm: the arm is free to move, nobody touches it, and one hand is on the emergency stop") {
+            return Err(Failure::new(Exit::Usage, "nothing was done", "answer yes, or add --yes"));
         }
     }
     close_journals(&interfaces, output)?;

@@ -14,7 +14,7 @@ use yieldwall_run::commission::{Commissioned, Curve, Figure, StepReport, Verdict
 pub(super) fn figure_text(figure: &Figure) -> String {
     let unit = if figure.unit.is_empty() { String::new() } else { format!(" {}", figure.unit) };
     let number = |value: f64| if value.fract() == 0.0 { format!("{value:.0}") } else { format!("{value:.3}") };
-    format!("{} {}{unit}, at most {}{unit}", figure.what, number(figure.value), number(figure.limit))
+    format!("{} {}{unit} (limit {}{unit})", figure.what, number(figure.value), number(figure.limit))
 }
 
 /// Returns the page on a rig from this file, and on the machine that these words name.
@@ -26,8 +26,7 @@ pub(super) fn html(rig: &config::Rig, file: &str, commissioned: &Commissioned, m
     let but = if skipped == 0 { String::new() } else { format!(", {skipped} of {all} steps skipped") };
     let drives: String = match &commissioned.drives {
         Some(drives) => drives.iter().zip(&rig.drives).map(|(drive, of)| identity(drive, &of.name)).collect(),
-        None => "<li>It is not known who the drives are: the step identity did not come to its end in this run.</li>\n"
-            .to_owned(),
+        None => "<li>The drives are unknown: the step identity did not end in this run.</li>\n".to_owned(),
     };
     let rows: String = commissioned.steps.iter().map(row).collect();
     let details: String = commissioned.steps.iter().filter(|step| has_details(step)).map(section).collect();
@@ -41,7 +40,7 @@ pub(super) fn html(rig: &config::Rig, file: &str, commissioned: &Commissioned, m
          <p>Made by yieldwall {version}, which is not a safety component, on {when}. Machine: {machine}.</p>\n\
          <p>Rig file: {file}, hash {hash}. Command mode: {mode}. Cycle: {period} us. Drives: {left} with profile {left_profile}, {right} with \
          profile {right_profile}.</p>\n<ul>\n{drives}</ul>\n\
-         <table><tr><th>step</th><th>verdict</th><th>figure</th><th>what the step does</th></tr>\n{rows}</table>\n{details}</body></html>\n",
+         <table><tr><th>step</th><th>verdict</th><th>figure</th><th>description</th></tr>\n{rows}</table>\n{details}</body></html>\n",
         version = env!("CARGO_PKG_VERSION"),
         when = escaped(&utc(now_unix_s())),
         machine = escaped(machine),
@@ -69,9 +68,7 @@ fn identity(drive: &DriveIdentity, name: &str) -> String {
 /// Formats a time as a calendar date.
 fn utc(unix_s: u64) -> String {
     let moment = i64::try_from(unix_s).ok().and_then(|seconds| DateTime::from_timestamp(seconds, 0));
-    moment.map_or("a day that the clock does not know".to_owned(), |moment| {
-        moment.format("%Y-%m-%d %H:%M UTC").to_string()
-    })
+    moment.map_or("an unknown day".to_owned(), |moment| moment.format("%Y-%m-%d %H:%M UTC").to_string())
 }
 
 fn has_details(step: &StepReport) -> bool {
@@ -82,7 +79,7 @@ fn row(step: &StepReport) -> String {
     let verdict = step.verdict.name();
     let bound = step.step.motion_bound_rad();
     let bound = bound.map_or(String::new(), |bound| {
-        format!("; no joint goes further than {:.1} deg by its encoder, each time it is enabled", bound.to_degrees())
+        format!("; limit of a joint: {:.1} deg by its encoder, each time it is enabled", bound.to_degrees())
     });
     format!(
         "<tr><td>{}</td><td class=\"{verdict}\">{verdict}</td><td>{}</td><td>{}{bound}</td></tr>\n",

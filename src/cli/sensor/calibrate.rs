@@ -3,7 +3,7 @@
 use serde_json::json;
 
 use super::{Calibrate, columns, document, ended, simulated};
-use crate::failure::{Exit, Failure};
+use crate::failure::{self, Exit, Failure};
 use crate::first_motion::at_rest;
 use crate::interrupt::on_interrupt;
 use crate::output::Output;
@@ -26,7 +26,7 @@ pub(super) fn run(arguments: &Calibrate, rig: &Loaded<config::Rig>, output: &mut
     let force_n = arguments.force.get();
     let most_n = rig.value.guard.force_limit_n.get();
     if force_n > most_n {
-        let message = format!("--force {force_n}: more than `guard.force_limit_n` of {most_n} N");
+        let message = format!("--force {force_n}: above `guard.force_limit_n` of {most_n} N");
         return Err(Failure::new(Exit::Usage, message, "pull as hard as a hand does, for example --force 8"));
     }
     #[cfg(target_os = "linux")]
@@ -48,7 +48,7 @@ pub(super) fn run(arguments: &Calibrate, rig: &Loaded<config::Rig>, output: &mut
     };
     let sensor = &rig.value.sensor;
     if pulled.iter().any(|pulled| pulled.shown.count() == 0) {
-        let help = "look at the sensor with `yieldwall sensor monitor`";
+        let help = "check the sensor with `yieldwall sensor monitor`";
         let message = format!("{} has sent no valid sample", sensor.name);
         return Err(Failure::new(Exit::DeviceMismatch, message, help));
     }
@@ -89,7 +89,9 @@ pub(super) fn run(arguments: &Calibrate, rig: &Loaded<config::Rig>, output: &mut
         });
         return output.end(document, judged);
     }
-    output.result(&text(&rig.value, &pulled, is_felt.then_some(&map), rows.as_ref()))?;
+    let verdict = failure::verdict(&judged, || "gain, rotation and cross-talk within their limits".to_owned());
+    let text = text(&rig.value, &pulled, (force_n, is_felt.then_some(&map)), rows.as_ref());
+    output.result(&format!("{verdict}\n{text}"))?;
     judged
 }
 
@@ -102,7 +104,12 @@ fn corrected(calibration: &[[config::Finite; 6]; 6], map: &ForceMap) -> Option<[
 }
 
 /// Returns the result as text; without `map`, of pulls that the sensor did not feel.
-fn text(rig: &config::Rig, pulled: &[Pulled], map: Option<&ForceMap>, rows: Option<&[[f64; 6]; 2]>) -> String {
+fn text(
+    rig: &config::Rig,
+    pulled: &[Pulled],
+    (force_n, map): (f64, Option<&ForceMap>),
+    rows: Option<&[[f64; 6]; 2]>,
+) -> String {
     let heading = super::AXES.map(|(axis, unit)| format!("{:>11}", format!("{axis} {unit}"))).concat();
     let mut text = format!("{:>16}{heading}\n", "pull x, y N");
     for pulled in pulled {
@@ -115,20 +122,16 @@ fn text(rig: &config::Rig, pulled: &[Pulled], map: Option<&ForceMap>, rows: Opti
     let range = rig.sensor.range_counts as f64;
     let most = rig.sensor.calibration.map(|row| row.iter().map(|value| value.get().abs()).fold(0.0, f64::max) * range);
     let saturated: u64 = pulled.iter().map(|pulled| pulled.shown.saturated).sum();
-    text += &format!(
-        "{}, in its own frame. Of a force it feels {gain_x:.3} along x and {gain_y:.3} along y, {:.2} deg beside where it acts, and {:.1} % along \
-         the other axis; of none {zero_x:.3} N and {zero_y:.3} N. A map leaves {:.3} N. Its range is {:.0} N along x and {:.0} N along y; \
-         {saturated} samples were at the end of it\n",
-        rig.sensor.name,
-        map.turn_rad().to_degrees().abs(),
-        100.0 * map.cross_talk(),
-        map.residual_n,
-        most[0],
-        most[1]
-    );
+    text += &format!("sensor    {}, in its own frame\n", rig.sensor.name);
+    text += &format!("gain      x {gain_x:.3}, y {gain_y:.3} (limits {:.1} to {:.1})\n", 1.0 - GAIN, 1.0 + GAIN);
+    text += &format!("rotation  {:.2} deg (limit {TURN_DEG} deg)\n", map.turn_rad().to_degrees().abs());
+    text += &format!("crosstalk {:.1} % (limit {:.0} %)\n", 100.0 * map.cross_talk(), 100.0 * CROSS_TALK);
+    text += &format!("offset    x {zero_x:.3} N, y {zero_y:.3} N\n");
+    text += &format!("residual  {:.3} N (limit {:.3} N)\n", map.residual_n, RESIDUAL * force_n);
+    text += &format!("range     x {:.0} N, y {:.0} N\n", most[0], most[1]);
+    text += &format!("saturated {saturated} samples (limit 0)\n");
     if let Some(rows) = rows {
-        text +=
-            "With these rows of Fx and Fy in `sensor.calibration` it feels them as they are; nothing was written:\n";
+        text += "nothing written; replace the rows of Fx and Fy in `sensor.calibration` by:\n";
         for row in rows {
             let numbers: Vec<String> = row.iter().map(|value| number(*value)).collect();
             text += &format!("    - [{}]\n", numbers.join(", "));
@@ -150,43 +153,44 @@ fn number(value: f64) -> String {
 /// Returns the failure for pulls that the sensor hardly felt.
 fn unfelt(force_n: f64, map: &ForceMap) -> Failure {
     let [x, y] = map.gains().map(|gain| force_n * gain);
-    let message = format!("of pulls of {force_n} N it feels {x:.2} N along x and {y:.2} N along y: next to nothing");
-    let help = "see that the force pulls at the handle beyond the sensor, along each axis, and look at `yieldwall sensor monitor` meanwhile; if it \
-                shows a force of another size, `sensor.calibration` is of another sensor";
+    let message = format!(
+        "the sensor reads {x:.2} N along x and {y:.2} N along y under pulls of {force_n} N (limit {:.2} N)",
+        FELT * force_n
+    );
+    let help = "check that the force acts on the handle beyond the sensor, along each axis, and watch `yieldwall sensor monitor`; if the readings \
+                have another size, `sensor.calibration` belongs to another sensor";
     Failure::new(Exit::OutOfTolerance, message, help)
 }
 
 /// Returns the failure for inconclusive pulls.
 fn unclear(force_n: f64, noise_n: f64, map: &ForceMap) -> Failure {
     let message = format!(
-        "pulls of {force_n} N show nothing: the noise is {noise_n:.3} N, a map of them leaves {:.3} N, and no sample may be at the end of the range",
-        map.residual_n
+        "pulls of {force_n} N are inconclusive: noise {noise_n:.3} N (limit {:.3} N), residual {:.3} N (limit {:.3} N), no sample may be saturated",
+        force_n / NOISES,
+        map.residual_n,
+        RESIDUAL * force_n
     );
-    let help = "pull harder or more steadily, let the arm rest, and look at `yieldwall sensor monitor`";
+    let help = "pull harder or more steadily, let the arm rest, and watch `yieldwall sensor monitor`";
     Failure::new(Exit::OutOfTolerance, message, help)
 }
 
 fn judge(map: &ForceMap, has_rows: bool) -> Result<(), Failure> {
     let refused = |message: String, help: &str| Err(Failure::new(Exit::OutOfTolerance, message, help));
     if map.is_mirrored() || !has_rows {
-        let message =
-            "an axis is felt with the wrong sign, axes are taken for one another, or one is not felt at all".to_owned();
-        return refused(
-            message,
-            "look at the cable and at `mounted_on`; the rows above feel forces as they are, if the wiring is to stay",
-        );
+        let message = "an axis has the wrong sign, axes are swapped, or one axis reads nothing".to_owned();
+        return refused(message, "check the cable and `mounted_on`; to keep the wiring, use the rows above");
     }
     let off = map.gains().map(|gain| (gain - 1.0).abs()).into_iter().fold(0.0, f64::max);
     let (turn_deg, talk) = (map.turn_rad().to_degrees().abs(), map.cross_talk());
     if off > GAIN || turn_deg > TURN_DEG || talk > CROSS_TALK {
         let message = format!(
-            "forces are not felt as they are: {:.0} % in size, {turn_deg:.1} deg in direction, {:.0} % along the other axis",
+            "readings are wrong: gain error {:.0} %, rotation {turn_deg:.1} deg, cross-talk {:.0} %",
             100.0 * off,
             100.0 * talk
         );
         return refused(
             message,
-            "put the rows above into the rig file, or fix `mounting_angle_rad` where the direction alone is off",
+            "copy the rows above into the rig file, or correct `mounting_angle_rad` if only the rotation is wrong",
         );
     }
     Ok(())
