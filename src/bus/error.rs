@@ -241,8 +241,8 @@ pub enum BootFailure {
     },
     /// The drive does not report how many increments its encoder has.
     #[error(
-        "its encoder has {increments} increments in {revolutions} revolutions (608Fh), by which no speed limit in r/min \
-         (6080h) can be told; set the encoder's resolution in the drive"
+        "its encoder has {increments} increments in {revolutions} revolutions (608Fh), which gives no speed limit in r/min \
+         (6080h); set the encoder's resolution in the drive"
     )]
     Resolution {
         /// 608Fh:1.
@@ -263,7 +263,7 @@ pub enum BootFailure {
         received: u32,
     },
     /// The drive is not in the commanded mode of operation.
-    #[error("the drive was told mode {wanted} (6060h) and is in mode {} (6061h)", *.received as u8 as i8)]
+    #[error("the drive is in mode {} (6061h), not in the commanded mode {wanted} (6060h)", *.received as u8 as i8)]
     Mode {
         /// Code of the mode in 6060h.
         wanted: u32,

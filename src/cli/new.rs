@@ -101,7 +101,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         return output.end(json!({ "files": written, "check": checked.to_json(&rig, is_ok) }), Ok(()));
     }
     for path in &names {
-        output.news(&format!("wrote {}", path.display()))?;
+        output.news(&format!("written   {}", path.display()))?;
     }
     for line in checked.lines() {
         output.news(&format!("    {line}"))?;
@@ -111,7 +111,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 
 /// Returns the next steps for a new rig, a paragraph each.
 fn next(name: &str, checked: &Checked) -> Vec<String> {
-    let edit = format!("Edit these files as you like; `yieldwall config check {name}` checks them again.");
+    let edit = format!("next      edit these files, then `yieldwall config check {name}`");
     let servos: Vec<&DeviceProfile> = match &checked.result {
         Ok(Document::Rig(rig)) => rig.value.drives.iter().filter_map(|drive| Some(&**drive.profile.get()?)).collect(),
         _ => Vec::new(),
@@ -121,20 +121,20 @@ fn next(name: &str, checked: &Checked) -> Vec<String> {
         let gaps = profile.servo().map(gaps).unwrap_or_default();
         if !gaps.is_empty() && !servos.iter().take(index).any(|other| other.name() == profile.name()) {
             is_open = true;
-            paragraphs.push(format!("What the profile `{}` leaves open: {}.", profile.name(), gaps.join("; ")));
+            paragraphs.push(format!("open      missing in the profile `{}`: {}", profile.name(), gaps.join("; ")));
         }
     }
     if checked.has_passed() {
-        paragraphs.push(format!("`yieldwall run {name}` runs it on the embedded simulation."));
+        paragraphs.push(format!("run       `yieldwall run {name}` runs it on the embedded simulation"));
     } else {
-        let why = if is_open { ": simulated drives do only what their profile says" } else { "" };
-        paragraphs.push(format!("`yieldwall run {name}` refuses it, for the reason above{why}."));
+        let why = if is_open { "; simulated drives do only what their profile states" } else { "" };
+        paragraphs.push(format!("run       `yieldwall run {name}` refuses it, for the reason above{why}"));
     }
     if servos.iter().any(|profile| profile.profile.tried != Tried::Simulation) {
         paragraphs.push(format!(
-            "With the drives on a bus: `yieldwall doctor {name} --bus can0`, then `yieldwall drill {name} --bus can0`. The drill has \
-             SYNC, set-points and heartbeat stay away while the rig rests, and measures whether the drives stop. It refuses drives that \
-             go on, and says what to write into the profile. Then `yieldwall run {name} --bus can0` is next."
+            "bus       with the drives on a bus: `yieldwall doctor {name} --bus can0`, then `yieldwall drill {name} --bus can0`. The drill \
+             stops SYNC, set-points and heartbeat while the rig rests, and measures whether the drives stop. It refuses drives that \
+             continue, and prints the lines for the profile. Then `yieldwall run {name} --bus can0`"
         ));
     }
     paragraphs
@@ -167,11 +167,11 @@ fn gaps(servo: &Servo) -> Vec<String> {
             None => gaps.push(format!("the drive has no watchdog for {name}")),
             Some((knows_time, reaction)) => {
                 if !knows_time {
-                    gaps.push(format!("how long it goes on without {name}"));
+                    gaps.push(format!("time until the drive stops without {name}"));
                 }
                 match reaction {
-                    Reaction::Unknown => gaps.push(format!("what the drive does without {name}")),
-                    Reaction::Nothing => gaps.push(format!("the drive goes on without {name}")),
+                    Reaction::Unknown => gaps.push(format!("reaction of the drive without {name}")),
+                    Reaction::Nothing => gaps.push(format!("the drive does not stop without {name}")),
                     Reaction::AbortConnection | Reaction::Fault => {}
                 }
             }
@@ -185,7 +185,7 @@ fn names(rig: &Path) -> Result<[PathBuf; 3], Failure> {
     let is_yaml = rig.extension().is_some_and(|ending| ending == "yaml" || ending == "yml");
     let stem = rig.file_stem().and_then(|stem| stem.to_str()).filter(|_| is_yaml);
     let Some(stem) = stem else {
-        let message = format!("{} is no name for a rig", rig.display());
+        let message = format!("{} is not a name for a rig file", rig.display());
         return Err(Failure::new(Exit::Usage, message, "write a name that ends in .yaml, such as my-rig.yaml"));
     };
     let beside = |what: &str| rig.with_file_name(format!("{stem}-{what}.yaml"));
@@ -213,7 +213,7 @@ fn compose(choice: &Choice, names: &[PathBuf; 3]) -> Result<Files, Failure> {
         let found = pose_margins(&rig.value).map_err(|error| rig_failure(&error))?;
         let tuned = found.and_then(|found| proposed_gains(&rig.value, &found));
         let tuned = tuned.ok_or_else(|| {
-            let message = "no gains leave 6 dB and 45 degrees of margin at this cycle";
+            let message = "no gains found with margins of 6 dB and 45 degrees at this cycle";
             Failure::new(Exit::ConfigInvalid, message, "give a shorter --period-us, or another --mode")
         })?;
         numbers.gains = tuned.gains;
@@ -243,9 +243,8 @@ fn control_step_us(rig: &Loaded<Rig>) -> Result<u32, Failure> {
         other => {
             let longer_us = other.map_or(2 * u128::from(period_us), |(_, period, _)| period.as_micros());
             let bus = if bit_rate.is_some() { "a bus of 1 Mbit/s" } else { "an EtherCAT segment" };
-            let message = format!(
-                "{bus} cannot keep a cycle of {period_us} us with these devices in this mode: not every frame is in time"
-            );
+            let message =
+                format!("{bus} cannot keep a cycle of {period_us} us with these devices in this mode: a frame is late");
             Err(Failure::new(Exit::Usage, message, format!("give --period-us {longer_us} or another --sensor")))
         }
     }

@@ -378,7 +378,8 @@ impl Merger<'_> {
             let names: Vec<String> =
                 base.iter().filter_map(|entry| entry.name().map(|(name, _)| name.to_owned())).collect();
             let Some((name, place)) = entry.name() else {
-                let message = format!("`{here}` has no `name`, and `{at}` of {} are told apart by it", self.base.name);
+                let message =
+                    format!("`{here}` has no `name`, which identifies the entries of `{at}` in {}", self.base.name);
                 let help = format!("write the name of the entry that this one changes: {}", names.join(" or "));
                 return Err(self.own.finding(entry.key.unwrap_or(entry.value).1, &here, message, help).into());
             };

@@ -508,6 +508,6 @@ fn read<T: DeserializeOwned + Validate<Context = ()>>(source: &Source, kind: Kin
 
 fn unknown_kind(source: &Source, message: &str) -> Diagnostic {
     let marks = Kind::ALL.map(|kind| format!("{} has `{}`", kind.with_article(), kind.mark()));
-    let help = format!("the keys at the top tell what a document is: {}; a variant has `{LIKE}`", marks.join(", "));
+    let help = format!("the top-level keys name the kind of a document: {}; a variant has `{LIKE}`", marks.join(", "));
     Diagnostic::about_file(source.to_string(), format!("{source} {message}"), help)
 }

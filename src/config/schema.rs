@@ -36,7 +36,7 @@ pub fn schema() -> Value {
     json!({
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "yieldwall configuration",
-        "description": "A rig, an impedance device or a scene, each of them whole or as a variant of another, a figure, a device profile, a simulation or a table of error codes.",
+        "description": "A rig, an impedance device or a scene, whole or as a variant; or a figure, a device profile, a simulation or a table of error codes.",
         "oneOf": kinds,
         "$defs": definitions,
     })

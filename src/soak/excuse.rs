@@ -112,8 +112,10 @@ impl Excuse {
             Self::EarlierInjection => "the fault counts over a window of cycles, which an earlier injection has filled",
             Self::SmallJump => "the encoder's jump is within what a joint may turn in three cycles",
             Self::Kept => "a broken link had kept the set-point, and nobody knows of which cycle it is",
-            Self::Untold => "the drive told nothing in this cycle: its angle is predicted",
-            Self::ToldTwice => "the drive told two things in one cycle after one without any, and either may be late",
+            Self::Untold => "the drive reported nothing in this cycle: its angle is predicted",
+            Self::ToldTwice => {
+                "the drive reported twice in one cycle after a cycle without a report, and either may be late"
+            }
             Self::Follows => "the drives are not enabled yet: the target moves nothing and follows the joint",
             Self::Turned => {
                 "a hand turns a joint faster than twice its limit, and it turned so far between both moments"

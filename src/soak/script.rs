@@ -31,7 +31,7 @@ const ENDING_S: f64 = 0.3;
 pub struct Script {
     /// The faults, by their start.
     pub injections: Vec<Injection>,
-    /// Whether they may overlap; their effects then cannot be told apart.
+    /// Whether the faults may overlap. Their effects then cannot be separated.
     pub is_tangle: bool,
 }
 

@@ -166,7 +166,7 @@ pub enum SegmentFailure {
         code: AlStatusCode,
     },
     /// The device did not come to a state.
-    #[error("it is in {is} {waited_ms} ms after {to} was asked for, and tells no error; {}", next(*.to, AlStatusCode::NONE))]
+    #[error("it is in {is} {waited_ms} ms after the request of {to}, and reports no error; {}", next(*.to, AlStatusCode::NONE))]
     NotReached {
         /// The state in which it is.
         is: AlStatus,

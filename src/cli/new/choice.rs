@@ -92,19 +92,19 @@ pub(super) fn parse_encoder(text: &str) -> Result<EncoderKind, String> {
     match text {
         "multi_turn" => Ok(EncoderKind::MultiTurn),
         "single_turn" => Ok(EncoderKind::SingleTurn),
-        _ => Err("multi_turn or single_turn: any other encoder does not know its zero after a reset".to_owned()),
+        _ => Err("multi_turn or single_turn; other encoders lose their zero at a reset".to_owned()),
     }
 }
 
 /// Takes the values of the flags, asks a person for the rest if there is one, and checks that they fit together.
 pub(super) fn ask(arguments: &Arguments, person: Option<Person<'_>>) -> Result<Choice, Failure> {
     let mut asking = Asking { person };
-    let mode = asking.word("what the drives are commanded", arguments.mode, Mode::Torque)?;
+    let mode = asking.word("command mode of the drives", arguments.mode, Mode::Torque)?;
     let law = match mode {
         Mode::Torque => asking.word("control law", arguments.law, Law::Psmc)?,
         _ if arguments.law.is_some() => {
-            let message = "--law is for torque mode: in the other modes the drives have their own control laws";
-            return Err(Failure::new(Exit::Usage, message, "leave --law away, or give --mode torque"));
+            let message = "--law is for torque mode; in the other modes the drives have their own control laws";
+            return Err(Failure::new(Exit::Usage, message, "omit --law, or write --mode torque"));
         }
         _ => Law::Psmc,
     };
@@ -121,18 +121,18 @@ pub(super) fn ask(arguments: &Arguments, person: Option<Person<'_>>) -> Result<C
     )?;
     if period_us > longest_us {
         let message = format!(
-            "--period-us is {period_us}: drives in torque mode have to stop within 10 ms of their master's death, and watch for five cycles"
+            "--period-us {period_us}: in torque mode drives have to stop within 10 ms after the master fails, and their watchdogs take five cycles"
         );
-        return Err(Failure::new(Exit::Usage, message, format!("give {longest_us} or less, or another --mode")));
+        return Err(Failure::new(Exit::Usage, message, format!("write {longest_us} or less, or another --mode")));
     }
     let bus = asking.word("bus of the devices", arguments.bus, BusKind::Can)?;
     let sensor = match bus {
-        BusKind::Can => asking.word("what the force sensor speaks", arguments.sensor, Protocol::Canopen)?,
+        BusKind::Can => asking.word("protocol of the force sensor", arguments.sensor, Protocol::Canopen)?,
         BusKind::Ethercat => Protocol::Ethercat,
     };
     if bus == BusKind::Ethercat && arguments.sensor.is_some() {
         let message = "drives and force sensor of a new rig are on the same kind of bus";
-        let help = "leave --sensor away, or edit the file: docs/configuration.md has a rig on two buses";
+        let help = "omit --sensor, or edit the file; docs/configuration.md shows a rig on two buses";
         return Err(Failure::new(Exit::Usage, message, help));
     }
     let given = Some(arguments.drives.clone()).filter(|drives| !drives.is_empty());
@@ -149,7 +149,7 @@ pub(super) fn ask(arguments: &Arguments, person: Option<Person<'_>>) -> Result<C
         |text| {
             let drives: Vec<String> = text.split(',').map(|one| one.trim().to_owned()).collect();
             if drives.len() > 2 {
-                return Err("one profile, or two with a comma between".to_owned());
+                return Err("one profile, or two, separated by a comma".to_owned());
             }
             drives.iter().try_for_each(|name| known_profile(name, &names))?;
             Ok(drives)
@@ -157,7 +157,7 @@ pub(super) fn ask(arguments: &Arguments, person: Option<Person<'_>>) -> Result<C
     )?;
     if drives.len() > 2 {
         let message = format!("--drives {}: there are two drives", drives.join(","));
-        let help = "give one profile for both drives, or two with a comma between, such as \
+        let help = "write one profile for both drives, or two, separated by a comma, such as \
                     --drives simulated-servo,simulated-servo";
         return Err(Failure::new(Exit::Usage, message, help));
     }
@@ -167,8 +167,8 @@ pub(super) fn ask(arguments: &Arguments, person: Option<Person<'_>>) -> Result<C
     let (profiles, profile_files) = profiles(&drives, &arguments.rig)?;
     let count = if sensor == Protocol::Canopen { 3 } else { 2 };
     if bus == BusKind::Ethercat && !arguments.nodes.is_empty() {
-        let message = "--nodes: devices on EtherCAT have no node ids but positions";
-        return Err(Failure::new(Exit::Usage, message, "leave --nodes away: positions follow the cable"));
+        let message = "--nodes: devices on EtherCAT have positions, not node ids";
+        return Err(Failure::new(Exit::Usage, message, "omit --nodes; the positions follow the cable"));
     }
     let given = Some(arguments.nodes.clone()).filter(|nodes| !nodes.is_empty());
     // A segment does not have this property, so there is no question about it.
@@ -180,12 +180,12 @@ pub(super) fn ask(arguments: &Arguments, person: Option<Person<'_>>) -> Result<C
     let nodes = asking.value(question, given, usual.into_iter().take(count).collect(), shown, |text| {
         let nodes: Option<Vec<u8>> = text.split(',').map(|one| one.trim().parse().ok()).collect();
         let nodes = nodes.filter(|nodes| nodes.len() == count && nodes.iter().all(|id| (1..OWN_NODE).contains(id)));
-        let nodes = nodes.ok_or_else(|| format!("{count} numbers from 1 to 126 with commas between"))?;
-        if are_different(&nodes) { Ok(nodes) } else { Err("each device has an id of its own".to_owned()) }
+        let nodes = nodes.ok_or_else(|| format!("{count} numbers from 1 to 126, separated by commas"))?;
+        if are_different(&nodes) { Ok(nodes) } else { Err("each device needs its own node id".to_owned()) }
     })?;
     if !are_different(&nodes) {
-        let message = format!("--nodes {}: an id stands there twice", shown(&nodes));
-        return Err(Failure::new(Exit::Usage, message, "give each device an id of its own, such as --nodes 1,2,10"));
+        let message = format!("--nodes {}: a node id occurs twice", shown(&nodes));
+        return Err(Failure::new(Exit::Usage, message, "write a different id for each device, such as --nodes 1,2,10"));
     }
     let nodes = match *nodes.as_slice() {
         [left, right] if sensor != Protocol::Canopen => [left, right, 0],
@@ -194,15 +194,15 @@ pub(super) fn ask(arguments: &Arguments, person: Option<Person<'_>>) -> Result<C
         [left, right, id] if sensor == Protocol::Canopen => [left, right, id],
         [_, _, _] => {
             let message =
-                format!("--nodes {}: the third id is one too many: a sensor on plain CAN has none", shown(&nodes));
-            return Err(Failure::new(Exit::Usage, message, "give two ids, such as --nodes 1,2, or --sensor canopen"));
+                format!("--nodes {}: the third id is not needed; a sensor on plain CAN has no node id", shown(&nodes));
+            return Err(Failure::new(Exit::Usage, message, "write two ids, such as --nodes 1,2, or --sensor canopen"));
         }
         _ => {
-            let message = format!("--nodes {}: that is not one id for each device", shown(&nodes));
+            let message = format!("--nodes {}: write one id for each device", shown(&nodes));
             return Err(Failure::new(
                 Exit::Usage,
                 message,
-                "give those of both drives and of a CANopen sensor, such as --nodes 1,2,10",
+                "write the ids of both drives and of a CANopen sensor, such as --nodes 1,2,10",
             ));
         }
     };
@@ -212,15 +212,15 @@ pub(super) fn ask(arguments: &Arguments, person: Option<Person<'_>>) -> Result<C
         asking.value("lengths of the proximal and of the distal links in m", given, vec![0.3, 0.4], shown, |text| {
             let links: Result<Vec<f64>, String> = text.split(',').map(parse_length).collect();
             links.and_then(|links| {
-                if links.len() == 2 { Ok(links) } else { Err("two lengths with a comma between".to_owned()) }
+                if links.len() == 2 { Ok(links) } else { Err("two lengths, separated by a comma".to_owned()) }
             })
         })?;
     if links.len() != 2 {
-        let message = format!("--links {}: that is not one length for each kind of link", shown(&links));
+        let message = format!("--links {}: write one length for each kind of link", shown(&links));
         return Err(Failure::new(
             Exit::Usage,
             message,
-            "give that of the proximal and that of the distal links in m, such as --links 0.3,0.4",
+            "write the lengths of the proximal and of the distal links in m, such as --links 0.3,0.4",
         ));
     }
     let links_m = [links.first().copied().unwrap_or(0.3), links.get(1).copied().unwrap_or(0.4)];
@@ -243,14 +243,18 @@ fn known_profile(name: &str, names: &[&str]) -> Result<(), String> {
         let profile = load_profile(Source::disk(name));
         let profile =
             profile.map_err(|report| report.diagnostics.first().map_or(String::new(), ToString::to_string))?;
-        return if profile.value.servo().is_some() { Ok(()) } else { Err(format!("{name} is no profile of a drive")) };
+        return if profile.value.servo().is_some() {
+            Ok(())
+        } else {
+            Err(format!("{name} is not a profile of a drive"))
+        };
     }
     if names.contains(&name) {
         return Ok(());
     }
     Err(match nearest_word(name, names.iter().copied()) {
-        Some(meant) => format!("{name} is no profile; did you mean {meant}?"),
-        None => format!("{name} is no profile; there are {}, and files that end in .yaml", names.join(", ")),
+        Some(meant) => format!("there is no profile {name}; did you mean {meant}?"),
+        None => format!("there is no profile {name}; write one of {}, or a file that ends in .yaml", names.join(", ")),
     })
 }
 
@@ -268,12 +272,11 @@ fn profiles(drives: &[String], rig: &Path) -> Result<([String; 2], ProfileFiles)
         let written = if lies_here && is_plain {
             path.clone()
         } else {
-            path.canonicalize().map_err(|error| {
-                Failure::new(Exit::Usage, format!("{name}: {error}"), "name a profile that is there")
-            })?
+            path.canonicalize()
+                .map_err(|error| Failure::new(Exit::Usage, format!("{name}: {error}"), "name an existing profile"))?
         };
         let Some(text) = written.to_str().map(str::to_owned) else {
-            return Err(Failure::new(Exit::Usage, format!("{name} is no text in UTF-8"), "rename the file"));
+            return Err(Failure::new(Exit::Usage, format!("{name} is not UTF-8 text"), "rename the file"));
         };
         files.push((text.clone(), path));
         Ok(text)
@@ -326,7 +329,7 @@ impl Asking<'_> {
         let question = fit::fitted(&format!("{question} [{}]", shown(&usual)), *columns);
         loop {
             let answer = answer(answers, questions, &question).ok_or_else(|| {
-                Failure::new(Exit::Usage, "nobody answers: nothing was written", "give flags, and --yes")
+                Failure::new(Exit::Usage, "nothing written: no answer on standard input", "add flags and --yes")
             })?;
             if answer.is_empty() {
                 return Ok(usual);

@@ -48,23 +48,23 @@ pub(super) fn rig(choice: &Choice, geometry: &Geometry, numbers: &Numbers, file:
         format!(
             "    canopen:
       bit_rate_bit_per_s: 1000000
-      node_id: {OWN_NODE}              # of this program
-      heartbeat_ms: {heartbeat_ms}          # period; a drive that hears none for two periods stops by itself
+      node_id: {OWN_NODE}              # node id of this program
+      heartbeat_ms: {heartbeat_ms}          # period; a drive without a heartbeat for two periods stops by itself
 "
         )
     } else {
-        "    ethercat: {}                # outputs act at SYNC0, and the period is that of the cycle\n".to_owned()
+        "    ethercat: {}                # outputs take effect at SYNC0; SYNC0 has the period of the cycle\n".to_owned()
     };
     let address = |node: &u8| match is_on_can {
         true => format!(
             "      canopen:
         node_id: {node}
-        heartbeat_ms: {heartbeat_ms}       # period; after two without one the rig stops
+        heartbeat_ms: {heartbeat_ms}       # period; the rig stops after two periods without a heartbeat
 "
         ),
         false => format!(
             "      ethercat:
-        position: {}             # devices between the computer and this one
+        position: {}             # number of devices between the computer and this device
 ",
             node - 1
         ),
@@ -74,8 +74,10 @@ pub(super) fn rig(choice: &Choice, geometry: &Geometry, numbers: &Numbers, file:
         let address = address(node);
         let profile = quoted(profile);
         let encoder = match choice.encoder {
-            Some(EncoderKind::MultiTurn) => "    encoder: multi_turn         # what it knows at power-on\n",
-            Some(EncoderKind::SingleTurn) => "    encoder: single_turn        # what it knows at power-on\n",
+            Some(EncoderKind::MultiTurn) => {
+                "    encoder: multi_turn         # absolute over several turns at power-on\n"
+            }
+            Some(EncoderKind::SingleTurn) => "    encoder: single_turn        # absolute within one turn at power-on\n",
             _ => "",
         };
         format!(
@@ -83,10 +85,10 @@ pub(super) fn rig(choice: &Choice, geometry: &Geometry, numbers: &Numbers, file:
     bus: main
     address:
 {address}    profile: {profile}    # device model: identity, process data, watchdogs
-{encoder}    encoder_counts_per_rev: 800000   # for one turn of the proximal link, gear included
-    direction: 1                # 1 or -1: sign of counts for a positive angle
-    zero_offset_rad: 0.0        # angle of the proximal link when the drive reads 0
-    rated_torque_n_m: 60.0      # at the link
+{encoder}    encoder_counts_per_rev: 800000   # per turn of the proximal link, gear included
+    direction: 1                # 1 or -1: sign of the counts for a positive angle
+    zero_offset_rad: 0.0        # angle of the proximal link at 0 counts
+    rated_torque_n_m: 60.0      # at the link, after the gear
 "
         )
     };
@@ -94,23 +96,23 @@ pub(super) fn rig(choice: &Choice, geometry: &Geometry, numbers: &Numbers, file:
     let sensor = sensor(choice, heartbeat_ms);
     let control = control(choice, numbers);
     format!(
-        "# A five-bar admittance rig, written by `yieldwall new`. Where a number is not known yet, a plausible one stands: replace
-# those of drives, sensor and linkage by the machine's own, and check the file with `yieldwall config check`.
+        "# A five-bar admittance rig, written by `yieldwall new`. Unknown numbers have plausible defaults: replace the values of
+# drives, sensor and linkage by those of your machine, and check the file with `yieldwall config check`.
 rig:
   name: {name}
   command_mode: {mode}          # torque (CST), velocity (CSV) or position (CSP)
 
 cycle:
   period_us: {period_us}
-  compute_at_us: {compute_at_us}           # by then all measured values are in, and set-points still arrive before the next SYNC:
-                                # the middle of what `yieldwall bus budget` allows
+  compute_at_us: {compute_at_us}           # control step: after the last measured value, early enough for the set-points to arrive
+                                # before the next SYNC; middle of the window of `yieldwall bus budget`
 
 buses:
   main:
 {bus}
 drives:
 {drives}
-{sensor}  # wrench = matrix * counts; rows Fx Fy Fz (N) then Tx Ty Tz (N m): from the sensor's calibration sheet
+{sensor}  # wrench = matrix * counts; rows Fx, Fy, Fz (N), Tx, Ty, Tz (N m); copy them from the sensor's calibration sheet
   calibration:
     - [{per_n:?}, 0.0, 0.0, 0.0, 0.0, 0.0]
     - [0.0, {per_n:?}, 0.0, 0.0, 0.0, 0.0]
@@ -119,27 +121,27 @@ drives:
     - [0.0, 0.0, 0.0, 0.0, {per_n_m:?}, 0.0]
     - [0.0, 0.0, 0.0, 0.0, 0.0, {per_n_m:?}]
   range_counts: {range}
-  mounted_on: right_distal      # base, left_distal or right_distal: the link that the sensor turns with
-  mounting_angle_rad: 0.0       # sensor x axis against that link
-  handle_mass_kg: 0.0           # mass beyond the sensor whose inertia is taken out of the reading
+  mounted_on: right_distal      # base, left_distal or right_distal: the link that carries the sensor
+  mounting_angle_rad: 0.0       # angle of the sensor's x axis from that link
+  handle_mass_kg: 0.0           # mass beyond the sensor; its inertia is subtracted from the reading
   low_pass_hz: null             # null: no filter
 
 linkage:
-  base_m: [[-{half:?}, -{below:?}], [{half:?}, -{below:?}]]   # base joints; the origin is the middle of the working disc
+  base_m: [[-{half:?}, -{below:?}], [{half:?}, -{below:?}]]   # base joints; the origin is the centre of the working disc
   proximal_m: [{proximal:?}, {proximal:?}]
   distal_m: [{distal:?}, {distal:?}]
-  elbows: [left, right]         # seen from base joint to wrist, the side on which each elbow lies: outward
-  wrist: forward                # forward: the wrist lies to the left of the line from left to right elbow
+  elbows: [left, right]         # side of each elbow, looking from base joint to wrist; here outward
+  wrist: forward                # forward: wrist to the left of the line from left to right elbow
   tool:
-    fixed_to: right             # the distal link that carries the tool
-    along_m: 0.0                # from the wrist, along that link away from its elbow
-    across_m: 0.0               # from the wrist, to the left of that direction
-  working_radius_m: {working_m:?}        # disc about the origin that the rig must reach
+    fixed_to: right             # distal link that carries the tool
+    along_m: 0.0                # from the wrist along that link, away from its elbow
+    across_m: 0.0               # from the wrist, perpendicular, to the left of that direction
+  working_radius_m: {working_m:?}        # radius of the disc around the origin that the arm must reach
 
-{control}  feed_forward:                 # what is known of the machine
-    coulomb_n_m: [8.0, 8.0]     # below the real dry friction: what exceeds it would push a joint that rests
+{control}  feed_forward:                 # model of the machine
+    coulomb_n_m: [8.0, 8.0]     # below the real dry friction; any excess pushes a joint at rest
     viscous_n_m_s_per_rad: [0.5, 0.5]
-    inertia:                    # null switches it off
+    inertia:                    # null disables it
       motor_kg_m2: [0.25, 0.25]
       proximal_kg: [0.0, 0.0]
       distal_kg: [0.0, 0.0]
@@ -147,28 +149,28 @@ linkage:
 
 fixture:
   coupling:
-    admittance: {{mass_kg: {mass_kg:?}}}   # `yieldwall tune fixture` tells which masses stay stable
-  friction_n: 3.0               # F
-  yield_n: {YIELD_N:?}                 # R: above this force the surface gives way
+    admittance: {{mass_kg: {mass_kg:?}}}   # `yieldwall tune fixture` prints the stable masses
+  friction_n: 3.0               # F: sliding force along the surface
+  yield_n: {YIELD_N:?}                 # R: the surface yields above this force
   side: bilateral               # bilateral or unilateral
-  hold_steps: 0                 # N_wait
+  hold_steps: 0                 # N_wait: cycles for which the proxy stays on the surface after contact
   curvature: tangent            # tangent or exact
   surface:
-    circle: {{center_m: [0.0, 0.0], radius_m: {circle_m:?}, forbidden: inside}}   # the side that `unilateral` forbids
+    circle: {{center_m: [0.0, 0.0], radius_m: {circle_m:?}, forbidden: inside}}   # forbidden: side that `unilateral` blocks
 
-guard:                          # limits at which the rig holds or stops
+guard:                          # safety limits: beyond them the rig holds or stops
   torque_limit_n_m: 60.0
   joint_speed_limit_rad_per_s: 6.0
   tool_speed_limit_m_per_s: 1.5
   force_limit_n: 150.0
-  force_step_limit_n: 80.0      # between two samples
-  residual_limit_n_m: 30.0      # torque mode: what torques, force and motion leave open; null switches it off
-  energy_limit_j: 0.5           # given to the hand in one go beyond what the rig held
+  force_step_limit_n: 80.0      # largest change between two samples
+  residual_limit_n_m: 30.0      # torque mode: torque that force and motion do not explain; null disables it
+  energy_limit_j: 0.5           # largest energy burst into the hand, beyond the energy that the rig held
   singularity_margin_m: {MARGIN_M:?}
   following_error_limit_rad: 0.05
-  stop_deceleration_m_per_s2: 10.0   # of the ramp along which the rig stops
+  stop_deceleration_m_per_s2: 10.0   # braking ramp of a stop
 
-# What the simulation takes the machine to be, and its scene. A rig on a real bus needs none.
+# Simulated machine and scene. A rig on a real bus needs neither.
 simulation: {simulation}
 ",
         simulation = quoted(simulation),
@@ -196,10 +198,10 @@ fn sensor(choice: &Choice, heartbeat_ms: u32) -> String {
         Protocol::Streaming => format!(
             "{head}  protocol:
     streaming:                  # canopen, streaming or polled: see docs/force-sensors.md
-      command_id: 0x35f         # of the orders start, stop and zero
-      data_ids: [0x360, 0x361]  # of the two frames of a sample; no node of the bus uses them
-      pair_gap_us: 600          # from the first frame of a sample to its second
-      zero_at_start: true       # the sensor forgets its zero when it is switched off; nobody may touch the handle then
+      command_id: 0x35f         # commands start, stop and zero
+      data_ids: [0x360, 0x361]  # the two frames of a sample; no node on the bus may use these ids
+      pair_gap_us: 600          # longest time between the two frames of a sample
+      zero_at_start: true       # the sensor loses its zero at power-off; nobody may touch the handle at the start
   sample_rate_hz: {}
 ",
             [500, 200, 100].into_iter().find(|rate| *rate <= cycle_hz).unwrap_or(100)
@@ -208,19 +210,19 @@ fn sensor(choice: &Choice, heartbeat_ms: u32) -> String {
             "{head}  protocol:
     ethercat:                   # see docs/force-sensors.md
       position: 2
-  sample_rate_hz: 8000          # by the sensor's own clock
+  sample_rate_hz: 8000          # of the sensor's own clock
 "
         ),
         Protocol::Polled => format!(
             "{head}  protocol:
     polled:                     # canopen, streaming or polled: see docs/force-sensors.md
-      base_id: 0x1b0            # of requests; the answers have 0x1b5 and 0x1b6
+      base_id: 0x1b0            # request; the answers use 0x1b5 and 0x1b6
       byte_order: big_endian    # big_endian or little_endian
-      overload_bits: 0x0002     # of the status word: a channel is at the end of its range
-      invalid_bits: 0x8000      # of the status word: the sample is not valid
-      pair_gap_us: 300          # from the first frame of an answer to its second
-      zero_at_start: true       # the sensor forgets its zero when it is switched off; nobody may touch the handle then
-  sample_rate_hz: 1000          # how often the sensor measures, whatever it is asked
+      overload_bits: 0x0002     # bit of the status word: a channel is saturated
+      invalid_bits: 0x8000      # bit of the status word: the sample is invalid
+      pair_gap_us: 300          # longest time between the two frames of an answer
+      zero_at_start: true       # the sensor loses its zero at power-off; nobody may touch the handle at the start
+  sample_rate_hz: 1000          # internal rate of the sensor, independent of the requests
 "
         ),
     }
@@ -235,8 +237,8 @@ fn control(choice: &Choice, numbers: &Numbers) -> String {
     let head = format!("control:\n  law: {law}                     # psmc or pid, in torque mode\n");
     let gains = match choice.mode {
         Mode::Torque => format!(
-            "  # The stiffest with 6 dB of gain margin and 45 degrees of phase margin at every pose of the surface, by the inertia below;
-  # `yieldwall tune gains` finds them anew.
+            "  # Stiffest gains with 6 dB of gain margin and 45 degrees of phase margin at every pose along the surface, for the inertia
+  # below. `yieldwall tune gains` computes them again.
   gains:
     joint:                      # joint, or cartesian with gains in N/m
       stiffness_n_m_per_rad: {stiffness:?}
@@ -246,12 +248,12 @@ fn control(choice: &Choice, numbers: &Numbers) -> String {
         ),
         Mode::Velocity => format!(
             "  gains:
-    rate:                       # the rate of the reference plus this times the angle error
-      gain_per_s: {:?}          # a small part of the cycle's rate: an ideal drive overshoots from a quarter of it
+    rate:                       # rate command = rate of the reference + gain * angle error
+      gain_per_s: {:?}          # 6 % of the cycle rate; an ideal drive overshoots from 25 % on
 ",
             0.06e6 / f64::from(choice.period_us)
         ),
-        Mode::Position => "  # The drives close the loop: nothing of this is used in position mode.
+        Mode::Position => "  # The drives close the loop: position mode does not use these gains.
   gains:
     joint:
       stiffness_n_m_per_rad: 5000.0
@@ -260,14 +262,14 @@ fn control(choice: &Choice, numbers: &Numbers) -> String {
 "
         .to_owned(),
     };
-    format!("{head}{gains}  sliding_time_s: 0.02          # H of PSMC\n")
+    format!("{head}{gains}  sliding_time_s: 0.02          # H: sliding time of PSMC\n")
 }
 
 /// Returns the simulation of the rig in `rig`, with its scene in the file beside it.
 pub(super) fn simulation(rig: &str, scene: &str) -> String {
     format!(
-        "# What the simulation takes the machine of {rig} to be, and what happens in it. Nothing of it is used on a real bus.
-timing: arbitrated              # arbitrated (bits and priorities of frames cost time) or ideal
+        "# Simulated machine of {rig}. A real bus does not use this file.
+timing: arbitrated              # arbitrated (frames take time, by length and priority) or ideal
 
 arm:
   motor_kg_m2: [0.25, 0.25]     # at the link, gear included
@@ -277,7 +279,7 @@ arm:
   coulomb_n_m: [10.0, 10.0]     # dry friction of each joint
   viscous_n_m_s_per_rad: [0.5, 0.5]
 
-drive_position_loop:            # closed inside each drive in position and velocity mode
+drive_position_loop:            # loop inside each drive in position and velocity mode
   period_us: 125
   stiffness_n_m_per_rad: 20000.0
   damping_n_m_s_per_rad: 150.0
@@ -303,15 +305,15 @@ pub(super) fn scene(geometry: &Geometry, rig: &str) -> String {
     format!(
         "# A hand on the rig of {rig}: it approaches the circle, presses, traces it, breaks out and comes back.
 #
-# The hand aims at a point that runs along the path below; a spring of {HAND_N_PER_M} N/m pulls the tool after it.
+# The target point of the hand moves along the path below; a spring of {HAND_N_PER_M} N/m pulls the tool after it.
 duration_s: 9.5
 seed: 1
 model:
-  tracking: rigid               # ideal: the tool is where the proxy is, no arm; rigid: the arm with its friction
+  tracking: rigid               # ideal: the tool follows the proxy exactly, without an arm; rigid: arm with friction
   plant_step_us: 100
   encoder: quantised            # exact or quantised
   force_sensor: noisy           # quantised or noisy
-  force_noise_counts: 4.0       # standard deviation per axis; read only when noisy
+  force_noise_counts: 4.0       # standard deviation per axis; used with noisy only
   joint_elasticity: null        # or {{stiffness_n_m_per_rad: .., damping_n_m_s_per_rad: .., motor_share: ..}}
 hand:
   mass_kg: 0.5
@@ -320,11 +322,11 @@ hand:
   voluntary_force_limit_n: 40.0 # or null
   tremor: {{force_rms_n: 0.1, low_hz: 8.0, high_hz: 12.0}}   # or null
   start_m: {start}
-  path:                         # of the point that the hand aims at
-    - to: {{point_m: {pressed}, in_s: 1.5}}      # approaches from inside, and presses outward by {PRESS_N} N, below R
+  path:                         # of the hand's target point
+    - to: {{point_m: {pressed}, in_s: 1.5}}      # approaches from inside, and presses outward with {PRESS_N} N, below R
     - wait: {{for_s: 0.3}}
     - arc: {{center_m: [0.0, 0.0], by_rad: 0.8, in_s: 1.8, speed: constant}}   # traces the circle
-    - to: {{point_m: {out}, in_s: 1.2}}      # pulls by more than R: breaks out
+    - to: {{point_m: {out}, in_s: 1.2}}      # pulls with more than R: breaks out
     - wait: {{for_s: 0.3}}
     - to: {{point_m: {back}, in_s: 2.0}}      # comes back, and presses inward from outside
     - wait: {{for_s: 0.4}}

@@ -171,7 +171,7 @@ fn what_is_not_given_is_asked() {
     let usual = ask(&Flags::try_parse_from(["new", "rig.yaml"]).unwrap().arguments, None).unwrap();
     let (choice, questions, left) = asked(&[], &"\n".repeat(8));
     assert_eq!((format!("{:?}", choice.unwrap()), left), (format!("{usual:?}"), 0));
-    assert!(questions.contains("what the drives are commanded: torque, velocity, position [torque] "), "{questions}");
+    assert!(questions.contains("command mode of the drives: torque, velocity, position [torque] "), "{questions}");
     // What is answered is not among it, nor the end of its line.
     let each = questions.split_inclusive("] ").flat_map(str::lines);
     assert!(each.clone().count() >= 8 && each.clone().all(|line| line.chars().count() <= 80), "{questions}");
@@ -186,8 +186,8 @@ fn what_is_not_given_is_asked() {
         "write one of torque, velocity, position",
         "a whole number from 500 to 10000",
         "did you mean simulated-servo?",
-        "each device has an id of its own",
-        "two lengths with a comma between",
+        "each device needs its own node id",
+        "two lengths, separated by a comma",
     ] {
         assert!(questions.contains(&format!("\n  {wanted}\n")) || questions.contains(wanted), "{wanted}: {questions}");
     }
@@ -196,7 +196,7 @@ fn what_is_not_given_is_asked() {
     let (choice, questions, left) =
         asked(&["--mode", "velocity", "--nodes", "5,6,7", "--links", "0.2,0.25"], "\n\n\n\n");
     assert_eq!((choice.unwrap().mode, left), (Mode::Velocity, 0));
-    assert!(!questions.contains("commanded") && !questions.contains("node ids"), "{questions}");
+    assert!(!questions.contains("command mode") && !questions.contains("node ids"), "{questions}");
 
     let (refused, questions, _) = asked(&[], "torque\n");
     assert_eq!(refused.unwrap_err().exit, Exit::Usage);
@@ -218,7 +218,7 @@ fn what_comes_next_is_what_the_profile_allows() {
     assert!(simulated.contains("`yieldwall run rig.yaml` runs it") && !simulated.contains("drill"), "{simulated}");
     let real = next(&["--drives", "maxon-epos4", "--encoder", "multi_turn", "--mode", "position"]);
     for wanted in [
-        "the drive has no watchdog for SYNC; how long it goes on without set-points",
+        "the drive has no watchdog for SYNC; time until the drive stops without set-points",
         "`yieldwall run rig.yaml` refuses it",
         "`yieldwall drill rig.yaml --bus can0`",
     ] {

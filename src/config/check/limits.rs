@@ -122,7 +122,7 @@ fn check_torque(findings: &mut Findings, rig: &Rig, index: usize, name: &str) {
     let head = format!("`guard.torque_limit_n_m` is {limit} N m");
     if per_mille > MOST_PER_MILLE {
         let most = MOST_PER_MILLE / 1000.0;
-        let message = format!("{head}, more than {most} times the rated {rated} N m that {name} can be told");
+        let message = format!("{head}, more than the largest set-point of {name}: {most} times its rated {rated} N m");
         findings.error("guard.torque_limit_n_m", message, "check both: torques go to the drive in per mille of rated")
     } else if per_mille < 1.0 {
         let message = format!("{head}, less than one per mille of the rated {rated} N m of {name}");

@@ -224,8 +224,9 @@ fn check_homing(findings: &mut Findings, key: &str, drive: &Drive, servo: &Servo
         findings.error(&at, message, format!("they have {}", methods.join(", ")));
     }
     if known.referenced_bit.is_none() {
-        let message =
-            format!("nothing tells whether a drive with the profile `{name}` was homed, and `run` would not know it");
+        let message = format!(
+            "a drive with the profile `{name}` does not report whether it was homed, so that `run` cannot check it"
+        );
         let help = "write `referenced_bit` into the profile if the manual has such a bit of the statusword; without one the drive needs an \
                     encoder that knows its angle at power-on";
         findings.error(key, message, help);

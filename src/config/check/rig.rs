@@ -77,7 +77,7 @@ fn check_interpolation_time(findings: &mut Findings, period_us: u32) {
     if value > u32::from(u8::MAX) {
         findings.error(
             "cycle.period_us",
-            format!("`cycle.period_us` is {period_us} us, and the drives are told it as 1 to 255 times a power of ten"),
+            format!("`cycle.period_us` is {period_us} us; drives accept only 1 to 255 times a power of ten"),
             "write a rounder period, such as 500, 1000 or 1250",
         );
     }

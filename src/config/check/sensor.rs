@@ -65,7 +65,7 @@ pub(super) fn check_sensor(findings: &mut Findings, rig: &Rig) {
     if determinant.is_nan() || determinant <= LEAST_ROW_ANGLE * xx * yy {
         findings.error(
             "sensor.calibration",
-            "the rows Fx and Fy of `sensor.calibration` do not tell two directions of force apart",
+            "the rows Fx and Fy of `sensor.calibration` do not separate two directions of force",
             "copy the matrix from the sensor's calibration sheet: row by row, N and N m per count",
         );
         return;
@@ -74,7 +74,7 @@ pub(super) fn check_sensor(findings: &mut Findings, rig: &Rig) {
     if let Err(error) = Calibration::new(matrix, i32::try_from(sensor.range_counts.max(1)).unwrap_or(i32::MAX)) {
         let message = match error {
             SensingError::CalibrationSingular { .. } => {
-                "the rows of `sensor.calibration` do not tell six directions apart".to_owned()
+                "the rows of `sensor.calibration` do not separate six directions".to_owned()
             }
             error => format!("`sensor.calibration` is no calibration: {}", shorten_numbers(&error.to_string())),
         };

@@ -200,7 +200,7 @@ impl Frames {
         let reported = &seen.reported;
         for joint in 0..2 {
             findings.expect(Invariant::FreshInput, self.is_fresh[joint] || !reported.has_inputs[joint], || {
-                format!("the drive of joint {joint} told nothing in this cycle, and something was taken for it")
+                format!("the drive of joint {joint} reported nothing in this cycle, but the cycle used an input of it")
             });
             findings.expect(Invariant::FreshInput, !self.missed[joint] || reported.outputs_missed[joint], || {
                 format!("the drive of joint {joint} did not take its outputs, and that was not missed")
@@ -259,11 +259,7 @@ impl Frames {
                 findings.expect(
                     Invariant::ForeignSetPoint,
                     foreign_ns.is_none_or(|end_ns| end_ns > seen.sync_ns),
-                    || {
-                        format!(
-                            "SYNC made joint {joint} act on the set-point of a stranger, heard at {foreign_ns:?} ns"
-                        )
-                    },
+                    || format!("SYNC made joint {joint} act on a foreign set-point, heard at {foreign_ns:?} ns"),
                 );
             }
         }
@@ -376,7 +372,7 @@ impl Frames {
         let told_twice = sent.was_told_both_enabled().then_some(Excuse::ToldTwice);
         let excuse = kept.or(untold).or(told_twice);
         findings.expect_unless(Invariant::MovesEnabled, !is_motion || sent.knew_both_enabled(), excuse, || {
-            format!("joint {joint} was told to move by {setpoint:x?} while the drives told {:x?}", sent.known)
+            format!("set-point {setpoint:x?} moves joint {joint} while the drives report {:x?}", sent.known)
         });
         findings.expect_unless(Invariant::AskedFor, sent.is_permitted, kept, || {
             format!("joint {joint} was enabled by {setpoint:x?} and nobody had asked for it")
@@ -402,13 +398,13 @@ impl Frames {
             CommandMode::Torque => {
                 let most = limits.torque_per_mille[joint] + tolerance::TORQUE_PER_MILLE;
                 findings.expect(Invariant::BoundedEffort, f64::from(sent.target.abs()) <= most, || {
-                    format!("joint {joint} was told a torque of {} per mille, at most {most}", sent.target)
+                    format!("torque set-point of joint {joint}: {} per mille (limit {most})", sent.target)
                 });
             }
             CommandMode::Velocity => {
                 let most = most_rate + tolerance::TARGET_COUNTS;
                 findings.expect(Invariant::BoundedMotion, f64::from(sent.target).abs() <= most, || {
-                    format!("joint {joint} was told a rate of {} counts/s, at most {most}", sent.target)
+                    format!("rate set-point of joint {joint}: {} counts/s (limit {most})", sent.target)
                 });
             }
             CommandMode::Position => {
@@ -436,7 +432,7 @@ impl Frames {
         };
         findings.expect(Invariant::StartsInPlace, away <= tolerance::FIRST_TARGET_COUNTS, || {
             format!(
-                "the first set-point of joint {joint} was {:x?}, and the drive told {:x?}",
+                "the first set-point of joint {joint} was {:x?}, but the drive reported {:x?}",
                 sent.setpoint, sent.known
             )
         });

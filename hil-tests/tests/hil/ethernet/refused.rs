@@ -108,7 +108,7 @@ fn a_device_that_does_not_leave_safe_op() {
     let told = [
         "right (position 1)",
         "it is in SAFE-OP",
-        "OP was asked for, and tells no error",
+        "the request of OP, and reports no error",
         "look whether output frames",
     ];
     refused_by_both(&slow, [true; 3], stays, DEVICE_FAULT, &told);

@@ -96,7 +96,7 @@ fn a_device_that_stays_in_safe_op_without_an_error_is_named() {
     bench.segment.controller_mut(1).unwrap().set_stays_in_safe_op(true);
     let message = bench.start().unwrap_err();
     assert!(message.starts_with("right (position 1): ") && message.contains(": it is in SAFE-OP "), "{message}");
-    let told = "after OP was asked for, and tells no error; look whether output frames reach it and whether its own errors are gone";
+    let told = "after the request of OP, and reports no error; look whether output frames reach it and whether its own errors are gone";
     assert!(message.contains(told), "{message}");
 }
 
