@@ -34,20 +34,83 @@ pub enum Exit {
     Interrupted = 130,
 }
 
-/// The exit codes, as the help prints them.
-pub(super) const EXIT_CODES: &str = "\
-Exit codes:
-  0    ok
-  1    internal error
-  2    usage
-  3    configuration, recording or kept results invalid
-  4    interface or bus unavailable
-  5    device missing or identity mismatch
-  6    device in fault
-  7    check out of tolerance
-  8    stopped by a safety limit
-  9    timing requirement not met
-  130  interrupted";
+/// Meaning of an exit code.
+pub(super) struct Meaning {
+    /// The exit code.
+    pub(super) exit: Exit,
+    /// Meaning in one line, as the help prints it.
+    pub(super) brief: &'static str,
+    /// Further facts, such as the meaning for single commands; empty if there are none.
+    pub(super) more: &'static str,
+    /// Next step, empty if there is none.
+    pub(super) next: &'static str,
+}
+
+const fn meaning(exit: Exit, brief: &'static str, more: &'static str, next: &'static str) -> Meaning {
+    Meaning { exit, brief, more, next }
+}
+
+/// All exit codes, for the help and for `yieldwall explain`.
+pub(super) const EXITS: [Meaning; 11] = [
+    meaning(Exit::Ok, "ok", "the command did its task", ""),
+    meaning(
+        Exit::Internal,
+        "internal error",
+        "a defect of this program",
+        "`yieldwall report` writes a file for a bug report",
+    ),
+    meaning(
+        Exit::Usage,
+        "usage",
+        "the command line makes no sense, or a file could not be written",
+        "the option --help of the command lists its options",
+    ),
+    meaning(
+        Exit::ConfigInvalid,
+        "configuration, recording or kept results invalid",
+        "",
+        "the message names file and line; `yieldwall config check FILE` checks again",
+    ),
+    meaning(
+        Exit::BusUnavailable,
+        "interface or bus unavailable",
+        "",
+        "`yieldwall doctor --bus INTERFACE` finds out why",
+    ),
+    meaning(
+        Exit::DeviceMismatch,
+        "device missing or identity mismatch",
+        "",
+        "`yieldwall scan --bus INTERFACE` lists the devices",
+    ),
+    meaning(Exit::DeviceFault, "device in fault", "", "`yieldwall state NODE` shows the error code"),
+    meaning(
+        Exit::OutOfTolerance,
+        "check out of tolerance",
+        "run: energy, or torque at its limit; commission, drill, home: a failed step; od diff, sii, replay: a difference; \
+         soak: a violated invariant; od dump: a value that is not certain",
+        "the message names measure and limit",
+    ),
+    meaning(
+        Exit::SafetyStop,
+        "stopped by a safety limit",
+        "",
+        "`yieldwall explain FAULT` explains the fault that the message names",
+    ),
+    meaning(Exit::TimingMissed, "timing requirement not met", "", "`yieldwall latency` measures this host"),
+    meaning(
+        Exit::Interrupted,
+        "interrupted",
+        "Ctrl-C or SIGTERM ended the command",
+        "the same command goes on where results are kept, as in `study` and `soak`",
+    ),
+];
+
+/// Returns the exit codes, as the help prints them.
+pub(super) fn exit_codes() -> String {
+    let lines = EXITS.iter().map(|meaning| format!("\n  {:<3}  {}", meaning.exit.code(), meaning.brief));
+    ["Exit codes:".to_owned()].into_iter().chain(lines).collect()
+}
 
 impl Exit {
     /// Returns the number.

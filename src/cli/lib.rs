@@ -24,6 +24,7 @@ mod drill;
 mod ending;
 mod escaped;
 mod events;
+mod examples;
 mod explain;
 mod failure;
 mod faults;
@@ -98,7 +99,7 @@ const GLOBAL: &str = "Global options";
 
 /// Plasticity-based virtual fixtures on a five-bar rig.
 #[derive(Debug, Parser)]
-#[command(name = "yieldwall", version, after_help = failure::EXIT_CODES, arg_required_else_help = true)]
+#[command(name = "yieldwall", version, after_help = failure::exit_codes(), arg_required_else_help = true)]
 struct Arguments {
     /// Print only warnings and failures
     #[arg(long, short, global = true, help_heading = GLOBAL)]

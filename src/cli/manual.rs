@@ -49,7 +49,7 @@ pub(super) fn man(arguments: &Man, output: &mut Output) -> Result<(), Failure> {
         rendered.map_err(|error| Failure::new(Exit::Internal, format!("manual page: {error}"), ""))?;
         Ok::<_, Failure>(text)
     };
-    let mut program = super::Arguments::command();
+    let mut program = super::examples::with_examples(super::Arguments::command());
     program.build();
     let Some(folder) = &arguments.out else {
         let text = page(&program)?;

@@ -2,7 +2,7 @@
 
 use clap::{Command, CommandFactory};
 
-use super::{Arguments, fit};
+use super::{Arguments, examples, fit};
 
 /// Groups of commands. The help of the program has each command once.
 const GROUPS: [(&str, &[&str]); 6] = [
@@ -27,7 +27,7 @@ const NAME: usize = 15;
 
 /// Returns the command line of the program. Its help lists the commands in groups.
 pub(super) fn program() -> Command {
-    let mut program = Arguments::command();
+    let mut program = examples::with_examples(Arguments::command());
     let mut list = String::new();
     for (heading, names) in GROUPS {
         list.push_str(&format!("{heading}:\n"));

@@ -6,6 +6,8 @@ use clap::CommandFactory;
 use yieldwall_config::key_description;
 use yieldwall_run::explanation::Explanation;
 
+use crate::failure::EXITS;
+
 /// Symbols of the papers: symbol, key of the rig file, meaning.
 const SYMBOLS: [(&str, &str, &str); 5] = [
     ("R", "fixture.yield_n", "yield force in N: the wall or guide stands below this force and slides above it"),
@@ -16,42 +18,6 @@ const SYMBOLS: [(&str, &str, &str); 5] = [
         "N_wait",
         "fixture.hold_steps",
         "steps in which the proxy stays on the surface after an impact, so that a blow does not break through",
-    ),
-];
-
-/// Exit codes: number, meaning, commands with what it means there.
-const EXITS: [(u8, &str, &str); 11] = [
-    (0, "the command did what it was asked for", ""),
-    (1, "a defect of this program", "`yieldwall report` writes a file for a bug report"),
-    (
-        2,
-        "the command line makes no sense, or a file could not be written",
-        "the option --help of the command lists its options",
-    ),
-    (
-        3,
-        "a configuration, a recording or kept results are invalid",
-        "the message names file and line; `yieldwall config check FILE` checks again",
-    ),
-    (4, "the bus or its interface is not there", "`yieldwall doctor --bus INTERFACE` finds out why"),
-    (
-        5,
-        "a device is missing, or it is another one than configured",
-        "`yieldwall scan --bus INTERFACE` lists the devices",
-    ),
-    (6, "a device is in fault", "`yieldwall state NODE` shows the error code"),
-    (
-        7,
-        "a check is out of its tolerance. run: energy, or torque at its limit; commission, drill, home: a failed step; \
-         od diff, sii, replay: a difference; soak: a violated invariant; od dump: a value that is not certain",
-        "the message names measure and limit",
-    ),
-    (8, "a safety limit stopped the rig", "`yieldwall explain FAULT` explains the fault that the message names"),
-    (9, "the timing of the cycle was not kept", "`yieldwall latency` measures this host"),
-    (
-        130,
-        "Ctrl-C or SIGTERM ended the command",
-        "the same command goes on where results are kept, as in `study` and `soak`",
     ),
 ];
 
@@ -74,8 +40,12 @@ pub(super) fn explained(word: &str) -> Vec<Explanation> {
         )
     });
     let number = word.strip_prefix("exit-").and_then(|number| number.parse().ok());
-    let exit = EXITS.iter().find(|(code, ..)| Some(*code) == number);
-    let exit = exit.map(|(_, meaning, next)| own("an exit code", (*meaning).to_owned(), (*next).to_owned()));
+    let exit = EXITS.iter().find(|meaning| Some(meaning.exit.code()) == number);
+    let exit = exit.map(|exit| {
+        let meaning =
+            [exit.brief, exit.more].into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(": ");
+        own("an exit code", meaning, exit.next.to_owned())
+    });
     // A key stands in a group: a bare word may be a name of anything.
     let key = word.contains('.').then(|| key_description(word)).flatten();
     let key = key.map(|text| own("a key of a file", text, "docs/configuration.md describes the files".to_owned()));
@@ -91,7 +61,6 @@ pub(super) fn explained(word: &str) -> Vec<Explanation> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::failure::EXIT_CODES;
 
     #[test]
     fn symbols_name_keys_that_exist() {
@@ -102,12 +71,12 @@ mod tests {
     }
 
     #[test]
-    fn every_exit_code_of_the_help_is_explained() {
-        let codes = EXIT_CODES.lines().skip(1).filter_map(|line| line.split_whitespace().next());
-        let codes: Vec<&str> = codes.collect();
-        assert_eq!(codes.len(), EXITS.len());
-        for code in codes {
-            assert_eq!(explained(&format!("exit-{code}"))[0].what, "an exit code", "{code}");
+    fn exit_codes_are_explained() {
+        for exit in EXITS {
+            let code = exit.exit.code();
+            let explained = explained(&format!("exit-{code}"));
+            assert_eq!(explained[0].what, "an exit code", "{code}");
+            assert!(explained[0].meaning.starts_with(exit.brief), "{code}");
         }
         assert!(explained("exit-42").is_empty());
     }
