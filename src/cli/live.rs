@@ -3,6 +3,7 @@
 mod facts;
 mod proof;
 
+use std::path::Path;
 use std::sync::Arc;
 
 use super::bus::check_buses;
@@ -56,6 +57,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
     let rig = config::load_rig(arguments.source()?)?;
+    check_scene_values(&arguments.set, &rig.value, &arguments.rig)?;
     check_candump(arguments, &rig)?;
     output.configuration(&rig.warnings)?;
     check_buses(&rig, Some(arguments.ignore_bus_budget), output)?;
@@ -172,6 +174,21 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
     output.end(facts.json(time_s), end)
 }
 
+/// Refuses values for the scene of a rig that has none.
+fn check_scene_values(values: &[config::SetValue], rig: &config::Rig, file: &str) -> Result<(), Failure> {
+    let of_scene = values.iter().find(|value| value.is_of_scene()).filter(|_| rig.simulation.is_none());
+    of_scene.map_or(Ok(()), |value| {
+        let message = format!(
+            "--set {}={}: {file} has no `simulation`, and so no scene whose value could be set",
+            value.key(),
+            value.value()
+        );
+        let help = "leave this value away; --duration says how long the rig runs. For a scene write \
+                    `simulation: FILE.yaml` into the rig";
+        Err(Failure::about_file(Exit::ConfigInvalid, Path::new(file), message, help))
+    })
+}
+
 /// Warns of features that the interfaces lack for this rig.
 fn warn_of_interfaces(on_bus: &RigOnBus, rig: &config::Loaded<config::Rig>, pace: PaceArgument, output: &mut Output) {
     if let Some(interface) = on_bus.unplugged() {
@@ -261,5 +278,24 @@ fn refuse(arguments: &Arguments, granted: &Result<(), Refusal>) -> Result<(), Fa
             "nothing was sent; leave --require-realtime away to run without",
         )),
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use yieldwall_config::{Source, load_rig};
+
+    #[test]
+    fn a_rig_without_scene_takes_no_values_of_a_scene() {
+        let values = ["fixture.yield_n=25", "scene.duration_s=2.0"].map(|text| text.parse().unwrap());
+        let text = "like: builtin:play.yaml\nsimulation: null\n";
+        let rig = load_rig(Source::memory("real.yaml", text)).unwrap().value;
+        let failure = check_scene_values(&values, &rig, "real.yaml").unwrap_err();
+        assert_eq!((failure.exit, failure.report.diagnostics[0].file.as_str()), (Exit::ConfigInvalid, "real.yaml"));
+        assert!(failure.report.diagnostics[0].message.contains("scene.duration_s=2.0: real.yaml has no"));
+        assert!(check_scene_values(&values[..1], &rig, "real.yaml").is_ok());
+        let simulated = load_rig(Source::named("builtin:play.yaml")).unwrap().value;
+        assert!(check_scene_values(&values, &simulated, "play.yaml").is_ok());
     }
 }

@@ -212,6 +212,20 @@ pub(super) fn interrupted(missing: usize, of: usize, what: &str, kept: Option<&s
     Failure::new(Exit::Interrupted, message, if kept.is_some() { again } else { "give the command again" })
 }
 
+/// Returns the failure of a merge without any part: `command` are the words behind the program that compute the results.
+pub(super) fn nothing_to_merge(message: &str, command: &str, out: &Path, is_timed: bool) -> Failure {
+    let whole = format!("yieldwall {command} --out {}", written(out).unwrap_or_else(|| out.display().to_string()));
+    let help = if is_timed {
+        format!("this table measures time and has no parts: `{whole}` computes it")
+    } else {
+        format!(
+            "compute the parts first, as `{whole} --shard 1/4` to `--shard 4/4`; --slurm 4 prints a script for it. \
+             Without --merge and --shard the command computes everything"
+        )
+    };
+    Failure::new(Exit::Usage, format!("{message}: there is nothing to merge"), help)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -61,7 +61,7 @@ pub(super) struct Arguments {
     ///
     /// A drive has its name as key: --set drives.left.direction=-1. A value is YAML: --set 'fixture.law={ellipse: {}}'.
     #[arg(long, value_name = "KEY=VALUE")]
-    set: Vec<config::SetValue>,
+    pub(super) set: Vec<config::SetValue>,
     /// Seconds to run; default: the scene's duration
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub(super) duration: Option<f64>,

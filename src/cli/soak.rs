@@ -13,7 +13,7 @@ use serde_json::json;
 use super::failure::{self, Exit, Failure};
 use super::interrupt::on_interrupt;
 use super::output::Output;
-use super::parts::{Array, Parts, interrupted, threads};
+use super::parts::{Array, Parts, interrupted, nothing_to_merge, threads};
 use super::replace::{Replace, Written, unwritten};
 use yieldwall_config::Report;
 use yieldwall_rig::batch::Shard;
@@ -191,6 +191,11 @@ fn array<'a>(arguments: &Arguments, out: &'a Path) -> Array<'a> {
 fn merge(folder: &Path, campaign: &Campaign) -> Result<Vec<SeedResult>, Failure> {
     let mut known = Store::read(folder, campaign.cycles).map_err(store_failure)?;
     let missing = campaign.missing(&known);
+    if known.is_empty() {
+        let Range { start, end } = campaign.seeds;
+        let command = format!("soak --seeds {start}..{end} --cycles {}", campaign.cycles);
+        return Err(nothing_to_merge(&format!("{} holds no seeds", folder.display()), &command, folder, false));
+    }
     if let Some(first) = missing.first() {
         let message = format!("{} seeds are missing; the first is {first}", missing.len());
         let help = format!(

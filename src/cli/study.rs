@@ -28,10 +28,12 @@ pub(super) struct Arguments {
     name: String,
     /// For `need`: your own rig or impedance device, whose scene states a `tolerance`, instead of the shipped scenes
     ///
+    /// Rigs and devices in the program work too, such as `builtin:play.yaml`.
+    ///
     /// The command runs each model that the rig and its scene can have, from the simplest (no arm) to the fullest (elastic gears). It prints the
     /// cheapest model that changes no output of the scene by more than its tolerance, with the lines of your files for that model.
     /// Its results are in DIR/need-own, and each run computes them again.
-    #[arg(value_name = "RIG.yaml", conflicts_with_all = ["page", "shard", "slurm", "missing"])]
+    #[arg(value_name = "RIG.yaml")]
     rig: Option<String>,
     #[command(flatten)]
     points: Points,
@@ -67,7 +69,7 @@ fn names() -> PossibleValuesParser {
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    let own = arguments.rig.as_deref().map(|file| own(&arguments.name, file, output)).transpose()?;
+    let own = arguments.rig.as_deref().map(|file| own(file, arguments, output)).transpose()?;
     let options = Options { mujoco: arguments.mujoco.clone(), own };
     let named = |name: &str, options: &Options| {
         study(name, options).ok_or_else(|| Failure::new(Exit::Internal, format!("no study {name}"), ""))
@@ -110,10 +112,29 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 }
 
 /// Returns a machine of the user's own, for the study that takes one.
-fn own(name: &str, file: &str, output: &mut Output) -> Result<Arc<Subject>, Failure> {
+fn own(file: &str, arguments: &Arguments, output: &mut Output) -> Result<Arc<Subject>, Failure> {
+    let name = &arguments.name;
     if name != NEED {
         let message = format!("the study {name} takes no file, and {file} is given");
         let help = format!("leave {file} away, or run `yieldwall study {NEED} {file}`");
+        return Err(Failure::new(Exit::Usage, message, help));
+    }
+    let parts = &arguments.points.parts;
+    let refused = [
+        ("--page", arguments.page.is_some()),
+        ("--shard", parts.shard.is_some()),
+        ("--merge", parts.merge),
+        ("--slurm", parts.slurm.is_some()),
+        ("--missing", parts.missing),
+    ];
+    if let Some((option, _)) = refused.into_iter().find(|(_, is_given)| *is_given) {
+        let why = match option {
+            "--page" => "the pages are about the shipped scenes, and this table belongs to your files",
+            _ => "its table has times, which one computer measures in one run",
+        };
+        let message = format!("`study {NEED} {file}` takes no {option}: {why}");
+        let folder = arguments.points.out.join(format!("{NEED}-own"));
+        let help = format!("leave {option} away; the table is written to {}", folder.display());
         return Err(Failure::new(Exit::Usage, message, help));
     }
     let subject = Subject::load(Source::named(file))?;

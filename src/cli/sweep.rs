@@ -79,9 +79,24 @@ fn text(values: &[SetValue]) -> String {
     format!("{key}={}", values.iter().map(SetValue::value).collect::<Vec<_>>().join(","))
 }
 
+/// Returns `KEY=A;B` or `KEY=A..B` as `KEY=A,B`; `None` if the value is no such list of numbers.
+fn with_commas(setting: &str) -> Option<String> {
+    let (key, value) = setting.split_once('=')?;
+    let spaced = value.replace("..", " ").replace([';', '|'], " ");
+    let numbers: Vec<&str> = spaced.split_whitespace().collect();
+    let is_list = numbers.len() > 1 && numbers.iter().all(|number| number.parse::<f64>().is_ok());
+    is_list.then(|| format!("{key}={}", numbers.join(",")))
+}
+
 fn failure(error: SettingsError) -> Failure {
     let help = match &error {
-        SettingsError::Refused { report, .. } => return report.clone().into(),
+        SettingsError::Refused { setting, report } => {
+            let mut failure = Failure::from(report.clone());
+            if let (Some(list), Some(first)) = (with_commas(setting), failure.report.diagnostics.first_mut()) {
+                first.help = Some(format!("separate values by commas: --set {list}"));
+            }
+            return failure;
+        }
         SettingsError::Key(_) => "give each key once, with all its values: --set KEY=A,B".to_owned(),
         SettingsError::NoMachine(_) => {
             "name a rig or an impedance device, such as builtin:paper-admittance.yaml".to_owned()
@@ -91,4 +106,26 @@ fn failure(error: SettingsError) -> Failure {
         SettingsError::NoOutput(_) => format!("the measures are {}", OUTPUTS.join(", ")),
     };
     Failure::new(Exit::Usage, error.to_string(), help)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_list_without_commas_is_shown_with_them() {
+        for value in ["5;10", "5..10", "5 10", "5; 10", "5|10"] {
+            let setting = format!("fixture.yield_n={value}");
+            let values = SetValue::each(&setting).unwrap();
+            let source = Source::named("builtin:play.yaml");
+            let refused = Settings::new(source, vec![values], NonZeroU32::MIN, None, &[]).err().unwrap();
+            let failure = failure(refused);
+            let help = failure.report.diagnostics[0].help.as_deref();
+            assert_eq!(help, Some("separate values by commas: --set fixture.yield_n=5,10"), "{value}");
+            assert_eq!(failure.exit, Exit::ConfigInvalid);
+        }
+        for setting in ["fixture.yield_n=-1", "fixture.law=elipse", "rig.name=a;b", "fixture.yield_n="] {
+            assert_eq!(with_commas(setting), None, "{setting}");
+        }
+    }
 }

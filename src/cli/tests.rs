@@ -128,6 +128,10 @@ fn exit_codes_tell_what_happened() {
         "hold --page --missing --of 4",
         "hold builtin:paper-admittance.yaml",
         "need builtin:paper-admittance.yaml --shard 1/2",
+        "need builtin:paper-admittance.yaml --merge",
+        "need builtin:paper-admittance.yaml --page",
+        "hold --point 5",
+        "hold --point impacts:a",
     ] {
         assert_eq!(exit(&format!("yieldwall -q study {study}")), Exit::Usage, "{study}");
     }

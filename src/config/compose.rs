@@ -145,8 +145,11 @@ impl Parts {
     /// Opens a file that is named at a place. An error of the whole file becomes a finding at that place.
     fn open(&mut self, source: &Source, key: &str, at: Spot) -> Result<Outline, Report> {
         let (file, outline) = read_outline(source).map_err(|report| {
+            let is_own = self.files[at.0].name == SET && key == LIKE;
             let at_key = |finding: Diagnostic| match finding.place {
                 Some(_) => finding,
+                // The user named the file, and nobody wrote `like`.
+                None if is_own => finding,
                 None => self.refuse(key, at, &finding.message, finding.help.as_deref().unwrap_or_default()),
             };
             Report { diagnostics: report.diagnostics.into_iter().map(at_key).collect() }
@@ -156,6 +159,10 @@ impl Parts {
     }
 
     fn refuse(&self, key: &str, (file, place): Spot, message: &str, help: &str) -> Diagnostic {
+        // The program wrote this text: its place shows nothing to the user.
+        if self.files[file].name == SET && key == LIKE {
+            return Diagnostic::about_file(SET, message, help);
+        }
         self.files[file].finding(place, key, format!("`{key}`: {message}"), help.to_owned())
     }
 
@@ -191,6 +198,11 @@ impl Parts {
             (None, Some(kind)) if kind.has_variants() => (expanded, kind),
             (None, kind) => {
                 let is = kind.map_or("not a configuration".to_owned(), Kind::with_article);
+                if self.files[number].name == SET {
+                    let message = format!("{source} is {is}, and --set needs a rig or an impedance device");
+                    let help = "name one of these, such as builtin:paper-admittance.yaml";
+                    return Err(self.refuse(LIKE, at, &message, help).into());
+                }
                 let message = format!("{source} is {is}; rigs, impedance devices and scenes have variants");
                 return Err(self.refuse(LIKE, at, &message, "name one of these, or write the document whole").into());
             }

@@ -94,7 +94,8 @@ impl Loaded<Rig> {
 
     fn not_simulated(&self, error: NotSimulated) -> Diagnostic {
         let help = "name one, such as `simulation: simulations/paper-arm.yaml`, or run the rig on a bus: `run --bus`";
-        Diagnostic::about_file(self.source.to_string(), format!("{}: {error}", self.source), help)
+        let file = self.source.document();
+        Diagnostic::about_file(file.clone(), format!("{file}: {error}"), help)
     }
 }
 

@@ -76,6 +76,11 @@ impl SetValue {
         self.keys.join(".")
     }
 
+    /// Whether the value is one of the scene.
+    pub fn is_of_scene(&self) -> bool {
+        self.keys.len() > 1 && self.keys.first().is_some_and(|key| key == SCENE)
+    }
+
     /// The value in YAML.
     pub fn value(&self) -> &str {
         &self.value
@@ -181,7 +186,7 @@ impl Source {
             }
         }
         let [of_machine, of_scene] = [machine, scene].map(|group| group.text());
-        let values = Values { machine: like(name, &of_machine), scene: of_scene };
+        let values = Values { file: self.path(), machine: like(name, &of_machine), scene: of_scene };
         Ok(self.beneath(values))
     }
 }
@@ -229,6 +234,18 @@ mod tests {
     }
 
     #[test]
+    fn a_file_that_cannot_be_read_is_refused_as_without_values() {
+        let value: SetValue = "fixture.yield_n=25".parse().unwrap();
+        for source in [Source::disk("no-such-file.yaml"), Source::memory("empty.yaml", "")] {
+            let with_value = source.clone().with_values(std::slice::from_ref(&value)).unwrap();
+            assert_eq!(load_rig(with_value).unwrap_err(), load_rig(source).unwrap_err());
+        }
+        let figure = load_rig(builtin("figures/fig9.yaml").with_values(&[value]).unwrap()).unwrap_err();
+        assert!(figure.to_string().contains("--set needs a rig"), "{figure}");
+        assert_eq!(figure.diagnostics[0].place, None);
+    }
+
+    #[test]
     fn what_sets_nothing_is_refused() {
         for (values, error) in [
             (&["fixture.yield_n"][..], SetValueError::NoValue("fixture.yield_n".into())),
@@ -242,6 +259,15 @@ mod tests {
         ] {
             assert_eq!(set(values).unwrap_err(), error, "{values:?}");
         }
+    }
+
+    #[test]
+    fn a_rig_without_simulation_is_named_by_its_file() {
+        let text = "like: builtin:play.yaml\nsimulation: null\n";
+        let values = ["scene.duration_s=2.0".parse().unwrap()];
+        let rig = load_rig(Source::memory("real.yaml", text).with_values(&values).unwrap()).unwrap();
+        let report = rig.scene().unwrap_err();
+        assert!(report.diagnostics[0].message.starts_with("real.yaml: "), "{report}");
     }
 
     #[test]

@@ -122,6 +122,8 @@ enum Origin {
 /// Texts of values that override those of a machine and of its scene.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Values {
+    /// Path of the document.
+    pub(super) file: PathBuf,
     /// The variant of the machine.
     pub(super) machine: String,
     /// Keys of the scene; empty if it stays as it is.
@@ -181,6 +183,11 @@ impl Source {
         }
     }
 
+    /// Path of the file.
+    pub(super) fn path(&self) -> PathBuf {
+        self.path.clone()
+    }
+
     /// Name of the file in its folder.
     pub(super) fn file_name(&self) -> Option<&str> {
         self.path.file_name()?.to_str()
@@ -197,10 +204,18 @@ impl Source {
         let scene = self.relative(path);
         match (&self.origin, scene.file_name()) {
             (Origin::Over(values, _), Some(name)) if !values.scene.is_empty() => {
-                let machine = like(name, &values.scene);
-                scene.beneath(Values { machine, scene: String::new() })
+                let (file, machine) = (scene.path.clone(), like(name, &values.scene));
+                scene.beneath(Values { file, machine, scene: String::new() })
             }
             _ => scene,
+        }
+    }
+
+    /// Returns the name of the file, also if values override some of its own.
+    pub(super) fn document(&self) -> String {
+        match &self.origin {
+            Origin::Over(values, origin) => Self { path: values.file.clone(), origin: *origin.clone() }.to_string(),
+            _ => self.to_string(),
         }
     }
 

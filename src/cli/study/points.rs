@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use super::document::{self, Pace};
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
-use crate::parts::{Array, Parts, interrupted, line, threads};
+use crate::parts::{Array, Parts, interrupted, line, nothing_to_merge, threads};
 use yieldwall_rig::batch;
 use yieldwall_study::sweep::{Store, StoreError, Study, Sweep, Table};
 
@@ -36,7 +36,7 @@ pub(crate) struct Points {
     pub(super) parts: Parts,
     /// Compute only one point, print it, and keep nothing
     #[arg(long, value_name = "TABLE:INDEX", value_parser = parse_point, conflicts_with_all = ["shard", "merge", "slurm", "missing"])]
-    pub(crate) point: Option<(String, u64)>,
+    pub(crate) point: Option<PointName>,
     /// Accept points that another build of this program computed
     #[arg(long)]
     any_build: bool,
@@ -59,9 +59,17 @@ pub(crate) struct Origin {
     pub(crate) mujoco: Option<String>,
 }
 
-fn parse_point(text: &str) -> Result<(String, u64), String> {
-    let point = text.rsplit_once(':').and_then(|(table, index)| Some((table.to_owned(), index.parse().ok()?)));
-    point.ok_or_else(|| "a table and a number, such as mass:17".to_owned())
+/// A point: its table, if one is named, and its number.
+#[derive(Clone, Debug)]
+pub(crate) struct PointName {
+    table: Option<String>,
+    index: u64,
+}
+
+fn parse_point(text: &str) -> Result<PointName, &'static str> {
+    let (table, index) = text.rsplit_once(':').map_or((None, text), |(table, index)| (Some(table), index));
+    let index = index.parse().map_err(|_| "write the table and the number of the point, such as mass:17")?;
+    Ok(PointName { table: table.map(str::to_owned), index })
 }
 
 impl Origin {
@@ -128,8 +136,8 @@ impl Points {
         is_interrupted: &AtomicBool,
         output: &mut Output,
     ) -> Result<Option<Value>, Failure> {
-        if let Some((table, index)) = &self.point {
-            let (sweep, one) = point(study, table, *index)?;
+        if let Some(name) = &self.point {
+            let (sweep, one) = point(study, name)?;
             return print(sweep, &one, output).map(|()| None);
         }
         let timed: Vec<_> = study.sweeps().iter().filter(|sweep| sweep.is_timed()).map(|sweep| sweep.name()).collect();
@@ -144,7 +152,8 @@ impl Points {
         }
         // Times of several runs are not to be compared.
         for sweep in study.sweeps().iter().filter(|sweep| self.parts.shard.is_none() || !sweep.is_timed()) {
-            let (table, pace) = compute(self, sweep.as_ref(), &folder, &edition, is_interrupted, output)?;
+            let (table, pace) =
+                compute(self, &origin.words, sweep.as_ref(), &folder, &edition, is_interrupted, output)?;
             tables.push(table);
             computed.extend(pace);
         }
@@ -180,12 +189,21 @@ impl Points {
 }
 
 /// Computes one point.
-fn point<'a>(study: &'a dyn Study, table: &str, index: u64) -> Result<(&'a dyn Sweep, Table), Failure> {
-    let Some(sweep) = study.sweeps().iter().find(|sweep| sweep.name() == table) else {
+fn point<'a>(study: &'a dyn Study, name: &PointName) -> Result<(&'a dyn Sweep, Table), Failure> {
+    let index = name.index;
+    let found = study.sweeps().iter().find(|sweep| name.table.as_deref() == Some(sweep.name()));
+    let Some(sweep) = found else {
         let names: Vec<_> = study.sweeps().iter().map(|sweep| sweep.name()).collect();
-        let message = format!("{} has no table {table}", study.name());
-        return Err(Failure::new(Exit::Usage, message, format!("its tables are {}", names.join(", "))));
+        let message = match &name.table {
+            Some(table) => format!("{} has no table {table}", study.name()),
+            None => format!("--point {index} names no table of {}", study.name()),
+        };
+        let first = names.first().copied().unwrap_or_default();
+        let help =
+            format!("write --point TABLE:INDEX, such as --point {first}:{index}; the tables are {}", names.join(", "));
+        return Err(Failure::new(Exit::Usage, message, help));
     };
+    let table = sweep.name();
     if index >= sweep.points() {
         let message = format!("{table} has no point {index}");
         let help = format!("its points are 0 to {}", sweep.points().saturating_sub(1));
@@ -212,6 +230,7 @@ fn print(sweep: &dyn Sweep, one: &Table, output: &mut Output) -> Result<(), Fail
 /// Returns the points of a table: those in the folder, and the newly computed ones of its part, with the speed of the computation.
 fn compute(
     arguments: &Points,
+    words: &[String],
     sweep: &dyn Sweep,
     folder: &Path,
     edition: &str,
@@ -223,6 +242,12 @@ fn compute(
         let missing = table.missing();
         return match missing.first() {
             None => Ok((table, None)),
+            Some(_) if missing.len() as u64 == table.points => Err(nothing_to_merge(
+                &format!("{} holds no points of the table {}", folder.display(), table.name),
+                &line(words),
+                &arguments.out,
+                sweep.is_timed(),
+            )),
             Some(first) => {
                 let count = missing.len();
                 let message =

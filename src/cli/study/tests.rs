@@ -109,6 +109,11 @@ fn document(folder: &Folder) -> Value {
 fn two_shards_merged_are_the_whole() {
     let (whole, parts) = (Folder::new("whole"), Folder::new("parts"));
     study_of(&whole, "").unwrap();
+    let none = study_of(&parts, "--merge").unwrap_err().report.diagnostics.remove(0);
+    assert!(none.message.contains("holds no points of the table halves: there is nothing to merge"), "{none:?}");
+    assert!(
+        none.help.is_some_and(|help| help.contains("yieldwall study small --out ") && help.contains("--shard 1/4"))
+    );
     study_of(&parts, "--shard 1/2").unwrap();
     let missing = study_of(&parts, "--merge").unwrap_err();
     assert_eq!(missing.exit, Exit::Usage, "half of the points are missing");
@@ -176,11 +181,19 @@ fn a_point_alone_is_its_row() {
     let pair = study("pair", &Options::default()).unwrap();
     let name = pair.sweeps()[0].name();
     for index in [0, 77, 191] {
-        let (_, one) = point(pair.as_ref(), name, index).unwrap();
+        let (_, one) = point(pair.as_ref(), &parse_point(&format!("{name}:{index}")).unwrap()).unwrap();
         assert_eq!(one.json()[0], document["rows"][index as usize]);
     }
-    assert_eq!(point(pair.as_ref(), name, 192).map(|_| ()).unwrap_err().exit, Exit::Usage);
-    assert_eq!(point(pair.as_ref(), "none", 0).map(|_| ()).unwrap_err().exit, Exit::Usage);
+    for (name, message, help) in [
+        (format!("{name}:192"), format!("{name} has no point 192"), "its points are 0 to 191".to_owned()),
+        ("none:0".to_owned(), "pair has no table none".to_owned(), format!("such as --point {name}:0;")),
+        ("5".to_owned(), "--point 5 names no table of pair".to_owned(), format!("such as --point {name}:5;")),
+    ] {
+        let failure = point(pair.as_ref(), &parse_point(&name).unwrap()).map(|_| ()).unwrap_err();
+        let finding = &failure.report.diagnostics[0];
+        assert_eq!((failure.exit, finding.message.as_str()), (Exit::Usage, message.as_str()));
+        assert!(finding.help.as_ref().is_some_and(|text| text.contains(&help)), "{finding:?}");
+    }
     for chart in ["study-pair.svg", "study-pair.png"] {
         assert!(folder.0.join("pair").join(chart).exists(), "{chart}");
     }
@@ -206,7 +219,9 @@ fn a_machine_of_ones_own_has_one_proposal_in_a_folder_of_its_own_and_is_computed
 
 #[test]
 fn points_are_read() {
-    assert_eq!(parse_point("mass:17"), Ok(("mass".to_owned(), 17)));
+    let read = |text: &str| parse_point(text).map(|point| (point.table, point.index));
+    assert_eq!(read("mass:17"), Ok((Some("mass".to_owned()), 17)));
+    assert_eq!(read("17"), Ok((None, 17)));
     assert!(parse_point("mass").is_err());
 }
 

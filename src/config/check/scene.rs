@@ -28,6 +28,13 @@ const LEAST_DAMPING_RATIO: f64 = 0.15;
 /// Least distance of the start of an arc from its centre, m.
 const MIN_ARC_RADIUS_M: f64 = 1e-9;
 
+/// Largest mass of a hand, kg: a whole person. An arm acts with 0.5 to 3 kg at the tool.
+const MAX_HAND_KG: f64 = 100.0;
+/// Largest stiffness of a hand, N/m. Arms reach some 3000 N/m; beyond this limit the tool is clamped, not held.
+const MAX_HAND_N_PER_M: f64 = 1e5;
+/// Largest damping of a hand, N s/m: above the critical damping of the largest mass at the largest stiffness.
+const MAX_HAND_N_S_PER_M: f64 = 1e4;
+
 /// Machine that runs a scene.
 #[derive(Clone, Copy)]
 pub(crate) enum Machine<'a> {
@@ -75,8 +82,36 @@ pub(crate) fn check_scene(findings: &mut Findings, scene: &Scene) {
     check_dimension(findings, scene);
     check_arcs(findings, scene);
     check_noise(findings, scene);
+    check_hand(findings, scene);
     check_damping(findings, scene);
     check_model(findings, scene);
+}
+
+/// Checks that a person could have the hand: larger values are those of another unit, and the rig would move a wall.
+fn check_hand(findings: &mut Findings, scene: &Scene) {
+    let hand = &scene.hand;
+    for (key, value, most, unit, help) in [
+        ("mass_kg", *hand.mass_kg, MAX_HAND_KG, "kg", "write kilograms: an arm acts with 0.5 to 3 kg at the tool"),
+        (
+            "stiffness_n_per_m",
+            *hand.stiffness_n_per_m,
+            MAX_HAND_N_PER_M,
+            "N/m",
+            "write N/m: arms have 100 to 3000 N/m, and a stiffer hand is a clamp",
+        ),
+        (
+            "damping_n_s_per_m",
+            *hand.damping_n_s_per_m,
+            MAX_HAND_N_S_PER_M,
+            "N s/m",
+            "write N s/m: arms have 5 to 100 N s/m",
+        ),
+    ] {
+        if value > most {
+            let message = format!("`hand.{key}` is {value} {unit}, above {most} {unit}");
+            findings.error(&format!("hand.{key}"), message, help);
+        }
+    }
 }
 
 /// Checks that the hand is damped like an arm: an undamped hand makes rigs oscillate that no person would.

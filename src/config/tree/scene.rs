@@ -155,13 +155,13 @@ pub struct JointElasticity {
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct Hand {
-    /// Mass of the hand, which moves with the tool, kg. 0 or above.
+    /// Mass of the hand, which moves with the tool, kg. 0 to 100: no person is heavier.
     #[garde(dive)]
     pub mass_kg: NotNegative,
-    /// Stiffness between aim point and tool, N/m. Above 0.
+    /// Stiffness between aim point and tool, N/m. Above 0, at most 100 000. Arms of people have 100 to 3000.
     #[garde(dive)]
     pub stiffness_n_per_m: Positive,
-    /// Damping between aim point and tool, N s/m. 0 or above.
+    /// Damping between aim point and tool, N s/m. 0 to 10 000. Arms of people have 5 to 100.
     #[garde(dive)]
     pub damping_n_s_per_m: NotNegative,
     /// Largest force of the spring and damper together, N, above 0; or null for a hand without limit.

@@ -90,7 +90,7 @@ impl Contestant {
             Self::Ours(method) => ours(*method, scene, step_s, effort, clock),
             Self::Mujoco(settings) => {
                 let found = program.map_or_else(
-                    || Err("not asked for".to_owned()),
+                    || Err("not computed: this point needs --mujoco PROGRAM".to_owned()),
                     |program| mujoco::run(program, *settings, scene, step_s, effort),
                 );
                 match found {
