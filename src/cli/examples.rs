@@ -26,8 +26,8 @@ const EXAMPLES: &[(&str, &[&str])] = &[
     (
         "calibrate kinematics",
         &[
-            "calibrate kinematics builtin:paper-admittance.yaml --out points.csv",
-            "calibrate kinematics builtin:paper-admittance.yaml --points points.csv",
+            "calibrate kinematics builtin:play.yaml --out points.csv",
+            "calibrate kinematics builtin:play.yaml --points points.csv",
         ],
     ),
     ("sensor", &["sensor monitor builtin:paper-admittance.yaml"]),
@@ -74,7 +74,7 @@ const EXAMPLES: &[(&str, &[&str])] = &[
     ),
     ("reg", &["reg read left al-status --rig builtin:paper-ethercat.yaml"]),
     ("reg read", &["reg read left al-status --rig builtin:paper-ethercat.yaml"]),
-    ("reg write", &["reg write left watchdog-sync-manager 1000 --rig builtin:paper-ethercat.yaml"]),
+    ("reg write", &["reg write left 0420h 1000 --rig builtin:paper-ethercat.yaml"]),
     ("monitor", &["monitor --for 1", "monitor --services --bus can0"]),
     ("faults", &["faults", "faults node-reset"]),
     ("explain", &["explain node-reset 8130h", "explain exit-7"]),
@@ -83,7 +83,7 @@ const EXAMPLES: &[(&str, &[&str])] = &[
     ("plot", &["run builtin:paper-admittance.yaml --record out/first", "plot out/first --figure first.svg"]),
     ("view", &["run builtin:paper-admittance.yaml --record out/first", "view out/first"]),
     ("play", &["play"]),
-    ("compare", &["compare builtin:play.yaml builtin:play-spring.yaml --figure compared.svg"]),
+    ("compare", &["compare builtin:play.yaml builtin:play-spring.yaml --figure both.svg"]),
     ("record", &["run builtin:paper-admittance.yaml --record out/first", "record info out/first"]),
     ("record info", &["run builtin:paper-admittance.yaml --record out/first", "record info out/first"]),
     ("record repair", &["run builtin:paper-admittance.yaml --record out/first", "record repair out/first"]),
@@ -166,6 +166,7 @@ mod tests {
         for (words, lines) in EXAMPLES.iter().filter(|(words, _)| known.iter().any(|one| one == words)) {
             assert!(lines.last().is_some_and(|line| line.starts_with(words)), "{words}");
             for line in *lines {
+                assert!("  yieldwall ".len() + line.len() <= fit::USUAL, "{line}");
                 let all = ["yieldwall"].into_iter().chain(line.split(' ')).take_while(|word| *word != ">");
                 if let Err(error) = Arguments::try_parse_from(all.map(OsString::from)) {
                     panic!("{line}: {error}");
