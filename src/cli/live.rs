@@ -22,6 +22,7 @@ use super::on_bus::{
 use super::output::Output;
 use super::pace::PaceArgument;
 use super::page::{Page, PageOf};
+use super::report_text::run_verdict;
 use super::run::{Arguments, check, check_candump, check_loop, draw, view, with_files};
 use super::tui::Screen;
 use facts::Facts;
@@ -123,7 +124,9 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
     let tell = |news| match news {
         // Told as an error later.
         News::Refused(_) if arguments.require_realtime => {}
-        News::Refused(refusal) if arguments.tui => events.tell(&Event::new("warning", None, refusal)),
+        News::Refused(refusal) if arguments.tui => {
+            events.tell(&Event::new("warning", None, format!("this computer: {refusal}")))
+        }
         News::Refused(refusal) => warn(output, refusal),
         news => events.news(news),
     };
@@ -168,7 +171,10 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
     let end = with_files(end, [drawn, kept.is_written()]);
     events.end(&end);
     if !output.is_json() {
-        output.news(&facts.lines(time_s).join("\n"))?;
+        let mut lines = facts.lines(time_s);
+        let stopped_by = played.cause.filter(|_| played.ended == Ended::Stopped).map(|cause| (cause, &rig));
+        lines.insert(0, run_verdict(&end, (time_s, stopped_by), &measures));
+        output.news(&lines.join("\n"))?;
         return end;
     }
     output.end(facts.json(time_s), end)

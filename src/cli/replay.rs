@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 
 use super::ending::rig_failure;
-use super::failure::{Exit, Failure};
+use super::failure::{self, Exit, Failure};
 use super::output::Output;
 use yieldwall_config::{Diagnostic, Severity};
 use yieldwall_record::recording::{self, About, Damage, ReadError, Recording};
@@ -87,10 +87,9 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         };
         return failure.map_or(Ok(()), |failure| Err(silent(failure)));
     }
-    match failure {
-        Some(failure) => Err(failure),
-        None => output.news(&format!("{cycles} {records}, byte-identical")),
-    }
+    let end = failure.map_or(Ok(()), Err);
+    output.news(&failure::verdict(&end, || format!("{cycles} {records}, byte-identical")))?;
+    end
 }
 
 /// Returns the file of a recording; a recorded folder stands for the file in it.

@@ -4,8 +4,10 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
+use super::ending::{bus_names, devices_text};
+use super::failure::{self, Failure};
 use yieldwall_config as config;
-use yieldwall_motion::guard::Fault;
+use yieldwall_motion::guard::{Cause, Fault};
 use yieldwall_rig::report::measures::Measures;
 use yieldwall_run::explanation::state_name;
 use yieldwall_run::{Drilled, Finding, Settled};
@@ -142,6 +144,63 @@ pub(crate) fn mode_text(mode: config::CommandMode) -> &'static str {
     }
 }
 
+/// Returns the first line of the report of a run of this length in s. A run that a fault stopped has the fault.
+pub(crate) fn run_verdict(
+    end: &Result<(), Failure>,
+    (time_s, stopped_by): (f64, Option<(Cause, &config::Rig)>),
+    measures: &Measures,
+) -> String {
+    let mut facts = contact_text(measures).into_iter().collect::<Vec<_>>();
+    if measures.energy_bound_j.is_finite() {
+        let side = if measures.is_within_bound() { "within" } else { "above" };
+        facts.push(format!("energy {side} its limit"));
+    }
+    match (end, stopped_by) {
+        (Err(failure), Some((cause, rig))) => {
+            let at = match cause.devices.is_empty() {
+                true => String::new(),
+                false => format!(" at {}", devices_text(cause.devices, &bus_names(rig))),
+            };
+            let (name, code) = (cause.fault.row().name, failure.exit.code());
+            let facts = facts.join(", ");
+            format!("verdict   stopped: by {name}{at} after {time_s:.3} s (exit code {code}); {facts}")
+        }
+        _ => {
+            facts.insert(0, format!("ran for {time_s:.1} s"));
+            failure::verdict(end, || facts.join(", "))
+        }
+    }
+}
+
+/// Describes for how long the fixture held the proxy, and how often the hand broke out. `None` for a law that holds nothing.
+fn contact_text(measures: &Measures) -> Option<String> {
+    match measures.on_surface_s {
+        0.0 if measures.energy_bound_j.is_infinite() => None,
+        0.0 => Some("never on the surface".to_owned()),
+        on_s => Some(format!("on the surface for {on_s:.1} s, {}", break_outs_text(measures))),
+    }
+}
+
+/// Describes how often the proxy left the surface, and how often the hand asked for that by a push as strong as the yield force.
+fn break_outs_text(measures: &Measures) -> String {
+    let (asked, others) = (measures.break_outs, measures.unintended_releases);
+    let times = match asked + others {
+        0 => return "no break-out".to_owned(),
+        1 => "once".to_owned(),
+        2 => "twice".to_owned(),
+        several => format!("{several} times"),
+    };
+    let which = match (asked, others) {
+        (1, 0) => "asked for".to_owned(),
+        (2, 0) => "both asked for".to_owned(),
+        (_, 0) => "all asked for".to_owned(),
+        (0, 1) => "not asked for".to_owned(),
+        (0, _) => "none asked for".to_owned(),
+        (_, others) => format!("{others} not asked for"),
+    };
+    format!("broke out {times} ({which})")
+}
+
 /// Lists the measures, a line each.
 pub(crate) fn measures_text(measures: &Measures) -> Vec<String> {
     let mut lines = Vec::new();
@@ -149,10 +208,11 @@ pub(crate) fn measures_text(measures: &Measures) -> Vec<String> {
     lines.extend(tool_text(measures));
     if let Some(share) = measures.on_surface_fraction_when_pressed {
         lines.push(format!(
-            "contact   on the surface for {:.1} % of the time below R; {} unintended releases",
-            100.0 * share,
-            measures.unintended_releases
+            "contact   on the surface for {:.1} s, and for {:.1} % of the time below R",
+            measures.on_surface_s,
+            100.0 * share
         ));
+        lines.push(format!("          {}", break_outs_text(measures)));
     }
     let limit = if measures.energy_bound_j.is_infinite() {
         "no limit: a spring or a capture radius returns energy".to_owned()
@@ -209,4 +269,65 @@ fn impacts_text(measures: &Measures) -> String {
         deepest.depth_mm,
         1e3 * deepest.speed_m_per_s
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::failure::Exit;
+    use yieldwall_motion::guard::DeviceSet;
+    use yieldwall_record::Trace;
+    use yieldwall_rig::report::measures::{Context, measure};
+
+    fn measures(break_outs: u32, unintended_releases: u32) -> Measures {
+        let context = Context {
+            period_s: 1e-3,
+            mass_kg: Some(2.0),
+            torque_limit_n_m: None,
+            has_depth_law: true,
+            stiffness_n_per_m: 0.0,
+            force_resolution_n: 0.0,
+        };
+        Measures { break_outs, unintended_releases, on_surface_s: 12.34, ..measure(&Trace::default(), &context) }
+    }
+
+    #[test]
+    fn a_verdict_says_how_often_the_fixture_gave_way_and_who_asked_for_it() {
+        for (counts, expected) in [
+            ((0, 0), "no break-out"),
+            ((1, 0), "broke out once (asked for)"),
+            ((2, 0), "broke out twice (both asked for)"),
+            ((3, 0), "broke out 3 times (all asked for)"),
+            ((0, 1), "broke out once (not asked for)"),
+            ((0, 2), "broke out twice (none asked for)"),
+            ((2, 1), "broke out 3 times (1 not asked for)"),
+        ] {
+            let verdict = run_verdict(&Ok(()), (27.2, None), &measures(counts.0, counts.1));
+            let around = ["verdict   ok: ran for 27.2 s, on the surface for 12.3 s, ", ", energy within its limit"];
+            assert_eq!(verdict, format!("{}{expected}{}", around[0], around[1]));
+        }
+        let free = Measures { on_surface_s: 0.0, ..measures(0, 0) };
+        assert!(run_verdict(&Ok(()), (1.0, None), &free).contains("1.0 s, never on the surface, energy"));
+        let spring = Measures { energy_bound_j: f64::INFINITY, ..free };
+        assert_eq!(run_verdict(&Ok(()), (1.0, None), &spring), "verdict   ok: ran for 1.0 s");
+    }
+
+    #[test]
+    fn a_verdict_on_a_run_that_stopped_names_the_fault_its_device_and_the_time() {
+        let rig = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap().value;
+        let end = Err(Failure::new(Exit::DeviceFault, "after 0.320 s the rig was stopped", ""));
+        let stopped =
+            |fault, devices| run_verdict(&end, (0.32, Some((Cause { fault, devices }, &rig))), &measures(1, 0));
+        let facts = "after 0.320 s (exit code 6); on the surface for 12.3 s, broke out once (asked for), energy within its limit";
+        assert_eq!(
+            stopped(Fault::DriveFault, DeviceSet::SENSOR),
+            format!("verdict   stopped: by drive-fault at {} {facts}", DeviceSet::SENSOR)
+        );
+        assert_eq!(
+            stopped(Fault::Overrun, DeviceSet::NONE),
+            format!("verdict   stopped: by {} {facts}", Fault::Overrun.row().name)
+        );
+        let other = run_verdict(&end, (0.32, None), &measures(0, 0));
+        assert_eq!(other, "verdict   NOT OK (exit code 6): after 0.320 s the rig was stopped");
+    }
 }

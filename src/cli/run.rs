@@ -13,7 +13,7 @@ use super::bus::check_buses;
 use super::desk::plan::{self, Sender};
 use super::ending::{self, above_bound, rig_failure};
 use super::events::{Events, Listening, Stream};
-use super::failure::{self, Exit, Failure};
+use super::failure::{Exit, Failure};
 use super::faults::FaultArgument;
 use super::interrupt::{interrupted, on_interrupt, unless};
 use super::keep::{Keep, described};
@@ -25,6 +25,7 @@ use super::page::{Pace, Page, PageOf, ViewArgument};
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
 use super::replace::{Replace, Written};
+use super::report_text::run_verdict;
 use super::tui::{Screen, View, check_terminal};
 use super::unsafe_drives::{NOTHING_ENABLED, judge};
 use yieldwall_config::injection::{Injection, Kind};
@@ -208,23 +209,14 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
     let end = with_files(end, [drawn, kept.is_written()]);
     events.end(&end);
     if !output.is_json() {
-        output.news(&format!("{}\n{}", verdict(&end, &report), facts.text(arguments)))?;
+        let stopped_by = report.cause.filter(|_| report.is_stopped()).map(|cause| (cause, &rig.value));
+        let stopped_at_s = report.trace.rows.last().filter(|_| stopped_by.is_some()).map(|row| row.time_s);
+        let time_s = stopped_at_s.unwrap_or(report.simulated_s());
+        let verdict = run_verdict(&end, (time_s, stopped_by), &report.measures);
+        output.news(&format!("{verdict}\n{}", facts.text(arguments)))?;
         return end;
     }
     output.end(facts.json(arguments), end)
-}
-
-/// The first line of a report: whether the run ended as it should.
-pub(super) fn verdict(end: &Result<(), Failure>, report: &RunReport) -> String {
-    failure::verdict(end, || {
-        let released = match report.measures.unintended_releases {
-            0 => "no unintended release".to_owned(),
-            1 => "1 unintended release".to_owned(),
-            several => format!("{several} unintended releases"),
-        };
-        let energy = if report.measures.energy_bound_j.is_finite() { ", energy within its limit" } else { "" };
-        format!("ran for {:.1} s, {released}{energy}", report.simulated_s())
-    })
 }
 
 /// Refuses a log of CAN frames of a rig that has no CAN.

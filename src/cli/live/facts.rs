@@ -54,7 +54,10 @@ impl Facts<'_> {
                 counts.overflowed,
                 counts.refused
             ),
-            format!("ran       {} cycles, {time_s:.1} s, to {:?}", self.played.cycles, self.played.state),
+            format!(
+                "ran       {} cycles, {time_s:.1} s; state at the end: {:?}",
+                self.played.cycles, self.played.state
+            ),
         ];
         if self.played.came_back > 0 {
             let times = match self.played.came_back {

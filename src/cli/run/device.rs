@@ -12,8 +12,8 @@ use super::super::interrupt::{interrupted, on_interrupt, unless};
 use super::super::keep::{Keep, described};
 use super::super::output::Output;
 use super::super::progress::Progress;
-use super::super::report_text::measures_text;
-use super::{Arguments, draw, verdict, with_files};
+use super::super::report_text::{measures_text, run_verdict};
+use super::{Arguments, draw, with_files};
 use yieldwall_config::{Coupling, ImpedanceDevice, Loaded};
 use yieldwall_rig::ImpedanceRig;
 use yieldwall_rig::report::{Overrides, RunReport, replay, run_device};
@@ -57,7 +57,8 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
     if !output.is_json() {
         let mut lines = text(&device.value, &report, figure, seed, wall_s);
         lines.extend(kept.lines());
-        output.news(&format!("{}\n{}", verdict(&end, &report), lines.join("\n")))?;
+        lines.insert(0, run_verdict(&end, (report.simulated_s(), None), &report.measures));
+        output.news(&lines.join("\n"))?;
         return end;
     }
     let document = json!({
