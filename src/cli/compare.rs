@@ -10,7 +10,8 @@ use serde_json::json;
 
 use self::differences::differences;
 use self::item::Item;
-use self::table::{Table, measures_table};
+pub(super) use self::table::Table;
+use self::table::measures_table;
 use super::failure::{Exit, Failure};
 use super::interrupt::on_interrupt;
 use super::output::Output;
@@ -104,9 +105,10 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     lines.extend(table.lines());
     lines.push(String::new());
     if differences.is_empty() {
-        lines.push("nothing differs in what was run".to_owned());
+        lines.push("no key of the configurations differs".to_owned());
     } else {
-        let head = std::iter::once("what differs".to_owned()).chain(items.iter().map(|item| item.label.to_string()));
+        let head =
+            std::iter::once("key that differs".to_owned()).chain(items.iter().map(|item| item.label.to_string()));
         let mut table = Table::new(head.collect());
         differences.iter().for_each(|one| table.push(one.cells()));
         lines.extend(table.lines());
@@ -179,7 +181,7 @@ mod tests {
         assert!(shipped.measures != changed.measures);
         let device = item("builtin:sphere.yaml", 1.0).unwrap();
         let lines = measures_table(&[shipped, device]).lines();
-        assert!(lines.iter().any(|line| line.starts_with("torque, most") && line.ends_with('-')), "{lines:#?}");
+        assert!(lines.iter().any(|line| line.starts_with("torque, peak") && line.ends_with('-')), "{lines:#?}");
     }
 
     /// The recording of a run equals the run: the measures to the last bit, and the documents.

@@ -4,8 +4,9 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
+use super::compare::Table;
 use super::ending::{above_bound, rig_failure};
-use super::failure::{Exit, Failure};
+use super::failure::{self, Exit, Failure};
 use super::output::Output;
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
@@ -17,7 +18,8 @@ use yieldwall_study::reproduce::{FIGURES, FigureRun, HandScale, Mode, ReproduceE
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// Figure of the paper, all figures, or your own file, such as a copy of config/figures/fig9.yaml
+    /// Figure of the paper, all figures, or your own file, such as a copy of config/figures/fig9.yaml. All figures are one table;
+    /// --verbose adds the measures of each run
     #[arg(value_name = "FIGURE", value_parser = parse_figure)]
     figure: Choice,
     /// Folder for the drawings, each as .svg and .png; created if missing
@@ -59,13 +61,14 @@ fn parse_factor(text: &str) -> Result<f64, String> {
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let hand = HandScale { stiffness: arguments.hand_stiffness, mass: arguments.hand_mass };
-    let mut entries: Vec<Value> = Vec::new();
-    let mut out_of_bound = None;
+    // Traces are large: none is kept beyond its figure.
+    let (mut entries, mut rows, mut details) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut drawings, mut end): (usize, Result<(), Failure>) = (0, Ok(()));
     let names = match &arguments.figure {
         Choice::Paper(figures) => figures.clone(),
         Choice::File(path) => vec![path.as_str()],
     };
-    for figure in names {
+    for figure in &names {
         let progress = Progress::new(output);
         let at = |figure: &str, mode: Mode, stage: Stage| {
             progress.begin(&format!("{figure} {mode}"));
@@ -78,39 +81,105 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         progress.end();
         let (runs, warnings) = runs.map_err(failure)?;
         output.configuration(&warnings)?;
-        let mut files = Vec::new();
-        let drawings = drawing::figure(&runs).map_err(|error| drawing_failure(&error))?;
-        for named in drawings {
+        for named in drawing::figure(&runs).map_err(|error| drawing_failure(&error))? {
             for ending in ["svg", "png"] {
                 let path = arguments.out.join(format!("{}.{ending}", named.name));
                 check_picture(&path, arguments.replace)?;
                 write_drawing(&named.drawing, &path)?;
-                files.push(path);
             }
+            drawings += 1;
         }
         for run in &runs {
             entries.push(entry(run));
-            output.news(&text(run))?;
+            rows.push(row(run));
+            details.push(text(run));
         }
-        for file in files.iter().filter(|file| file.extension().is_some_and(|ending| ending == "svg")) {
-            output.news(&format!("  drawn in {} and .png", file.display()))?;
+        let judged = judge(&runs);
+        if judged.as_ref().is_err_and(|failure| failure.exit == Exit::SafetyStop) {
+            end = judged;
+            break;
         }
-        if let Some(run) = runs.iter().find(|run| run.report.state.is_some_and(|state| state.is_latched())) {
-            let cause = run.report.cause.map_or("", |cause| cause.fault.row().name);
-            let message = format!("{figure} {}: the rig was stopped by {cause}", run.mode);
-            return Err(Failure::new(Exit::SafetyStop, message, "the scene asks for more than the rig's limits allow"));
-        }
-        if let Some(run) = runs.iter().find(|run| !run.measures().is_within_bound()) {
-            out_of_bound.get_or_insert_with(|| {
-                let help = "`yieldwall config check` shows the loop margins of each machine that the figure names";
-                above_bound(run.measures(), &format!("{figure} {}", run.mode), help)
-            });
-        }
+        end = end.and(judged);
     }
     if output.is_json() {
-        return output.end(json!({ "figures": entries }), out_of_bound.map_or(Ok(()), Err));
+        return match end {
+            Err(failure) if failure.exit == Exit::SafetyStop => Err(failure),
+            end => output.end(json!({ "figures": entries }), end),
+        };
     }
-    out_of_bound.map_or(Ok(()), Err)
+    let count = |number: usize, one: &str| if number == 1 { format!("1 {one}") } else { format!("{number} {one}s") };
+    let well = format!("{} of {}, energy within its limit", count(details.len(), "run"), count(names.len(), "figure"));
+    let mut lines = vec![failure::verdict(&end, || well)];
+    let has_table = names.len() > 1;
+    if has_table {
+        lines.extend(table(rows));
+    }
+    if !has_table || tracing::enabled!(tracing::Level::DEBUG) {
+        lines.extend(details);
+    }
+    let folder = arguments.out.display();
+    lines.push(format!("drawn     {} in {folder}, each as .svg and .png", count(drawings, "drawing")));
+    output.news(&lines.join("\n"))?;
+    end
+}
+
+/// Judges the runs of a figure: none may be stopped, and the energy of each has to be within its limit.
+fn judge(runs: &[FigureRun]) -> Result<(), Failure> {
+    if let Some(run) = runs.iter().find(|run| run.report.state.is_some_and(|state| state.is_latched())) {
+        let cause = run.report.cause.map_or("", |cause| cause.fault.row().name);
+        let message = format!("{} {}: the rig was stopped by {cause}", run.figure, run.mode);
+        return Err(Failure::new(Exit::SafetyStop, message, "the scene asks for more than the rig's limits allow"));
+    }
+    let Some(run) = runs.iter().find(|run| !run.measures().is_within_bound()) else { return Ok(()) };
+    let help = "`yieldwall config check` shows the loop margins of each machine that the figure names";
+    Err(above_bound(run.measures(), &format!("{} {}", run.figure, run.mode), help))
+}
+
+/// Returns a line for each row, with the meaning of the columns.
+fn table(rows: Vec<Vec<String>>) -> Vec<String> {
+    let head = ["figure  machine", "N_wait", "depth mm", "paper", "force N", "paper", "burst mJ", "limit"];
+    let mut table = Table::new(head.map(str::to_owned).to_vec());
+    rows.into_iter().for_each(|row| table.push(row));
+    let meanings = [
+        "depth     deepest impact of the proxy below R; the paper has \"a few\" mm or none",
+        "force     largest normal force on the surface; R: 3 N (impedance), 20 N (admittance)",
+        "burst     largest energy burst into the hand",
+    ];
+    table.lines().into_iter().chain(meanings.map(str::to_owned)).collect()
+}
+
+/// Returns the measures of a run beside the paper's values, for the table.
+fn row(run: &FigureRun) -> Vec<String> {
+    let (measures, [depth, force]) = (run.measures(), published(run));
+    let machine = if run.mode == Mode::Impedance { "" } else { "admittance " };
+    vec![
+        format!("{:6}  {machine}{}", run.figure, run.mode),
+        run.hold_steps.to_string(),
+        format!("{:.2}", measures.penetration_mm),
+        depth.to_owned(),
+        measures.peak_force_on_surface_n.map_or("-".to_owned(), |force_n| format!("{force_n:.2}")),
+        force.to_owned(),
+        format!("{:.1}", 1e3 * measures.bounded_energy_j()),
+        format!("{:.1}", 1e3 * measures.energy_bound_j),
+    ]
+}
+
+/// Returns the depth of impacts and the normal force on the surface that the paper gives for this run, `-` where it gives none.
+///
+/// # Source
+/// [KTF08], Sec. IV-B: a proxy with a mass penetrates "for a few millimeters after impacting the surface"; "such penetrations were not
+/// observed in the impedance-type implementation". Sec. IV: the hand traces the surface with a force smaller than R. Sec. V: with
+/// `N_wait` 5 "an impulsive force higher than the yield force was produced", and with 15 "the penetration was prevented".
+fn published(run: &FigureRun) -> [&'static str; 2] {
+    match (run.figure.as_str(), run.mode, run.hold_steps) {
+        ("fig8" | "fig9", ..) => ["none", "<= R"],
+        ("fig13", Mode::Impedance, _) => ["none", "-"],
+        ("fig11" | "fig12", ..) => ["a few", "<= R"],
+        ("fig13", ..) | ("fig16", _, 0) => ["a few", "-"],
+        ("fig14" | "fig15", _, 5) => ["-", "> R"],
+        ("fig16", _, 15) => ["none", "-"],
+        _ => ["-"; 2],
+    }
 }
 
 /// Returns the measures of a run, after its name.

@@ -6,19 +6,19 @@ use super::item::Item;
 const DIGITS: i32 = 4;
 
 /// Rows of cells, with a head.
-pub(super) struct Table(Vec<Vec<String>>);
+pub(crate) struct Table(Vec<Vec<String>>);
 
 impl Table {
-    pub(super) fn new(head: Vec<String>) -> Self {
+    pub(crate) fn new(head: Vec<String>) -> Self {
         Self(vec![head])
     }
 
-    pub(super) fn push(&mut self, row: Vec<String>) {
+    pub(crate) fn push(&mut self, row: Vec<String>) {
         self.0.push(row);
     }
 
     /// Returns a line for each row: the first column to the left, the others to the right.
-    pub(super) fn lines(&self) -> Vec<String> {
+    pub(crate) fn lines(&self) -> Vec<String> {
         let columns = self.0.iter().map(Vec::len).max().unwrap_or_default();
         let width = |column: usize| {
             self.0.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max().unwrap_or_default()
@@ -38,7 +38,7 @@ impl Table {
 type Take = fn(&Item) -> Option<f64>;
 
 /// Compared measures: name with unit, and the number.
-const ROWS: [(&str, Take); 23] = [
+const ROWS: [(&str, Take); 25] = [
     ("time, s", |item| Some(item.time_s())),
     ("held at rest by faults, s", |item| Some(item.held_s())),
     ("impacts", |item| Some(item.measures.impacts.len() as f64)),
@@ -48,26 +48,28 @@ const ROWS: [(&str, Take); 23] = [
     }),
     ("tool off the surface, tracing, RMS, mm", |item| item.measures.tool_rms_tracing_mm),
     ("tool off the surface, in contact, RMS, mm", |item| item.measures.tool_rms_on_surface_mm),
-    ("tool off the surface, in contact, most, mm", |item| item.measures.tool_max_on_surface_mm),
-    ("proxy off the surface that holds it, most, mm", |item| item.measures.proxy_on_surface_max_mm),
+    ("tool off the surface, in contact, max, mm", |item| item.measures.tool_max_on_surface_mm),
+    ("proxy off the surface that holds it, max, mm", |item| item.measures.proxy_on_surface_max_mm),
     ("on the surface when pressed below R, %", |item| {
         item.measures.on_surface_fraction_when_pressed.map(|share| 100.0 * share)
     }),
+    ("on the surface, s", |item| Some(item.measures.on_surface_s).filter(|on_s| *on_s > 0.0)),
+    ("break-outs asked for", |item| (item.measures.on_surface_s > 0.0).then_some(f64::from(item.measures.break_outs))),
     ("unintended releases", |item| {
         item.measures.on_surface_fraction_when_pressed.map(|_| f64::from(item.measures.unintended_releases))
     }),
-    ("force along the normal in contact, most, N", |item| item.measures.peak_force_on_surface_n),
-    ("age of the force, mean, ms", |item| item.measures.force_age_mean_ms),
-    ("age of the force, most, ms", |item| item.measures.force_age_max_ms),
-    ("energy given to the hand, all, mJ", |item| Some(1e3 * item.measures.energy_given_j)),
-    ("energy taken from the hand, all, mJ", |item| Some(1e3 * item.measures.energy_taken_j)),
-    ("energy given in one go, mJ", |item| Some(1e3 * item.measures.bounded_energy_j())),
-    ("its bound, mJ", |item| Some(1e3 * item.measures.energy_bound_j)),
-    ("most net work on the hand over any stretch, mJ", |item| Some(1e3 * item.measures.energy_rise_j)),
+    ("force along the normal in contact, max, N", |item| item.measures.peak_force_on_surface_n),
+    ("force sample age, mean, ms", |item| item.measures.force_age_mean_ms),
+    ("force sample age, max, ms", |item| item.measures.force_age_max_ms),
+    ("energy into the hand, total, mJ", |item| Some(1e3 * item.measures.energy_given_j)),
+    ("energy from the hand, total, mJ", |item| Some(1e3 * item.measures.energy_taken_j)),
+    ("energy into the hand, largest burst, mJ", |item| Some(1e3 * item.measures.bounded_energy_j())),
+    ("limit of the burst, mJ", |item| Some(1e3 * item.measures.energy_bound_j)),
+    ("net work on the hand, max of any stretch, mJ", |item| Some(1e3 * item.measures.energy_rise_j)),
     ("share of time with power to the hand, %", |item| Some(100.0 * item.measures.power_positive_fraction)),
-    ("torque, most, N m", |item| item.measures.peak_torque_n_m),
+    ("torque, peak, N m", |item| item.measures.peak_torque_n_m),
     ("at the torque limit, s", |item| item.measures.torque_limit_s),
-    ("at the torque limit, without impacts, s", |item| item.measures.torque_limit_apart_s),
+    ("at the torque limit without an impact, s", |item| item.measures.torque_limit_apart_s),
 ];
 
 /// Returns all measures that one of the items has.
