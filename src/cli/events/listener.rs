@@ -11,6 +11,7 @@ use crate::failure::{Exit, Failure};
 use crate::tui::View;
 use yieldwall_config as config;
 use yieldwall_fieldbus::canopen::{Emergency, Frame};
+use yieldwall_fieldbus::time::Time;
 use yieldwall_link::Packet;
 use yieldwall_record::CycleRecord;
 use yieldwall_record::recording::{Feed, Outlet, Sink, side_ring};
@@ -49,6 +50,8 @@ impl Listening {
             feed.map_err(|error| Failure::new(Exit::Internal, format!("thread of the events: {error}"), ""))?;
         let mut steps = BootSteps::default();
         let events = events.clone();
+        let clock = events.clock();
+        clock.set(Time(0));
         // The cycle that comes next: all of them are called on the thread of the loop.
         let next_cycle = Arc::new(AtomicU64::new(0));
         let [of_frames, of_errors] = [(); 2].map(|()| Arc::clone(&next_cycle));
@@ -57,11 +60,12 @@ impl Listening {
                 cycles.push(record);
                 next_cycle.store(record.moment.index + 1, Ordering::Relaxed);
             })),
-            tap: Some(Box::new(move |_, packet| {
+            tap: Some(Box::new(move |time, packet| {
+                clock.set(time);
                 if let Packet::Can(frame) = packet
                     && Emergency::decode(frame).is_some()
                 {
-                    emergencies.push(&(of_frames.load(Ordering::Relaxed), *frame));
+                    emergencies.push(&(of_frames.load(Ordering::Relaxed), (time, *frame)));
                 }
             })),
             boot: Some(Box::new(move |waiting| {
@@ -105,7 +109,7 @@ impl<T> Aside<T> {
 struct Listener {
     events: Events,
     narrator: Narrator,
-    emergencies: Aside<Frame>,
+    emergencies: Aside<(Time, Frame)>,
     errors: Aside<DriveError>,
     has_line: bool,
     shown_at: Option<Instant>,
@@ -116,8 +120,8 @@ struct Listener {
 impl Listener {
     /// Reports the items that came before this cycle.
     fn take_aside(&mut self, cycle: u64) {
-        while let Some(frame) = self.emergencies.next_before(cycle) {
-            self.narrator.emergency(&frame).iter().for_each(|event| self.events.tell(event));
+        while let Some((time, frame)) = self.emergencies.next_before(cycle) {
+            self.narrator.emergency(time, &frame).iter().for_each(|event| self.events.tell(event));
         }
         while let Some(error) = self.errors.next_before(cycle) {
             self.events.tell(&self.narrator.error(&error));
@@ -145,6 +149,7 @@ impl Sink<CycleRecord> for Listener {
 
     fn finish(&mut self) -> io::Result<()> {
         self.take_aside(u64::MAX);
+        self.events.lock().ended_s = self.narrator.time_s();
         Ok(())
     }
 

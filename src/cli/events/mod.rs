@@ -11,6 +11,7 @@ mod listener;
 mod narrator;
 
 use std::io::{self, IsTerminal, Write};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -24,6 +25,7 @@ use super::report_text::{finding_json, finding_text};
 #[cfg(target_os = "linux")]
 use super::tui::View;
 pub(super) use listener::Listening;
+use yieldwall_fieldbus::time::Time;
 #[cfg(target_os = "linux")]
 use yieldwall_run::Finding;
 #[cfg(target_os = "linux")]
@@ -49,6 +51,9 @@ pub(super) struct Event {
     pub(super) name: &'static str,
     /// Time of the scene in s; `None` before it began.
     pub(super) time_s: Option<f64>,
+    /// Time on the clock of the rig in s, which starts at power-on in a simulation and when the program opens a real bus; `None` without
+    /// such a clock.
+    boot_s: Option<f64>,
     /// Description of the event.
     pub(super) text: String,
     /// Meaning of the event, in the words of `explain`.
@@ -59,7 +64,7 @@ pub(super) struct Event {
 
 impl Event {
     pub(super) fn new(name: &'static str, time_s: Option<f64>, text: impl Into<String>) -> Self {
-        Self { name, time_s, text: text.into(), words: Vec::new(), facts: Map::new() }
+        Self { name, time_s, boot_s: None, text: text.into(), words: Vec::new(), facts: Map::new() }
     }
 
     /// Adds a fact to the event.
@@ -79,14 +84,20 @@ impl Event {
         matches!(self.name, "held" | "fault" | "emergency" | "error" | "refused")
     }
 
-    fn time(&self) -> String {
-        self.time_s.map_or_else(|| "-".to_owned(), |time_s| format!("{time_s:.3}"))
+    /// Returns the time of the scene, or before it the time of the rig's clock.
+    fn time(&self) -> Option<String> {
+        match (self.time_s, self.boot_s) {
+            (Some(time_s), _) => Some(format!("{time_s:.3}")),
+            (None, Some(boot_s)) => Some(format!("boot+{boot_s:.3}")),
+            (None, None) => None,
+        }
     }
 
-    /// `event     2.502 s  fault      node-reset (frames, left drive): a node restarted; cause: ..; next: ..`
+    /// `event      2.502 s  fault      node-reset (frames, left drive): a node restarted; cause: ..; next: ..`
     fn line(&self) -> String {
         let words: String = self.words.iter().map(|(key, text)| format!("; {key}: {text}")).collect();
-        format!("event {:>9} s  {:10} {}{words}\n", self.time(), self.name, self.text)
+        let time = self.time();
+        format!("event {:>10} s  {:10} {}{words}\n", time.as_deref().unwrap_or("-"), self.name, self.text)
     }
 
     /// Returns the event for a terminal of this width in columns.
@@ -94,7 +105,7 @@ impl Event {
         let filled = |head: String, text: &str, indent: usize| {
             fit::filled(&head, &" ".repeat(indent), text, width.min(WIDTH)) + "\n"
         };
-        let at = self.time_s.map_or_else(String::new, |_| format!("at {} s: ", self.time()));
+        let at = self.time().map_or_else(String::new, |time| format!("at {time} s: "));
         let first = filled(format!("{:9} ", self.name), &format!("{at}{}", self.text), HEAD);
         // What stops the rig is explained where the command ends, which is at once.
         let words = if matches!(self.name, "fault" | "refused") { &[][..] } else { &self.words };
@@ -108,6 +119,9 @@ impl Event {
         keys.extend(self.words.iter().map(|(key, text)| ((*key).to_owned(), Value::from(text.as_str()))));
         keys.insert("event".to_owned(), self.name.into());
         keys.insert("time_s".to_owned(), json!(self.time_s));
+        if self.time_s.is_none() {
+            keys.insert("boot_s".to_owned(), json!(self.boot_s));
+        }
         keys.insert("text".to_owned(), self.text.as_str().into());
         Value::Object(keys)
     }
@@ -133,6 +147,33 @@ struct Teller {
     has_ended: bool,
     /// Steps of the boot that lines leave out.
     boot_steps: u32,
+    clock: Arc<Clock>,
+    /// Time of the scene in its last cycle, in s.
+    ended_s: Option<f64>,
+}
+
+/// Clock of the rig, as the last frame shows it, in ns. It has no time before a rig is watched.
+#[derive(Debug)]
+struct Clock(AtomicU64);
+
+impl Clock {
+    const UNSET: u64 = u64::MAX;
+
+    /// Real-time: yes.
+    fn set(&self, time: Time) {
+        self.0.store(time.0, Ordering::Relaxed);
+    }
+
+    fn time_s(&self) -> Option<f64> {
+        let ns = self.0.load(Ordering::Relaxed);
+        (ns != Self::UNSET).then(|| Time(ns).as_secs_f64())
+    }
+}
+
+impl Default for Clock {
+    fn default() -> Self {
+        Self(AtomicU64::new(Self::UNSET))
+    }
 }
 
 /// Prints events from any thread except the thread of the cycle.
@@ -154,7 +195,15 @@ impl Events {
             let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
             bar.with_style(ProgressStyle::with_template("{wide_msg}").unwrap_or_else(|_| ProgressStyle::default_bar()))
         });
-        Self(Arc::new(Mutex::new(Teller { form, bar, has_told: false, has_ended: false, boot_steps: 0 })))
+        Self(Arc::new(Mutex::new(Teller {
+            form,
+            bar,
+            has_told: false,
+            has_ended: false,
+            boot_steps: 0,
+            clock: Arc::default(),
+            ended_s: None,
+        })))
     }
 
     fn lock(&self) -> MutexGuard<'_, Teller> {
@@ -165,6 +214,11 @@ impl Events {
     /// Prints an event.
     pub(super) fn tell(&self, event: &Event) {
         self.lock().tell(event);
+    }
+
+    /// Returns the clock of the rig, for the thread that watches its frames.
+    fn clock(&self) -> Arc<Clock> {
+        Arc::clone(&self.lock().clock)
     }
 
     /// Sends later events to a screen, instead of standard output and the line.
@@ -215,7 +269,7 @@ impl Events {
                 (*exit, report.diagnostics.first().map_or_else(String::new, |first| format!(": {}", first.message)))
             }
         };
-        let event = Event::new("end", None, format!("exit code {}{why}", exit.code()));
+        let event = Event::new("end", teller.ended_s, format!("exit code {}{why}", exit.code()));
         teller.tell(&event.with("exit_code", exit.code()));
     }
 
@@ -248,6 +302,14 @@ fn watchdog(finding: &Finding) -> Event {
 
 impl Teller {
     fn tell(&mut self, event: &Event) {
+        let timed;
+        let event = match event.time() {
+            Some(_) => event,
+            None => {
+                timed = Event { boot_s: self.clock.time_s(), ..event.clone() };
+                &timed
+            }
+        };
         self.has_told = true;
         if event.name == "boot" {
             self.boot_steps += 1;
@@ -259,7 +321,7 @@ impl Teller {
             Form::Terminal(columns) => event.paragraph(*columns),
             Form::Lines if event.name == "boot" && !tracing::enabled!(tracing::Level::DEBUG) => return,
             Form::Lines if event.name == "booted" => {
-                let text = format!("{} after {} steps of the boot", event.text, self.boot_steps);
+                let text = format!("{} ({} boot steps)", event.text, self.boot_steps);
                 Event { text, ..event.clone() }.line()
             }
             Form::Lines => event.line(),
@@ -297,10 +359,15 @@ mod tests {
     fn an_event_is_one_line_or_one_object_or_fits_a_terminal() {
         assert_eq!(
             fault().line(),
-            "event     2.502 s  fault      node-reset (frames, left drive): a node restarted while the rig was running; \
+            "event      2.502 s  fault      node-reset (frames, left drive): a node restarted while the rig was running; \
              cause: its supply dipped; next: check the node's supply\n"
         );
-        assert_eq!(Event::new("boot", None, "begun").line(), "event         - s  boot       begun\n");
+        let begun = Event::new("boot", None, "begun");
+        assert_eq!(begun.line(), "event          - s  boot       begun\n");
+        let timed = Event { boot_s: Some(0.0464), ..begun };
+        assert_eq!(timed.line(), "event boot+0.046 s  boot       begun\n");
+        assert_eq!((&timed.document()["time_s"], &timed.document()["boot_s"]), (&Value::Null, &json!(0.0464)));
+        assert!(timed.paragraph(60).starts_with("boot      at boot+0.046 s: begun"), "{}", timed.paragraph(60));
         let document = fault().document();
         assert_eq!((&document["event"], &document["time_s"]), (&json!("fault"), &json!(2.5021)));
         assert_eq!((&document["fault"], &document["next"]), (&json!("node-reset"), &json!("check the node's supply")));
@@ -340,6 +407,8 @@ mod tests {
             has_told: false,
             has_ended: false,
             boot_steps: 0,
+            clock: Arc::default(),
+            ended_s: None,
         })));
         events.end(&Ok(()));
         assert!(!events.lock().has_ended, "nothing has happened that could end");

@@ -8,6 +8,7 @@ use crate::ending::{bus_names, describe};
 use crate::on_bus::{drive_error_json, drive_error_text, not_in_time, said_first, words_of_code, words_of_fault};
 use yieldwall_config as config;
 use yieldwall_fieldbus::canopen::{Emergency, Frame};
+use yieldwall_fieldbus::time::Time;
 use yieldwall_motion::elementary::hypot;
 use yieldwall_motion::guard::{Cause, Device, Fault, State};
 use yieldwall_record::{CycleRecord, Standstill};
@@ -19,6 +20,8 @@ use yieldwall_run::explanation::state_name;
 struct Now {
     state: State,
     time_s: Option<f64>,
+    /// Time of the cycle on the clock of the rig, s.
+    boot_s: Option<f64>,
     force_n: f64,
     /// Distance of the tool from the proxy, mm.
     off_proxy_mm: f64,
@@ -59,21 +62,21 @@ impl Narrator {
 
     /// Reports the new events of a cycle.
     pub(super) fn record(&mut self, record: &CycleRecord, tell: &mut impl FnMut(Event)) {
-        let time_s = Some(record.moment.scene_time_s).filter(|time_s| time_s.is_finite());
+        self.now.time_s = Some(record.moment.scene_time_s).filter(|time_s| time_s.is_finite());
+        self.now.boot_s = Some(Time(record.moment.sync_ns).as_secs_f64());
         let state = record.directive.state;
         let drives = record.inputs.drives.each_ref().map(|drive| drive.state);
         if self.drives.is_none() {
-            tell(Event::new("booted", time_s, "all devices exchange process data"));
+            tell(self.event("booted", "all devices exchange process data"));
         }
         for (drive, (now, before)) in Device::DRIVES.into_iter().zip(drives.iter().zip(self.drives.unwrap_or(drives))) {
             if *now != before {
                 let (name, state) = (self.name(drive), state_name(Some(*now)));
-                let event = Event::new("drive", time_s, format!("{name}: {state}"));
+                let event = self.event("drive", format!("{name}: {state}"));
                 tell(event.with("drive", name).with("state", state));
             }
         }
         let before = std::mem::replace(&mut self.now.state, state);
-        self.now.time_s = time_s;
         self.standstill = record.moment.standstill;
         let is_new = record.cause != self.cause;
         self.cause = record.cause;
@@ -94,15 +97,14 @@ impl Narrator {
     }
 
     fn state_changed(&mut self, before: State, is_new: bool, tell: &mut impl FnMut(Event)) {
-        let plain = |name, text: &str| Event::new(name, self.now.time_s, text);
         let fault = self.cause.filter(|cause| cause.fault != Fault::StopRequested);
         match (self.now.state, fault) {
-            (State::Idle, _) => tell(plain("reset", "what stopped the rig is forgotten; nothing is enabled")),
-            (State::Enabling, _) => tell(plain("enabling", "the drives are led to Operation Enabled together")),
-            (State::Running, _) if before == State::Holding => tell(plain("released", "the rig runs on")),
-            (State::Running, _) => tell(plain("enabled", "the rig runs")),
+            (State::Idle, _) => tell(self.event("reset", "the fault is cleared; nothing is enabled")),
+            (State::Enabling, _) => tell(self.event("enabling", "both drives go to Operation Enabled together")),
+            (State::Running, _) if before == State::Holding => tell(self.event("released", "the rig runs on")),
+            (State::Running, _) => tell(self.event("enabled", "the rig runs")),
             (State::Holding, Some(cause)) => self.fault("held", cause, tell),
-            (State::Stopping, None) => tell(plain("stopping", "along the ramp, as was asked for")),
+            (State::Stopping, None) => tell(self.event("stopping", "the rig stops along its ramp, as requested")),
             (State::Stopping, Some(cause)) => self.fault("fault", cause, tell),
             (State::Holding, None) => {}
             (state @ (State::Stopped | State::Disabled | State::Lost), fault) => {
@@ -111,11 +113,11 @@ impl Narrator {
                     self.fault("fault", cause, tell);
                 }
                 let text = match state {
-                    State::Stopped => "the drives have the quick stop",
-                    State::Disabled => "the drives have no torque",
-                    _ => "nothing is sent any more; the drives' own watchdogs act",
+                    State::Stopped => "both drives have the quick stop",
+                    State::Disabled => "both drives have no torque",
+                    _ => "the master sends nothing; the drives stop by their watchdogs",
                 };
-                tell(Event::new("stopped", self.now.time_s, text).with("state", format!("{state:?}")));
+                tell(self.event("stopped", text).with("state", format!("{state:?}")));
             }
         }
     }
@@ -124,14 +126,24 @@ impl Narrator {
         self.faults += u32::from(name != "refused");
         let row = cause.fault.row();
         let at = describe(cause, &self.buses);
-        let event = Event::new(name, self.now.time_s, format!("{} ({at}): {}", row.name, row.meaning));
+        let event = self.event(name, format!("{} ({at}): {}", row.name, row.meaning));
         let event = event.with("fault", row.name).with("where", at).with("state", format!("{:?}", self.now.state));
         let why = not_in_time(cause.fault, self.standstill, &self.rig).filter(|_| self.is_on_bus);
         tell(event.meaning(said_first(why, words_of_fault(cause.fault))));
     }
 
-    /// Returns the event for a device's emergency message; `None` for any other frame.
-    pub(super) fn emergency(&self, frame: &Frame) -> Option<Event> {
+    /// Returns an event of the present cycle.
+    fn event(&self, name: &'static str, text: impl Into<String>) -> Event {
+        Event { boot_s: self.now.boot_s, ..Event::new(name, self.now.time_s, text) }
+    }
+
+    /// Returns the time of the scene in the last cycle, s.
+    pub(super) fn time_s(&self) -> Option<f64> {
+        self.now.time_s
+    }
+
+    /// Returns the event for a device's emergency message at this time of the rig's clock; `None` for any other frame.
+    pub(super) fn emergency(&self, time: Time, frame: &Frame) -> Option<Event> {
         let emergency = Emergency::decode(frame)?;
         let node = emergency.node.raw();
         let device = self.device(frame.bus().index(), node);
@@ -139,7 +151,8 @@ impl Narrator {
             device.map_or_else(|| format!("node {node}"), |device| format!("node {node} ({})", self.name(device)));
         let (meaning, words) = words_of_code(emergency.code, device, &self.rig);
         let code = format!("{:04X}h", emergency.code.0);
-        let event = Event::new("emergency", self.now.time_s, format!("{who}: {code} {meaning}"));
+        let event = self.event("emergency", format!("{who}: {code} {meaning}"));
+        let event = Event { boot_s: Some(time.as_secs_f64()), ..event };
         let event = event.with("node_id", node).with("name", device.map(|device| self.name(device)));
         let event = event.with("code", code).with("meaning", meaning);
         let event = event.with("error_register", emergency.register.0).with("vendor_bytes", json!(emergency.vendor));
@@ -151,7 +164,7 @@ impl Narrator {
 
     /// Returns the event for a fault that a drive reports.
     pub(super) fn error(&self, error: &DriveError) -> Event {
-        let mut event = Event::new("error", self.now.time_s, drive_error_text(error, &self.rig));
+        let mut event = self.event("error", drive_error_text(error, &self.rig));
         if let Value::Object(facts) = drive_error_json(error, &self.rig) {
             event.facts = facts;
         }
@@ -161,7 +174,7 @@ impl Narrator {
 
     /// Returns the current state of the rig, in 77 columns.
     pub(super) fn line(&self) -> String {
-        let Now { state, time_s, force_n, off_proxy_mm, worst_late_us } = self.now;
+        let Now { state, time_s, force_n, off_proxy_mm, worst_late_us, .. } = self.now;
         let state = format!("{state:?}");
         let time = time_s.map_or_else(|| "-".to_owned(), |time_s| format!("{time_s:.2}"));
         format!(
@@ -201,7 +214,7 @@ mod tests {
 
     enum Heard {
         Cycle(Box<CycleRecord>),
-        Frame(Frame),
+        Frame(Time, Frame),
         Error(DriveError),
     }
 
@@ -218,8 +231,8 @@ mod tests {
         let (cycles, frames, errors) = (heard.clone(), heard.clone(), heard);
         let watch = Watch {
             observer: Some(Box::new(move |record| cycles.send(Heard::Cycle(Box::new(*record))).unwrap())),
-            tap: Some(Box::new(move |_, packet| {
-                packet.can().into_iter().for_each(|frame| frames.send(Heard::Frame(*frame)).unwrap());
+            tap: Some(Box::new(move |time, packet| {
+                packet.can().into_iter().for_each(|frame| frames.send(Heard::Frame(time, *frame)).unwrap());
             })),
             errors: Some(Box::new(move |error| errors.send(Heard::Error(*error)).unwrap())),
             ..Watch::default()
@@ -231,7 +244,7 @@ mod tests {
         for heard in all {
             match heard {
                 Heard::Cycle(record) => narrator.record(&record, &mut |event| events.push(event)),
-                Heard::Frame(frame) => events.extend(narrator.emergency(&frame)),
+                Heard::Frame(time, frame) => events.extend(narrator.emergency(time, &frame)),
                 Heard::Error(error) => events.push(narrator.error(&error)),
             }
         }
@@ -249,6 +262,8 @@ mod tests {
         assert!(line.starts_with("Stopped ") && line.ends_with("faults 0") && line.len() <= 80, "{line}");
         let enabled = events.iter().find(|event| event.text == "left: Operation Enabled").unwrap();
         assert_eq!((enabled.time_s, &enabled.facts["drive"]), (None, &json!("left")));
+        let times: Vec<f64> = events.iter().map(|event| event.boot_s.unwrap()).collect();
+        assert!(times[0] > 0.0 && times.is_sorted(), "{times:?}");
     }
 
     /// The drive's own words are read when it has faulted, before anybody asks for them.
