@@ -110,7 +110,9 @@ pub(super) fn exit_of(cause: Cause) -> Exit {
 /// Describes the place of a fault: the stage, and the devices if there are any.
 pub(super) fn describe(cause: Cause, buses: &[String]) -> String {
     let stage = format!("{:?}", cause.fault.row().stage).to_lowercase();
-    if cause.devices.is_empty() { stage } else { format!("{stage}, {}", devices_text(cause.devices, buses)) }
+    let devices = devices_text(cause.devices, buses);
+    // Faults of the host have the host as their device.
+    if devices.is_empty() || devices == stage { stage } else { format!("{stage}, {devices}") }
 }
 
 /// Returns the devices, interfaces by the names of their buses.

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
-use super::ending::{bus_names, devices_text};
+use super::ending::{bus_names, describe, devices_text};
 use super::failure::{self, Failure};
 use yieldwall_config as config;
 use yieldwall_motion::guard::{Cause, Fault};
@@ -158,7 +158,7 @@ pub(crate) fn run_verdict(
     match (end, stopped_by) {
         (Err(failure), Some((cause, rig))) => {
             let at = match cause.devices.is_empty() {
-                true => String::new(),
+                true => format!(" ({})", describe(cause, &[])),
                 false => format!(" at {}", devices_text(cause.devices, &bus_names(rig))),
             };
             let (name, code) = (cause.fault.row().name, failure.exit.code());
@@ -323,10 +323,7 @@ mod tests {
             stopped(Fault::DriveFault, DeviceSet::SENSOR),
             format!("verdict   stopped: by drive-fault at {} {facts}", DeviceSet::SENSOR)
         );
-        assert_eq!(
-            stopped(Fault::Overrun, DeviceSet::NONE),
-            format!("verdict   stopped: by {} {facts}", Fault::Overrun.row().name)
-        );
+        assert_eq!(stopped(Fault::Overrun, DeviceSet::NONE), format!("verdict   stopped: by overrun (host) {facts}"));
         let other = run_verdict(&end, (0.32, None), &measures(0, 0));
         assert_eq!(other, "verdict   NOT OK (exit code 6): after 0.320 s the rig was stopped");
     }

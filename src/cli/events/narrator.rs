@@ -37,6 +37,8 @@ pub(super) struct Narrator {
     /// States in the last cycle; `None` before the first cycle.
     drives: Option<[cia402::State; 2]>,
     cause: Option<Cause>,
+    /// The same fault with all devices that were reported.
+    reported: Option<Cause>,
     /// Last standstill of the computer before the present cycle.
     standstill: Option<Standstill>,
     now: Now,
@@ -54,6 +56,7 @@ impl Narrator {
             buses,
             drives: None,
             cause: None,
+            reported: None,
             standstill: None,
             now: Now::default(),
             faults: 0,
@@ -78,7 +81,13 @@ impl Narrator {
         }
         let before = std::mem::replace(&mut self.now.state, state);
         self.standstill = record.moment.standstill;
-        let is_new = record.cause != self.cause;
+        let is_new = match (self.reported, record.cause) {
+            (Some(known), Some(cause)) if known.fault == cause.fault => !known.devices.contains(cause.devices),
+            (known, cause) => known != cause,
+        };
+        if is_new {
+            self.reported = record.cause;
+        }
         self.cause = record.cause;
         if before != state {
             self.state_changed(before, is_new, tell);
@@ -299,6 +308,15 @@ mod tests {
             assert!(names(&events).contains(&"fault"), "{fault}: {:?}", names(&events));
             assert!(!names(&events).contains(&"error"), "{fault}: {:?}", names(&events));
         }
+    }
+
+    #[test]
+    fn a_fault_that_comes_in_every_second_cycle_is_reported_once() {
+        let (events, _) = told("cycle-overrun@0.2", 0.5);
+        let faults =
+            events.iter().filter(|event| matches!(event.name, "held" | "fault") && event.text.contains("overrun"));
+        let texts: Vec<&str> = faults.map(|event| event.text.as_str()).collect();
+        assert!(texts.len() <= 2 && texts.iter().all(|text| text.starts_with("overrun (host): ")), "{texts:#?}");
     }
 
     #[test]
