@@ -37,7 +37,7 @@ pub(super) struct Narrator {
     /// States in the last cycle; `None` before the first cycle.
     drives: Option<[cia402::State; 2]>,
     cause: Option<Cause>,
-    /// The same fault with all devices that were reported.
+    /// Last reported fault, with its devices.
     reported: Option<Cause>,
     /// Last standstill of the computer before the present cycle.
     standstill: Option<Standstill>,

@@ -289,6 +289,14 @@ mod tests {
         serde_json::from_value(serde_json::json!({ yaml_key: values })).unwrap()
     }
 
+    /// The hand of this scene presses above R in its legs d and h.
+    #[test]
+    fn the_hand_of_the_circle_breaks_out_twice() {
+        let measures = run("paper-admittance.yaml").measures;
+        assert_eq!((measures.break_outs, measures.unintended_releases), (2, 0));
+        assert!((11.5..12.5).contains(&measures.on_surface_s), "{} s", measures.on_surface_s);
+    }
+
     /// Which of two walls is named first is nothing that a measure could see, and both are measured where they are.
     #[test]
     fn walls_that_move_are_measured_where_they_are_and_in_any_order() {
