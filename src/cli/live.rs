@@ -79,8 +79,8 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
         _ => Some(rig.scene()?.value),
     };
     let Some(duration_s) = arguments.duration.or(scene.as_ref().map(|scene| scene.duration_s.get())) else {
-        let message = format!("{} has no scene that would say how long the rig runs", arguments.rig);
-        return Err(Failure::new(Exit::Usage, message, "say how long, in s, with --duration"));
+        let message = format!("{} has no scene, so the duration is not known", arguments.rig);
+        return Err(Failure::new(Exit::Usage, message, "give the duration in s with --duration"));
     };
     let file = rig;
     let rig = file.value.clone();
@@ -198,7 +198,7 @@ fn check_scene_values(values: &[config::SetValue], rig: &config::Rig, file: &str
 /// Warns of features that the interfaces lack for this rig.
 fn warn_of_interfaces(on_bus: &RigOnBus, rig: &config::Loaded<config::Rig>, pace: PaceArgument, output: &mut Output) {
     if let Some(interface) = on_bus.unplugged() {
-        warn(output, format!("`{interface}` has no link: plug the cable in, or switch the first device on"));
+        warn(output, format!("`{interface}` has no link: connect the cable, or switch on the first device"));
     }
     for facts in on_bus.facts() {
         facts.advice().into_iter().for_each(|advice| warn(output, advice));
@@ -263,8 +263,8 @@ pub(super) fn ended<T>(
         }
         Ended::StillMoving => Failure::new(
             Exit::SafetyStop,
-            "a drive says that it still makes torque after the rig was stopped",
-            "look at the drive, and use the emergency stop if it moves",
+            "a drive still reports torque after the rig was stopped",
+            "check the drive, and press the emergency stop if it moves",
         ),
         Ended::Panicked => Failure::new(
             Exit::Internal,
@@ -281,7 +281,7 @@ fn refuse(arguments: &Arguments, granted: &Result<(), Refusal>) -> Result<(), Fa
         Err(refusal) if arguments.require_realtime => Err(Failure::new(
             Exit::TimingMissed,
             refusal.to_string(),
-            "nothing was sent; leave --require-realtime away to run without",
+            "nothing was sent; omit --require-realtime to run without these permissions",
         )),
         _ => Ok(()),
     }

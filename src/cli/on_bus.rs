@@ -105,9 +105,9 @@ pub(super) fn warn_of(output: &mut Output, granted: &Result<(), Refusal>) {
 pub(super) fn other_master(message: String, heard: &HeardFrame) -> Failure {
     let help = match heard.sign {
         Sign::Master { .. } => {
-            "end the other master, or give this rig's master a node id of its own (`node_id` of its bus) if it is a device"
+            "end the other master; if it is a device, give this rig's master another node id (`node_id` of its bus)"
         }
-        _ => "end the other master, or run this one on a bus of its own; `candump` shows what is on a bus",
+        _ => "end the other master, or run this rig on a separate bus; `candump` shows the frames on a bus",
     };
     Failure::new(Exit::BusUnavailable, message, help)
 }
@@ -121,7 +121,7 @@ pub(super) fn live_failure(error: &RunError) -> Failure {
         RunError::Send { .. } => Failure::new(
             Exit::BusUnavailable,
             error.to_string(),
-            "nobody acknowledges: look whether a device is switched on, at the cable, its termination and the bit rate",
+            "no device acknowledges: check supply, cable, termination and bit rate",
         ),
         RunError::NotBooted => Failure::new(Exit::Internal, error.to_string(), "please report what was printed above"),
         RunError::OldPermit | RunError::NotVirtual => {
@@ -138,18 +138,18 @@ pub(super) fn live_failure(error: &RunError) -> Failure {
         RunError::NoTorqueLimit { .. } => Failure::new(
             Exit::DeviceMismatch,
             error.to_string(),
-            "name its object in the device profile (`limits.torque`, or `limits.current` in another unit), or confirm by --accept-drive-limit that it may \
-             use the limit that its maker's tool shows",
+            "name its object in the device profile (`limits.torque`, or `limits.current` in another unit), or confirm with --accept-drive-limit \
+             that the drive may use the limit in its maker's tool",
         ),
         RunError::DriveLimit { .. } => Failure::new(
             Exit::SafetyStop,
             error.to_string(),
-            "lower it by the maker's tool, or confirm by --accept-drive-limit that the drive may use it; `commission` shows and asks",
+            "lower it with the maker's tool, or confirm with --accept-drive-limit that the drive may use it; `commission` shows it and asks",
         ),
         RunError::WayBlocked { .. } => Failure::new(
             Exit::SafetyStop,
             error.to_string(),
-            "nothing was enabled; go less far, or the other way; with keys both ways have to be free",
+            "nothing was enabled; choose a shorter move or the other direction; with keys both directions have to be free",
         ),
         RunError::NotHomed { .. } => Failure::new(
             Exit::DeviceMismatch,
@@ -160,7 +160,7 @@ pub(super) fn live_failure(error: &RunError) -> Failure {
             // A little more than back to home, so that it comes up to its rate.
             let back_deg = (-by_rad.to_degrees() - 3.0_f64.copysign(*by_rad)).round();
             let help = format!(
-                "nothing was enabled; lead it back first: `yieldwall jog RIG.yaml JOINT --by {back_deg:+}deg` with the same --bus"
+                "nothing was enabled; move it back first: `yieldwall jog RIG.yaml JOINT --by {back_deg:+}deg` with the same --bus"
             );
             Failure::new(Exit::OutOfTolerance, error.to_string(), help)
         }
@@ -182,19 +182,18 @@ pub(super) fn live_failure(error: &RunError) -> Failure {
         RunError::Unmarked { .. } => Failure::new(
             Exit::DeviceMismatch,
             error.to_string(),
-            "nothing was enabled; start the `yieldwall sim` of this version. A simulated device of somebody else says `simulated device` in \
-             2012h:1 to 4, four letters each, the first one in the lowest byte; a real drive has a profile of its own",
+            "nothing was enabled; start the `yieldwall sim` of this version. Another simulated device has to hold `simulated device` in \
+             2012h:1 to 4, four letters each, the first letter in the lowest byte. A real drive needs its own profile",
         ),
         RunError::NotSimulated { .. } => Failure::new(
             Exit::DeviceMismatch,
             error.to_string(),
-            "nothing was enabled; leave --pace lockstep away and drill the drives",
+            "nothing was enabled; omit --pace lockstep, and drill the drives",
         ),
         RunError::NotTared { .. } => Failure::new(
             Exit::OutOfTolerance,
             error.to_string(),
-            "nothing was enabled; let go of the handle, and see `yieldwall sensor monitor`. `sensor.tare_up_to_n` is the greatest zero that \
-             is taken",
+            "nothing was enabled; release the handle, and look at `yieldwall sensor monitor`. `sensor.tare_up_to_n` limits the zero",
         ),
         RunError::Unwatched { .. } => Failure::new(
             Exit::OutOfTolerance,

@@ -38,7 +38,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         End::Different { index, scene_time_s, difference } => Some(Failure::new(
             Exit::OutOfTolerance,
             format!(
-                "{}: {record} {index} (scene {scene_time_s:.3} s) gives another {}: {} was recorded, {} came out; the {cycles} \
+                "{}: {record} {index} (scene {scene_time_s:.3} s) differs in {}: {} was recorded, {} was computed; the {cycles} \
                  {records} before are byte-identical",
                 path.display(),
                 difference.field,
@@ -159,7 +159,7 @@ pub(super) fn maker(about: &About) -> String {
 fn warn_of_version(about: &About, path: &Path) -> Vec<Diagnostic> {
     let own = env!("CARGO_PKG_VERSION");
     let message = format!("was recorded by {} of this program, and this is version {own}", maker(about));
-    let help = "what differs may come from the program";
+    let help = "a difference may come from the program";
     if about.version == own { Vec::new() } else { vec![warning(path, &message, help)] }
 }
 

@@ -125,7 +125,9 @@ pub(crate) fn counted_text(counted: &[(Fault, u32)], foreign_downloads: u32) -> 
         format!("counted   {} in {cycles} cycles: {}", row.name, row.meaning)
     });
     let downloads = (foreign_downloads > 0).then(|| {
-        format!("counted   {foreign_downloads} SDO downloads of somebody else to nodes of this rig: boot it anew")
+        format!(
+            "counted   {foreign_downloads} SDO downloads of a foreign node to nodes of this rig: boot the rig again"
+        )
     });
     faults.chain(downloads).collect()
 }

@@ -46,7 +46,7 @@ impl Facts<'_> {
         let mut lines = vec![
             format!("rig       {}: {}, {period_ms} ms", self.rig.rig.name, mode_text(self.rig.rig.command_mode)),
             format!(
-                "bus       {}, {}: {} frames from others, {} own ones seen, {} lost here, {} not sent",
+                "bus       {}, {}: {} frames received, {} own frames seen, {} lost here, {} not sent",
                 self.interfaces.shown(self.rig),
                 self.arguments.pace.name(),
                 counts.received,
@@ -72,7 +72,7 @@ impl Facts<'_> {
         }
         lines.extend(self.outcome.timing.as_ref().map(|timing| match timing {
             Ok(ProvenTiming { tier, shown }) => format!("timing    tier {tier}: {shown}"),
-            Err(error) => format!("timing    not proved, which was ignored: {error}"),
+            Err(error) => format!("timing    not proved (ignored): {error}"),
         }));
         let emergencies = &self.outcome.emergencies;
         lines.extend(emergencies.iter().map(|emergency| format!("emcy      {}", text(emergency, self.rig))));

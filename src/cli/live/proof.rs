@@ -28,8 +28,8 @@ pub(crate) fn evidence(
         return Ok(Evidence::OnRecord { drills, latency, now_unix_s: now_unix_s() });
     }
     let Some(scene) = scene else {
-        let message = "--pace lockstep is for simulated devices, and the rig has no simulation";
-        return Err(Failure::new(Exit::Usage, message, "leave --pace away"));
+        let message = "--pace lockstep needs simulated devices, and the rig has no simulation";
+        return Err(Failure::new(Exit::Usage, message, "omit --pace"));
     };
     let drilled = rig::drill(rig, scene, |_| ()).map_err(|error| rig_failure(&error))?;
     judge(&drilled, rig, NOTHING_ENABLED)?;
@@ -38,7 +38,7 @@ pub(crate) fn evidence(
 
 /// Returns the failure for drives whose watchdogs nobody has tested, or that failed.
 pub(super) fn unproven(error: &Unproven, buses: &str, file: &str) -> Failure {
-    let help = format!("nothing was enabled; `yieldwall drill {file} {buses}` tries them");
+    let help = format!("nothing was enabled; `yieldwall drill {file} {buses}` tests them");
     let exit = match error {
         Unproven::Missing { .. } | Unproven::Unreadable { .. } => Exit::DeviceMismatch,
         Unproven::Unsafe(_) => Exit::OutOfTolerance,
@@ -56,20 +56,20 @@ pub(super) fn untimely(error: &Untimely, rig: &config::Rig) -> Failure {
         Untimely::Missing { .. } | Untimely::Unbelieved { .. } => measure,
         Untimely::Late { .. } => {
             format!(
-                "give the computer less to do or the rig a slower cycle, grant what docs/realtime.md says; {measure}"
+                "reduce the load of this computer, grant the permissions in docs/realtime.md, or choose a longer cycle; {measure}"
             )
         }
-        Untimely::Limit { .. } => "lower the limit, or prove tier A as docs/realtime.md says".to_owned(),
+        Untimely::Limit { .. } => "lower the limit, or prove tier A (docs/realtime.md)".to_owned(),
     };
-    let help = format!("nothing was sent; {next}; --ignore-latency runs the rig all the same, and recordings say so");
+    let help = format!("nothing was sent; {next}; --ignore-latency runs the rig anyway, and its recordings note it");
     Failure::new(Exit::TimingMissed, error.to_string(), help)
 }
 
 /// Returns the folder with the measurements of `tune loop` on a bus.
 pub(crate) fn loops() -> Result<PathBuf, Failure> {
     state_folder("loops").ok_or_else(|| {
-        let message = "there is no folder for the records of loops: neither XDG_STATE_HOME nor HOME is set";
-        Failure::new(Exit::Usage, message, "set XDG_STATE_HOME to a folder that is kept")
+        let message = "no folder for the records of loops: neither XDG_STATE_HOME nor HOME is set";
+        Failure::new(Exit::Usage, message, "set XDG_STATE_HOME to a permanent folder")
     })
 }
 
@@ -80,13 +80,13 @@ pub(super) fn check_measured_loop(
     buses: &str,
 ) -> Result<(), Failure> {
     let again = format!(
-        "`yieldwall tune loop {} {buses} --write` measures it anew and writes gains that have them",
+        "`yieldwall tune loop {} {buses} --write` measures it again and writes gains with these margins",
         rig.source
     );
     let refused =
         |message: String, help: &str| Failure::new(Exit::OutOfTolerance, message, format!("nothing was sent; {help}"));
     let measured = MeasuredLoop::load(&rig.value, folder)
-        .map_err(|error| refused(error.to_string(), &format!("delete the record, or measure anew: {again}")))?;
+        .map_err(|error| refused(error.to_string(), &format!("delete the record, or measure again: {again}")))?;
     let Some(MeasuredLoop { joints, .. }) = measured else { return Ok(()) };
     let Some(margins) = identified_margins(&rig.value, &joints).map_err(|error| rig_failure(&error))? else {
         return Ok(());
@@ -97,8 +97,8 @@ pub(super) fn check_measured_loop(
     }
     let (gain_db, phase_deg) = LEAST_MARGINS;
     let message = format!(
-        "with the delay that was measured, {:.2} cycles, the gains leave {:.1} dB up, {:.1} dB down and {:.0} degrees at the worst pose along the surface, \
-         and a rig runs from {gain_db} dB and {phase_deg} degrees on",
+        "with the measured delay of {:.2} cycles the loop has a gain margin of +{:.1}/-{:.1} dB and a phase margin of {:.0} deg at the worst pose along \
+         the surface; a rig needs {gain_db} dB and {phase_deg} deg",
         margins.delay_cycles, worst.gain_db, worst.gain_reduction_db, worst.phase_deg
     );
     Err(refused(message, &again))
