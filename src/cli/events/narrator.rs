@@ -37,7 +37,7 @@ pub(super) struct Narrator {
     /// States in the last cycle; `None` before the first cycle.
     drives: Option<[cia402::State; 2]>,
     cause: Option<Cause>,
-    /// Last reported fault, with its devices.
+    /// Last reported fault, with all its devices.
     reported: Option<Cause>,
     /// Last standstill of the computer before the present cycle.
     standstill: Option<Standstill>,
@@ -81,13 +81,14 @@ impl Narrator {
         }
         let before = std::mem::replace(&mut self.now.state, state);
         self.standstill = record.moment.standstill;
-        let is_new = match (self.reported, record.cause) {
-            (Some(known), Some(cause)) if known.fault == cause.fault => !known.devices.contains(cause.devices),
-            (known, cause) => known != cause,
+        // A fault that alternates between devices is reported once for each of them.
+        let reported = match (self.reported, record.cause) {
+            (Some(known), Some(cause)) if known.fault == cause.fault => {
+                Some(Cause { devices: known.devices | cause.devices, ..known })
+            }
+            (_, cause) => cause,
         };
-        if is_new {
-            self.reported = record.cause;
-        }
+        let is_new = std::mem::replace(&mut self.reported, reported) != reported;
         self.cause = record.cause;
         if before != state {
             self.state_changed(before, is_new, tell);
