@@ -93,7 +93,7 @@ impl Event {
         }
     }
 
-    /// `event      2.502 s  fault      node-reset (frames, left drive): a node restarted; cause: ..; next: ..`
+    /// `event      2.502 s  fault      node-reset (bus, left drive): a node restarted; cause: ..; next: ..`
     fn line(&self) -> String {
         let words: String = self.words.iter().map(|(key, text)| format!("; {key}: {text}")).collect();
         let time = self.time();
@@ -350,7 +350,7 @@ mod tests {
 
     fn fault() -> Event {
         let words = vec![("cause", "its supply dipped".to_owned()), ("next", "check the node's supply".to_owned())];
-        Event::new("fault", Some(2.5021), "node-reset (frames, left drive): a node restarted while the rig was running")
+        Event::new("fault", Some(2.5021), "node-reset (bus, left drive): a node restarted while the rig was running")
             .with("fault", "node-reset")
             .meaning(words)
     }
@@ -359,7 +359,7 @@ mod tests {
     fn an_event_is_one_line_or_one_object_or_fits_a_terminal() {
         assert_eq!(
             fault().line(),
-            "event      2.502 s  fault      node-reset (frames, left drive): a node restarted while the rig was running; \
+            "event      2.502 s  fault      node-reset (bus, left drive): a node restarted while the rig was running; \
              cause: its supply dipped; next: check the node's supply\n"
         );
         let begun = Event::new("boot", None, "begun");
