@@ -36,8 +36,10 @@ pub(super) struct Arguments {
     /// CAN only: longest time from the end of SYNC until a device has queued its TPDO; simulated devices need none
     #[arg(long, value_name = "US", default_value_t = 0)]
     device_delay_us: u32,
-    /// CAN only: release all frames at one moment, instead of TPDOs after SYNC and RPDOs after the control step. With --no-fifo
-    /// this is the published analysis unchanged, including its bit counts
+    /// CAN only: release all frames at one moment
+    ///
+    /// Without this option TPDOs follow SYNC, and RPDOs follow the control step. With --no-fifo this is the published analysis unchanged,
+    /// including its bit counts.
     #[arg(long)]
     no_release_jitter: bool,
     /// CAN only: send the master's frames by priority, instead of through the FIFO of a Linux host

@@ -42,8 +42,9 @@ pub(super) struct Arguments {
     /// Rig file; `builtin:paper-admittance.yaml` is the copy in the program
     #[arg(value_name = "RIG.yaml")]
     rig: String,
-    /// Table of points with the columns x_m and y_m, in the base frame. If it also has left_rad and right_rad, the angles measured
-    /// there, nobody has to guide the arm
+    /// Table of points with the columns x_m and y_m, in the base frame
+    ///
+    /// If it also has left_rad and right_rad, the angles measured there, nobody has to guide the arm.
     #[arg(long, value_name = "FILE.csv")]
     points: Option<PathBuf>,
     /// Save points and angles to a table of this format

@@ -36,8 +36,9 @@ pub(super) struct Arguments {
     /// Start with this step, and skip the steps before it
     #[arg(long, value_name = "STEP", value_parser = step)]
     from: Option<Step>,
-    /// Continue after the last step that passed in an earlier run of this rig file with these drives, given that run's --json
-    /// output. The report includes the steps of both runs
+    /// Continue after the last step that passed in an earlier run, given its --json output
+    ///
+    /// The earlier run had this rig file and these drives. The report includes the steps of both runs.
     #[arg(long, value_name = "FILE.json", conflicts_with = "from")]
     resume: Option<PathBuf>,
     /// Inject a defect into the simulated machine, for a step to find; repeatable. `list` prints all names
@@ -50,7 +51,9 @@ pub(super) struct Arguments {
     /// Write the report as an HTML page with the curves
     #[arg(long, value_name = "FILE.html")]
     html: Option<PathBuf>,
-    /// Only restore the objects that a killed command had changed; without this option the command restores them first and goes on
+    /// Only restore the objects that a killed command had changed
+    ///
+    /// Without this option the command restores them first and goes on.
     #[cfg(target_os = "linux")]
     #[arg(long, requires = "bus", conflicts_with_all = ["from", "resume", "html"])]
     restore: bool,

@@ -25,8 +25,9 @@ use yieldwall_rig::report::Overrides;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// Two to six items: rigs or impedance devices, run on the embedded simulation, or recordings (a cycles.mcap, its folder, or a
-    /// black-box file)
+    /// Two to six items: rigs, impedance devices or recordings
+    ///
+    /// Rigs and devices run on the embedded simulation. A recording is a cycles.mcap, its folder, or a black-box file.
     #[arg(value_name = "RIG.yaml|RECORDING", required = true, num_args = 2..=6)]
     items: Vec<String>,
     /// Overlay paths, forces and distances in this .svg or .png file; missing folders are created

@@ -34,9 +34,10 @@ pub(super) struct Arguments {
     /// Network card whose interrupt coalescing is checked; repeatable
     #[arg(long, value_name = "INTERFACE")]
     card: Vec<String>,
-    /// EtherCAT: compare this program's readings with those of another EtherCAT master, ethercrab. The command asks first, since
-    /// all devices go through INIT and get new station addresses; it restores state and address. Needs a build with
-    /// `--features ethercrab`
+    /// EtherCAT: compare the readings with those of another master, ethercrab
+    ///
+    /// The command asks first, since all devices go through INIT and get new station addresses; it restores state and address. Needs a
+    /// build with `--features ethercrab`.
     #[arg(long, requires = "bus")]
     second_opinion: bool,
     /// Skip the question of --second-opinion

@@ -34,7 +34,9 @@ pub(super) struct Arguments {
     bus: Vec<String>,
     #[command(flatten)]
     pub(super) stream: Stream,
-    /// Print what would be sent to each device, old -> new; only read objects, without --bus those of the simulated devices
+    /// Print what would be sent to each device, old -> new; only read objects
+    ///
+    /// Without --bus the command reads the objects of the simulated devices.
     #[arg(long)]
     dry_run: bool,
 }

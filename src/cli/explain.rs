@@ -31,8 +31,11 @@ const KEY: usize = 9;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// Faults, defects, codes and objects by name, such as node-reset, backlash, no-sub-index or statusword. Codes and values are
-    /// hexadecimal, as printed: 8130h, 0x8130 or 06090011. Objects may have an address, such as 1018h:2
+    /// Faults, defects, codes and objects by name, or codes in hexadecimal
+    ///
+    /// Names are such as node-reset, backlash, no-sub-index or statusword. Codes and values are hexadecimal, as printed: 8130h, 0x8130 or
+    /// 06090011. Objects may have an address, such as 1018h:2. Keys such as fixture.yield_n and exit codes such as exit-7 are explained
+    /// too.
     #[arg(value_name = "NAME|CODE", required = true)]
     words: Vec<String>,
     /// Device profile, by name or .yaml file, whose error-code table applies

@@ -32,8 +32,9 @@ pub(super) struct Arguments {
     /// Torque limit of each drive in N m, written to 6072h; default: a quarter of the rated torque
     #[arg(long, value_name = "N_M", value_parser = super::jog::torque, allow_hyphen_values = true)]
     torque: Option<Positive>,
-    /// Home 2 to 100 times, and report the shift of the references; the joints move back in between. The drives must be freshly
-    /// switched on
+    /// Home 2 to 100 times, and report the shift of the references
+    ///
+    /// The joints move back in between. The drives must be freshly switched on.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=100))]
     repeat: Option<u32>,
     /// With --repeat: fail if a reference shifts by more than this between two homings; with unit, 0.05deg or 0.001rad

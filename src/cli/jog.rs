@@ -45,8 +45,10 @@ pub(super) struct Arguments {
     /// Signed angle with unit, 5deg or -0.1rad; counter-clockwise is positive
     #[arg(long, value_name = "ANGLE", value_parser = angle, allow_hyphen_values = true)]
     by: Option<f64>,
-    /// Move while a key is pressed: right or + counter-clockwise, left or - clockwise, q quits. The joint stops 200 ms after the
-    /// last key, at the end of the input, and if the terminal closes
+    /// Move while a key is pressed; q quits
+    ///
+    /// Right or + moves counter-clockwise, left or - clockwise. The joint stops 200 ms after the last key, at the end of the input, and if
+    /// the terminal closes.
     #[arg(long)]
     keys: bool,
     /// With --keys: largest travel to either side, with unit

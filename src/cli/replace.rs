@@ -57,8 +57,9 @@ impl Written {
 /// Rule for overwriting files.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(super) struct Replace {
-    /// Overwrite files of any type, except recordings. Without this option a drawing replaces only a drawing, a bus log only a bus
-    /// log, a capture only a capture, and tables only tables
+    /// Overwrite files of any type, except recordings
+    ///
+    /// Without this option a drawing replaces only a drawing, a bus log only a bus log, a capture only a capture, and tables only tables.
     #[arg(long)]
     force: bool,
 }

@@ -54,7 +54,9 @@ pub(super) struct Arguments {
     #[cfg(target_os = "linux")]
     #[arg(long, requires = "bus")]
     pub(super) require_realtime: bool,
-    /// Run by the wall clock even if this computer has not proved the timing that the rig requires; recordings note it
+    /// Run by the wall clock even if this computer has not proved the required timing
+    ///
+    /// Recordings note this option.
     #[cfg(target_os = "linux")]
     #[arg(long, requires = "bus")]
     pub(super) ignore_latency: bool,
@@ -69,8 +71,9 @@ pub(super) struct Arguments {
     /// Seed of tremor and sensor noise; default: the scene's seed
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seed: Option<u64>,
-    /// Inject a fault during the run, once or repeatedly, besides the scene's faults; `yieldwall faults` lists names. TARGET is a
-    /// device name from the rig, or a target that `yieldwall faults NAME` lists
+    /// Inject a fault during the run; repeatable, besides the scene's faults
+    ///
+    /// `yieldwall faults` lists names. TARGET is a device name from the rig, or a target that `yieldwall faults NAME` lists.
     #[arg(long, value_name = "NAME@TIME[+DURATION][:TARGET]")]
     fault: Vec<FaultArgument>,
     /// Draw trajectory, force and power into this .svg or .png file; missing folders are created
@@ -85,8 +88,10 @@ pub(super) struct Arguments {
     /// Run even if the bus cannot keep the cycle; `yieldwall bus budget` shows which frame is late
     #[arg(long)]
     pub(super) ignore_bus_budget: bool,
-    /// Record every cycle and every frame into this new folder: cycles.mcap, cycles.csv, bus.pcapng and, for CAN, bus.log. An
-    /// impedance device has no bus: its samples are recorded. Existing recordings are never overwritten
+    /// Record every cycle and every frame into this new folder
+    ///
+    /// The folder holds cycles.mcap, cycles.csv, bus.pcapng and, for CAN, bus.log. An impedance device has no bus: its samples are
+    /// recorded. Existing recordings are never overwritten.
     #[arg(long, value_name = "DIR")]
     pub(super) record: Option<PathBuf>,
     /// Print what boot and start would send to each device, old -> new; only read objects
@@ -96,8 +101,9 @@ pub(super) struct Arguments {
     pub(super) replace: Replace,
     #[command(flatten)]
     pub(super) stream: Stream,
-    /// Show axes, force, lateness and events on the whole terminal, with a key that stops the rig; the simulation then follows the
-    /// wall clock
+    /// Show axes, force, lateness and events on the whole terminal; a key stops the rig
+    ///
+    /// The simulation then follows the wall clock.
     #[arg(long, conflicts_with_all = ["jsonl", "json", "quiet", "verbose", "view"])]
     pub(super) tui: bool,
     #[command(flatten)]

@@ -55,7 +55,9 @@ pub(super) struct Arguments {
     /// Devices of this process, by name or EtherCAT position; default: all devices of the rig
     #[arg(long, value_delimiter = ',', value_name = "NAME,..")]
     nodes: Vec<String>,
-    /// Inject a defect into the machine, for `commission` to find; repeatable. `yieldwall commission --defect list` lists names
+    /// Inject a defect into the machine, for `commission` to find; repeatable
+    ///
+    /// `yieldwall commission --defect list` lists names.
     #[arg(long, value_name = "NAME[=SIZE][:left|right]", conflicts_with = "attach")]
     defect: Vec<String>,
     /// Simulate a tool that nobody holds, as while `jog` moves joints

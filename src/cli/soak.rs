@@ -41,7 +41,9 @@ pub(super) struct Arguments {
     /// Run the faults of --script together, and judge only invariants
     #[arg(long, requires = "script")]
     tangle: bool,
-    /// Threads; default: the processors that Slurm allots (SLURM_CPUS_PER_TASK), otherwise the number of cores
+    /// Threads; default: Slurm's processors for the task, otherwise the number of cores
+    ///
+    /// SLURM_CPUS_PER_TASK has the processors that Slurm allots.
     #[arg(long, value_name = "N")]
     jobs: Option<NonZeroUsize>,
     /// Keep each outcome in this folder, and skip those it already holds

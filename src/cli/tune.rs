@@ -54,8 +54,9 @@ pub(super) struct Arguments {
     /// Factor between the printed numbers and the edge of stability, at least 1
     #[arg(long, value_name = "FACTOR", default_value_t = RESERVE, value_parser = parse_reserve)]
     reserve: f64,
-    /// For a rig: stiffness of a further hand in N/m, besides the scene's hands; repeatable. These hands have the damping and the
-    /// mass of the scene's hand
+    /// For a rig: stiffness of a further hand in N/m; repeatable
+    ///
+    /// The scene's hands count in any case. The further hands have the damping and the mass of the scene's hand.
     #[arg(long, value_name = "N/M", value_parser = parse_stiffness)]
     hand_stiffness: Vec<f64>,
 }

@@ -44,12 +44,14 @@ pub(crate) struct Arguments {
     /// Name of the profile; default: derived from the drive's own name
     #[arg(long)]
     name: Option<String>,
-    /// Data sheet to compare with the drive, whose values win: EDS or DCF, or on EtherCAT the device description (ESI) for its
-    /// clock and slot modules
+    /// Data sheet to compare with the drive, whose values win: EDS, DCF or ESI
+    ///
+    /// The device description (ESI) is for a drive on EtherCAT: it has the clock and the slot modules.
     #[arg(long, value_name = "FILE")]
     eds: Option<PathBuf>,
-    /// Module in a slot of the device description, by type, name or number, or `none` for an empty slot; replaces the default
-    /// module. Slots count from 1
+    /// Module in a slot of the device description, instead of the default module
+    ///
+    /// Give it by type, name or number, or `none` for an empty slot. Slots count from 1.
     #[arg(long = "module", value_name = "SLOT=MODULE", value_parser = slot_module, requires = "eds")]
     modules: Vec<(u32, String)>,
     /// Print which objects would be tested, and write nothing

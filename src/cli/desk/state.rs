@@ -34,8 +34,9 @@ pub(crate) struct Arguments {
     /// Remove the drive's torque, for example in Quick Stop Active. Hold the arm: it may drop
     #[arg(long, group = "change")]
     disable_voltage: bool,
-    /// EtherCAT: change the state even if another master controls the devices; that master loses them, and moving drives stop by
-    /// their watchdogs
+    /// EtherCAT: change the state even if another master controls the devices
+    ///
+    /// That master loses control of the devices, and moving drives stop by their watchdogs.
     #[arg(long, requires = "target")]
     take_over: bool,
     /// Print what would be written, and write nothing

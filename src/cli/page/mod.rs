@@ -54,8 +54,9 @@ impl From<super::pace::PaceArgument> for Pace {
 /// Page of a running rig.
 #[derive(Debug, clap::Args)]
 pub(super) struct ViewArgument {
-    /// Serve a page that shows the rig to a browser on this computer, and print its address; the simulation then follows the wall
-    /// clock
+    /// Serve a page that shows the rig to a browser on this computer
+    ///
+    /// The command prints the address of the page. The simulation then follows the wall clock.
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, require_equals = true, default_missing_value = ANY_PORT)]
     pub(super) view: Option<SocketAddr>,
 }
@@ -84,7 +85,9 @@ pub(super) struct PlayArguments {
     /// Do not open a browser
     #[arg(long)]
     no_open: bool,
-    /// Record every cycle and every frame: one new folder in this folder for each fixture chosen on the page
+    /// Record every cycle and every frame into this folder
+    ///
+    /// Each fixture chosen on the page gets a new folder in it.
     #[arg(long, value_name = "DIR")]
     record: Option<PathBuf>,
 }

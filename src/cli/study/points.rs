@@ -28,8 +28,9 @@ pub(crate) struct Points {
     /// (*.jsonl). An interrupted study continues from these points.
     #[arg(long, value_name = "DIR", default_value = "out/study")]
     pub(super) out: PathBuf,
-    /// Threads; default: the processors that Slurm allots (SLURM_CPUS_PER_TASK), otherwise the number of cores. Measurements of
-    /// time use one thread
+    /// Threads; default: Slurm's processors for the task, otherwise the number of cores
+    ///
+    /// SLURM_CPUS_PER_TASK has the processors that Slurm allots. Measurements of time use one thread.
     #[arg(long, value_name = "J")]
     jobs: Option<NonZeroUsize>,
     #[command(flatten)]

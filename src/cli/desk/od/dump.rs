@@ -26,10 +26,14 @@ pub(crate) struct Arguments {
     /// Output file; default: standard output
     #[arg(long, value_name = "FILE.dcf")]
     out: Option<PathBuf>,
-    /// Data sheet (EDS or DCF): read its objects by their types. Without one, the command tries every index, which takes a minute
+    /// Data sheet (EDS or DCF): read its objects by their types
+    ///
+    /// Without one, the command tries every index, which takes a minute.
     #[arg(long, value_name = "FILE.eds")]
     eds: Option<PathBuf>,
-    /// Write a concise DCF, as a CANopen manager keeps it in 1F22h: only the parameters, in write order. Vendor objects need --eds
+    /// Write a concise DCF: only the parameters, in write order
+    ///
+    /// A CANopen manager keeps this format in 1F22h. Vendor objects need --eds.
     #[arg(long, requires = "out")]
     concise: bool,
     #[command(flatten)]
