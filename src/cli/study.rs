@@ -26,13 +26,11 @@ pub(super) struct Arguments {
     /// Study to compute
     #[arg(value_name = "NAME", value_parser = names())]
     name: String,
-    /// For `need`: your own rig or impedance device, whose scene states a `tolerance`, instead of the shipped scenes
+    /// For `need`: rig or impedance device, such as `builtin:play.yaml`; default: the shipped scenes
     ///
-    /// Rigs and devices in the program work too, such as `builtin:play.yaml`.
-    ///
-    /// The command runs each model that the rig and its scene can have, from the simplest (no arm) to the fullest (elastic gears). It prints the
-    /// cheapest model that changes no output of the scene by more than its tolerance, with the lines of your files for that model.
-    /// Its results are in DIR/need-own, and each run computes them again.
+    /// Its scene has to state a `tolerance`. The command runs each model that the rig and its scene can have, from the simplest (no arm) to
+    /// the fullest (elastic gears). It prints the cheapest model that changes no output of the scene by more than its tolerance, with the
+    /// lines of your files for that model. Its results are in DIR/need-own, and each run computes them again.
     #[arg(value_name = "RIG.yaml")]
     rig: Option<String>,
     #[command(flatten)]
