@@ -82,14 +82,16 @@ pub(crate) fn check_scene(findings: &mut Findings, scene: &Scene) {
     check_dimension(findings, scene);
     check_arcs(findings, scene);
     check_noise(findings, scene);
-    check_hand(findings, scene);
-    check_damping(findings, scene);
+    if check_hand(findings, scene) {
+        check_damping(findings, scene);
+    }
     check_model(findings, scene);
 }
 
-/// Checks that a person could have the hand: larger values are those of another unit, and the rig would move a wall.
-fn check_hand(findings: &mut Findings, scene: &Scene) {
+/// Checks that a person could have the hand, and returns whether one could. Larger values are most often in another unit.
+fn check_hand(findings: &mut Findings, scene: &Scene) -> bool {
     let hand = &scene.hand;
+    let mut is_of_person = true;
     for (key, value, most, unit, help) in [
         ("mass_kg", *hand.mass_kg, MAX_HAND_KG, "kg", "write kilograms: an arm acts with 0.5 to 3 kg at the tool"),
         (
@@ -108,10 +110,12 @@ fn check_hand(findings: &mut Findings, scene: &Scene) {
         ),
     ] {
         if value > most {
+            is_of_person = false;
             let message = format!("`hand.{key}` is {value} {unit}, above {most} {unit}");
             findings.error(&format!("hand.{key}"), message, help);
         }
     }
+    is_of_person
 }
 
 /// Checks that the hand is damped like an arm: an undamped hand makes rigs oscillate that no person would.
