@@ -119,8 +119,8 @@ def commissioned(programs, interface):
             passed = [name for name, step in steps.items() if step["verdict"] == "pass"]
             assert passed == ["communication", "identity", "limits", "parameters", "sensor-rest", "watchdogs", "admittance"], steps
             for name, why in (
-                ("sensor-axes", "nobody is there who has a known force pull at the tool"),
-                ("rotation", "nobody said by how much"),
+                ("sensor-axes", "nobody can pull at the tool with a known force"),
+                ("rotation", "nobody measured the turn"),
                 ("motor", "the drive left does not report its torque (6077h)"),
                 ("friction", "the drive left does not report its torque (6077h)"),
             ):

@@ -166,7 +166,7 @@ fn a_loop_that_oscillates_by_itself_fails() {
         scene.defects = vec![Defect::new(DefectKind::Cogging).sized(3.0).unwrap().into()];
     });
     let told = format!("{:?} {:?} {:?}", report.verdict, report.reason, report.evidence);
-    assert!(report.verdict == Verdict::Fail && told.contains("to and fro"), "{told}");
+    assert!(report.verdict == Verdict::Fail && told.contains("oscillates by"), "{told}");
 }
 
 #[test]

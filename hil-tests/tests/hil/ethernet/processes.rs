@@ -137,7 +137,7 @@ fn an_encoder_of_another_process_that_counts_the_wrong_way_is_found() {
     assert_eq!(failed.len(), 1, "{document:#}");
     assert_eq!(failed[0]["step"], "rotation", "{document:#}");
     let reason = failed[0]["reason"].as_str().expect("a reason");
-    assert!(reason.contains("the joint of right ran the other way"), "{reason}");
+    assert!(reason.contains("the joint of right moved opposite to its reference"), "{reason}");
     sim.interrupted();
 }
 

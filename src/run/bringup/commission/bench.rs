@@ -48,7 +48,7 @@ impl From<NotProven> for Halt {
         match error {
             NotProven::Run(error) => error.into(),
             error @ NotProven::Unproven(_) => {
-                Self::Failed(format!("{error}; begin with --from watchdogs, which puts it on record"))
+                Self::Failed(format!("{error}; continue with --from watchdogs, which saves the drill"))
             }
         }
     }
@@ -226,7 +226,9 @@ impl<'a> Bench<'a> {
                     limit.at, limit.held, limit.torque_n_m
                 )),
                 DriveLimit::Untold => {
-                    kept.push(format!("{name} has no object of a torque limit: read the limit in the maker's tool."));
+                    kept.push(format!(
+                        "{name} has no object for a torque limit: read the limit in the manufacturer's tool."
+                    ));
                 }
             }
         }
@@ -234,11 +236,11 @@ impl<'a> Bench<'a> {
             return Ok(());
         }
         let most_n_m = self.rig.guard.torque_limit_n_m.get();
-        kept.push(format!("No first motion can have less. The rig file allows {most_n_m:.2} N m."));
+        kept.push(format!("The first motion cannot have a lower limit. The rig file allows {most_n_m:.2} N m."));
         self.runner.leave();
         if !self.attendant.accepts_drive_limit(&kept.join(" ")) {
             return Err(Halt::Failed(format!(
-                "{} Nobody has confirmed that: lower it by the maker's tool, or confirm it (--accept-drive-limit)",
+                "{} This is not confirmed: lower the limit with the manufacturer's tool, or confirm it (--accept-drive-limit)",
                 kept.join(" ")
             )));
         }
@@ -252,11 +254,9 @@ impl<'a> Bench<'a> {
         for (joint, (device, limit)) in Device::DRIVES.into_iter().zip(limits).enumerate() {
             let drives = self.runner.master().last_inputs().drives;
             let why = match drives.get(joint) {
-                Some(drive) if drive.state.has_torque() => {
-                    "says to the last that it makes torque: press the emergency stop"
-                }
+                Some(drive) if drive.state.has_torque() => "still reports torque: press the emergency stop",
                 _ if self.runner.put_torque_limit(self.rig, device, limit).is_ok() => continue,
-                _ => "does not take another one",
+                _ => "rejects its old limit",
             };
             lowered.push(format!("{} {why}", self.name(joint)));
         }
@@ -278,7 +278,7 @@ impl<'a> Bench<'a> {
         self.confirm_drive_limits()?;
         let limits = self.torque_limits()?;
         let positive =
-            |value: f64| Positive::new(value).ok_or_else(|| Halt::Failed("the rig file leaves no torque".to_owned()));
+            |value: f64| Positive::new(value).ok_or_else(|| Halt::Failed("the rig file allows no torque".to_owned()));
         let bounds = Bounds { motion_rad: positive(bound_rad)?, torque_n_m: positive(torque_n_m)? };
         let done = act(self, bounds);
         let restored = self.restore_torque_limits(limits);

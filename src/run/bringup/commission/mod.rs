@@ -90,34 +90,30 @@ impl Step {
     /// Describes what the step does, for the person who decides whether it may run.
     pub fn does(self) -> &'static str {
         match self {
-            Step::Communication => "reads 1000h of each drive a thousand times, for 10 s at most; nothing is enabled",
-            Step::Identity => "reads 1018h of each drive; nothing is enabled",
+            Step::Communication => "reads 1000h of each drive a thousand times, within 10 s; enables nothing",
+            Step::Identity => "reads 1018h of each drive; enables nothing",
             Step::Limits => {
-                "writes the torque limit of each drive, reads it back, and restores it; shows one that a drive keeps itself; nothing is enabled"
+                "writes the torque limit of each drive, reads it back, and restores it; shows a limit that a drive keeps itself; enables nothing"
             }
             Step::Parameters => {
-                "reads what adds to set-points and what cuts them, before and after the drives are switched off and on; nothing is enabled"
+                "reads offsets and limits of set-points, before and after a power cycle of the drives; enables nothing"
             }
-            Step::SensorRest => {
-                "listens to the force sensor for a second; nothing is enabled, and nobody may touch the handle"
-            }
-            Step::SensorAxes => {
-                "listens to the force sensor while 8 N pull along x, and then along y; nothing is enabled"
-            }
+            Step::SensorRest => "reads the force sensor for a second; nobody may touch the handle; enables nothing",
+            Step::SensorAxes => "reads the force sensor under a pull of 8 N along x, then along y; enables nothing",
             Step::Watchdogs => {
-                "enables the rig at rest for each watchdog, and has one thing stay away; nobody may touch the handle"
+                "enables the rig at rest for each watchdog, and stops one signal; nobody may touch the handle"
             }
             Step::Rotation => {
-                "turns each link by 4 degrees and back, with 10 % of the rated torque or as much more as it takes, 50 % at most"
+                "turns each link by 4 degrees and back, with 10 % of the rated torque, or up to 50 % if needed"
             }
             Step::Motor => {
-                "turns each link by 8 degrees to and fro, without and with 8 N that pull at the tool, with as little torque as it takes"
+                "turns each link by 8 degrees back and forth, without and with a pull of 8 N at the tool, with as little torque as possible"
             }
             Step::Friction => {
-                "turns each link by 8 degrees to and fro, with as little torque as it takes, 50 % at most"
+                "turns each link by 8 degrees back and forth, with as little torque as possible (limit 50 % of rated)"
             }
             Step::Admittance => {
-                "runs the rig with its fixture for 10 s, with as much torque as friction may take; nobody may touch the handle"
+                "runs the rig with its fixture for 10 s, with torque for the friction only; nobody may touch the handle"
             }
         }
     }
@@ -315,7 +311,7 @@ pub fn commission(
             Some(failed) => skipped(step, format!("{} has failed", failed.name())),
             None if interrupted_in.is_some() => skipped(step, INTERRUPTED.to_owned()),
             None if at < first && !(step == Step::Identity && begin.drives.is_some()) => {
-                skipped(step, format!("it was asked to begin with {}", begin.from.name()))
+                skipped(step, format!("the run begins with {}", begin.from.name()))
             }
             None => bench.report(step).unwrap_or_else(|| {
                 interrupted_in = Some(step);
@@ -329,7 +325,7 @@ pub fn commission(
 }
 
 /// Why steps are skipped after a person has asked for the end.
-const INTERRUPTED: &str = "a person has asked for the end";
+const INTERRUPTED: &str = "interrupted by a person";
 
 fn skipped(step: Step, reason: String) -> StepReport {
     StepReport {

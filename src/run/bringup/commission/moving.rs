@@ -52,7 +52,7 @@ impl Bench<'_> {
     /// Drills the watchdogs of the drives.
     pub(super) fn watchdogs(&mut self, found: &mut Found) -> Result<(), Halt> {
         if self.runner.pace() == Pace::Lockstep {
-            return Err(Halt::Skipped("in lockstep no drill is possible; it was made in virtual time".to_owned()));
+            return Err(Halt::Skipped("no drill in lockstep; it was done in virtual time".to_owned()));
         }
         self.boot()?;
         let identities = self.runner.identities()?;
@@ -76,7 +76,7 @@ impl Bench<'_> {
         }
         let [left, right] = fastest_ms;
         found.measure(Figure {
-            what: "time to stop when the master dies".into(),
+            what: "time to stop after the master fails".into(),
             value: left.max(right),
             limit: 1e3 * limit.as_secs_f64(),
             unit: "ms".into(),
@@ -110,7 +110,7 @@ impl Bench<'_> {
             self.runner.leave();
             found.note(
                 format!("{name}: turned"),
-                format!("{:.3} deg by its encoder, with {torque_n_m:.1} N m at most", measured_rad.to_degrees()),
+                format!("{:.3} deg by its encoder (torque limit {torque_n_m:.1} N m)", measured_rad.to_degrees()),
             );
             let seen = self.attendant.turned(&self.runner.place, joint);
             if seen.is_some() {
@@ -126,14 +126,12 @@ impl Bench<'_> {
             };
             found.note(
                 format!("{name}: seen to turn"),
-                format!("{:.3} deg, and {:.3} deg back", seen_rad.to_degrees(), seen_back_rad.to_degrees()),
+                format!("{:.3} deg, then {:.3} deg back", seen_rad.to_degrees(), seen_back_rad.to_degrees()),
             );
             self.judge_rotation(joint, [[measured_rad, seen_rad], [back_rad, seen_back_rad]], found)?;
         }
         let told = |name| {
-            Halt::Skipped(format!(
-                "moved and not judged: no link ran away, and nobody said by how much that of {name} has turned"
-            ))
+            Halt::Skipped(format!("moved, not judged: no link ran away, and nobody measured the turn of {name}"))
         };
         unseen.map_or(Ok(()), |name| Err(told(name)))
     }
@@ -145,25 +143,25 @@ impl Bench<'_> {
         if forth_rad * back_rad < 0.0 && seen_rad * seen_back_rad > 0.0 {
             // Nothing is told of the drive by what cannot be.
             return Err(Halt::Failed(format!(
-                "the encoder of {name} went to and fro, and both ways of its link were told to be the same way round: one of the two signs is \
-                 mistaken, counter-clockwise as seen from above is positive"
+                "the encoder of {name} turned back and forth, but both angles of its link have the same sign: one sign is wrong \
+                 (counter-clockwise, seen from above, is positive)"
             )));
         }
         for [measured_rad, seen_rad] in ways {
             found.measure(Figure {
-                what: "angle by the encoder against the link".into(),
+                what: "encoder angle, error against the link".into(),
                 value: 100.0 * (measured_rad / seen_rad - 1.0).abs(),
                 limit: TURNED_PERCENT,
                 unit: "%".into(),
             });
             if seen_rad == 0.0 {
                 return Err(Halt::Failed(format!(
-                    "the link of {name} does not turn with its encoder: look at the coupling between them"
+                    "the link of {name} does not turn with its encoder: check the coupling between them"
                 )));
             }
             if seen_rad * measured_rad < 0.0 {
                 return Err(Halt::Failed(format!(
-                    "the link of {name} turned the other way than its encoder says: invert `direction` of the drive"
+                    "the link of {name} turned opposite to its encoder: invert `direction` of the drive"
                 )));
             }
         }
@@ -174,14 +172,14 @@ impl Bench<'_> {
         if 100.0 * (forth - back).abs() > PLAY_PERCENT {
             let play_deg = (1.0 - forth.min(back)) * ways[0][0].abs().to_degrees();
             return Err(Halt::Failed(format!(
-                "the link of {name} has turned by {forth:.3} of what its encoder says, and by {back:.3} of it back: there is play of some \
-                 {play_deg:.1} deg between motor and link, look at gear and coupling"
+                "the link of {name} turned by {forth:.3} of its encoder angle, and by {back:.3} on the way back: about {play_deg:.1} deg of play \
+                 between motor and link; check gear and coupling"
             )));
         }
         let counts = self.rig.drives[joint].encoder_counts_per_rev;
         let wanted = f64::from(counts) / forth;
         Err(Halt::Failed(format!(
-            "the link of {name} has turned by {forth:.3} of what its encoder says: `encoder_counts_per_rev` is some {wanted:.0} and not {counts}"
+            "the link of {name} turned by {forth:.3} of its encoder angle: `encoder_counts_per_rev` is about {wanted:.0}, not {counts}"
         )))
     }
 
@@ -208,8 +206,8 @@ impl Bench<'_> {
             way_rad = if begins_anew { way_rad + gone } else { to_rad - *first_rad.get_or_insert(from_rad) };
             if gone * by_rad < 0.0 && gone.abs() > AWAY_RAD {
                 return Err(Halt::Failed(format!(
-                    "the joint of {} ran the other way than it was led, {:.1} deg: its encoder counts against its motor, look at the polarity \
-                     (607Eh) and at the wires",
+                    "the joint of {} moved opposite to its reference by {:.1} deg: its encoder counts against its motor; check the polarity \
+                     (607Eh) and the wires",
                     self.name(joint),
                     gone.abs().to_degrees()
                 )));
@@ -223,7 +221,7 @@ impl Bench<'_> {
         }
         let torque_n_m = last.unwrap_or_default();
         Err(Halt::Failed(format!(
-            "{torque_n_m:.1} N m do not turn the link of {}: look for a closed brake, a blocked arm, a motor without current",
+            "{torque_n_m:.1} N m do not turn the link of {}: check for a closed brake, a blocked arm, a motor without current",
             self.name(joint)
         )))
     }
@@ -240,8 +238,8 @@ impl Bench<'_> {
             }
         }
         Err(Halt::Failed(format!(
-            "the joint of {} cannot go {:.0} deg either way without coming near a singularity or the edge of the workspace: lead the arm \
-             to the middle of it by hand",
+            "the joint of {} cannot turn by {:.0} deg in either direction, since a singularity or the edge of the workspace is near: move the \
+             arm to the middle of the workspace by hand",
             self.name(joint),
             by_rad.to_degrees()
         )))
@@ -268,24 +266,22 @@ impl Bench<'_> {
         let name = self.name(joint);
         match (jogged.ended, jogged.cause) {
             (Ended::StillMoving, _) => {
-                format!(
-                    "a drive still says that it makes torque after the joint of {name} was stopped: press the emergency stop"
-                )
+                format!("a drive still reports torque after the stop of {name}: press the emergency stop")
             }
             (Ended::Panicked, _) => {
-                format!("the cycle has panicked while the joint of {name} was led: please report it")
+                format!("the cycle has panicked during the motion of {name}: please report it")
             }
             (_, Some(Cause { fault, devices })) => {
                 let row = fault.row();
                 format!(
-                    "the joint of {name} was stopped on its way by {0} ({devices}): {1}; `yieldwall explain {0}` says what to look at",
+                    "{0} ({devices}) stopped the joint of {name}: {1}; `yieldwall explain {0}` lists the checks",
                     row.name, row.meaning
                 )
             }
             (_, None) if jogged.state == State::Running => {
-                format!("the joint of {name} did not come to its target in time")
+                format!("the joint of {name} did not reach its target in time")
             }
-            (_, None) => format!("the joint of {name} was led too far"),
+            (_, None) => format!("the joint of {name} moved too far"),
         }
     }
 
@@ -302,7 +298,7 @@ impl Bench<'_> {
             let (force, expected_n_m) = self.best_pull(joint)?;
             self.runner.leave();
             if !self.attendant.pull(&mut self.runner.place, force) {
-                return Err(Halt::Skipped(format!("moved and not judged: {NOBODY_PULLS}")));
+                return Err(Halt::Skipped(format!("moved, not judged: {NOBODY_PULLS}")));
             }
             let loaded = self.both_ways(joint, TRAVEL_RAD);
             self.runner.leave();
@@ -323,10 +319,10 @@ impl Bench<'_> {
         let name = self.name(joint);
         found.note(
             format!("{name}: {:.0} N along x, {:.0} N along y", force.x(), force.y()),
-            format!("{expected_n_m:.2} N m by the geometry, {told_n_m:.2} N m by the drive"),
+            format!("{expected_n_m:.2} N m by geometry, {told_n_m:.2} N m reported by the drive"),
         );
         found.measure(Figure {
-            what: "torque that the drive reports against the true one".into(),
+            what: "reported torque, error against the true torque".into(),
             value: 100.0 * (told_n_m / expected_n_m - 1.0).abs(),
             limit: MOTOR_PERCENT,
             unit: "%".into(),
@@ -334,7 +330,7 @@ impl Bench<'_> {
         let share = expected_n_m / told_n_m;
         if found.is_bad() && share.is_finite() && share > 0.0 {
             return Err(Halt::Failed(format!(
-                "the motor of {name} makes {share:.2} of the torque that its drive reports: look at rated torque (6076h), torque constant and gear"
+                "the motor of {name} makes {share:.2} of the torque that its drive reports: check rated torque (6076h), torque constant and gear"
             )));
         }
         if found.is_bad() {
@@ -363,7 +359,7 @@ impl Bench<'_> {
         let ripple_n_m = ripple_n_m(&up.torques).max(ripple_n_m(&down.torques));
         found.note(format!("{name}: ripple of the torque along the way"), format!("{ripple_n_m:.2} N m"));
         found.curves.push(Curve {
-            title: format!("torque along the way of {name}"),
+            title: format!("torque along the travel of {name}"),
             across: "angle in deg",
             up: "torque in N m",
             lines: [("counter-clockwise", up), ("clockwise", down)]
@@ -375,14 +371,14 @@ impl Bench<'_> {
         });
         let limit = RIPPLE_SHARE * self.rig.drives[joint].rated_torque_n_m.get();
         found.measure(Figure {
-            what: "ripple of the torque along a way".into(),
+            what: "torque ripple along the travel".into(),
             value: ripple_n_m,
             limit,
             unit: "N m".into(),
         });
         if found.is_bad() {
             return Err(Halt::Failed(format!(
-                "the torque of {name} goes up and down by {ripple_n_m:.1} N m along the way: cogging, a damaged gear, or something that rubs"
+                "the torque of {name} has a ripple of {ripple_n_m:.1} N m along the travel: cogging, a damaged gear, or something that rubs"
             )));
         }
         Ok(())
@@ -396,31 +392,28 @@ impl Bench<'_> {
             let [up, down] = &both;
             let friction_n_m = 0.5 * (up.mean_n_m() - down.mean_n_m());
             let (fed_n_m, limit) = (self.fed_friction_n_m(joint), self.most_friction_n_m(joint));
-            found.note(
-                format!("{name}: friction"),
-                format!("{friction_n_m:.2} N m, of which {fed_n_m:.2} N m are fed forward"),
-            );
+            found.note(format!("{name}: friction"), format!("{friction_n_m:.2} N m (feed-forward {fed_n_m:.2} N m)"));
             found.measure(Figure {
-                what: "friction of a joint".into(),
+                what: "largest friction of a joint".into(),
                 value: friction_n_m,
                 limit,
                 unit: "N m".into(),
             });
             if friction_n_m <= 0.0 {
                 return Err(Halt::Failed(format!(
-                    "the torque that {name} reports (6077h) does not turn round with the way: it is no torque, or has the wrong sign"
+                    "the torque that {name} reports (6077h) does not reverse with the motion: it is not a torque, or has the wrong sign"
                 )));
             }
             if fed_n_m > friction_n_m {
                 return Err(Halt::Failed(format!(
-                    "`control.feed_forward` feeds {fed_n_m:.1} N m forward for {name}, whose friction is {friction_n_m:.1} N m: a joint that rests \
-                     would be pushed; write less"
+                    "`control.feed_forward` of {name} is {fed_n_m:.1} N m, but its friction is {friction_n_m:.1} N m: the excess pushes a joint at \
+                     rest; write less"
                 )));
             }
             if found.is_bad() {
                 return Err(Halt::Failed(format!(
-                    "the joint of {name} has {friction_n_m:.1} N m of friction: look at bearings, gear and brake, or write it into \
-                     `control.feed_forward` if it is as it should be"
+                    "the joint of {name} has {friction_n_m:.1} N m of friction: check bearings, gear and brake; if the friction is right, write it \
+                     into `control.feed_forward`"
                 )));
             }
         }

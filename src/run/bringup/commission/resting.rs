@@ -37,11 +37,11 @@ const FELT_SHARE: f64 = 0.1;
 
 /// Objects that no boot writes, whether each is a limit of torque, and what it does. The others add to set-points and have to be 0.
 const NEUTRAL: [(Object, bool, &str); 5] = [
-    (objects::POSITION_OFFSET, false, "which is added to each target position"),
-    (objects::VELOCITY_OFFSET, false, "which is added to each velocity"),
-    (objects::TORQUE_OFFSET, false, "which is added to each torque"),
-    (objects::POSITIVE_TORQUE_LIMIT, true, "below which torque in the positive direction stays"),
-    (objects::NEGATIVE_TORQUE_LIMIT, true, "below which torque in the negative direction stays"),
+    (objects::POSITION_OFFSET, false, "which adds to each target position"),
+    (objects::VELOCITY_OFFSET, false, "which adds to each velocity"),
+    (objects::TORQUE_OFFSET, false, "which adds to each torque"),
+    (objects::POSITIVE_TORQUE_LIMIT, true, "which limits torque in the positive direction"),
+    (objects::NEGATIVE_TORQUE_LIMIT, true, "which limits torque in the negative direction"),
 ];
 /// The rated torque, per mille of itself.
 const RATED: i64 = 1000;
@@ -72,7 +72,7 @@ impl Bench<'_> {
                 }
                 if unanswered >= MOST_UNANSWERED {
                     return Err(Halt::Failed(format!(
-                        "{} does not answer {unanswered} of some reads: look at its cable and termination, and at `yieldwall doctor`",
+                        "{} does not answer {unanswered} reads: check its cable and termination, and run `yieldwall doctor`",
                         self.name(joint)
                     )));
                 }
@@ -86,7 +86,7 @@ impl Bench<'_> {
             let at = |share: f64| times_ms.get((share * (times_ms.len().max(1) - 1) as f64) as usize).copied();
             if let (Some(median), Some(late), Some(most)) = (at(0.5), at(0.99), at(1.0)) {
                 let name = format!("{}: answers of {} reads", self.name(joint), times_ms.len());
-                found.note(name, format!("{median:.2} ms in the median, {late:.2} ms at 99 %, {most:.2} ms at most"));
+                found.note(name, format!("median {median:.2} ms, 99 % {late:.2} ms, max {most:.2} ms"));
             }
         }
         found.measure(Figure {
@@ -113,13 +113,13 @@ impl Bench<'_> {
         let of = |drive: &DriveIdentity| (drive.vendor_id, drive.product_code, drive.serial_number);
         let [left, right] = &drives;
         if of(left) == of(right) && left.serial_number != 0 && !self.rig.has_one_device() {
-            let message = "both drives report the same serial number: one device answers to both addresses, or one was given another's memory";
+            let message = "both drives report the same serial number: one device answers to both addresses, or one has a copied memory";
             return Err(Halt::Failed(message.to_owned()));
         }
         let wanted = self.wanted.unwrap_or(drives);
         if let Some(joint) = (0..2).find(|joint| wanted[*joint] != drives[*joint]) {
             return Err(Halt::Failed(format!(
-                "{} is another drive than the one of the report, whose serial number is {}",
+                "{} is not the drive of the report, which has serial number {}",
                 self.name(joint),
                 wanted[joint].serial_number
             )));
@@ -136,7 +136,7 @@ impl Bench<'_> {
         // Another one than it has, so that a drive that takes none is found.
         let torque_n_m = self.torque_n_m(LIMIT_SHARE).min(0.5 * self.rig.guard.torque_limit_n_m.get());
         let limit =
-            Positive::new(torque_n_m).ok_or_else(|| Halt::Failed("the rig file leaves no torque".to_owned()))?;
+            Positive::new(torque_n_m).ok_or_else(|| Halt::Failed("the rig file allows no torque".to_owned()))?;
         let told = self.runner.limit_torque(self.rig, limit);
         let kept = told.map_err(Halt::from).and_then(|()| {
             let first = self.torque_limits()?;
@@ -153,7 +153,7 @@ impl Bench<'_> {
             }
         }
         if first != later {
-            return Err(Halt::Failed("a drive has taken another torque limit by itself".to_owned()));
+            return Err(Halt::Failed("a drive has changed its torque limit by itself".to_owned()));
         }
         Ok(())
     }
@@ -166,7 +166,7 @@ impl Bench<'_> {
             let own = match self.runner.drive_limit(self.rig, device)? {
                 DriveLimit::OfMaster => continue,
                 DriveLimit::Untold => {
-                    found.note(format!("{name}: torque limit"), "no object holds it");
+                    found.note(format!("{name}: torque limit"), "no object");
                     continue;
                 }
                 DriveLimit::Kept(own) => own,
@@ -177,7 +177,8 @@ impl Bench<'_> {
             );
             if own.per_mille > u32::from(per_mille) {
                 return Err(Halt::Failed(format!(
-                    "{name} keeps a torque limit of {:.2} N m ({} holds {}), and the rig file allows {:.2} N m                      (`guard.torque_limit_n_m`): lower it by the maker's tool and store it there",
+                    "{name} keeps a torque limit of {:.2} N m ({} is {}), above the {:.2} N m of the rig file (`guard.torque_limit_n_m`): lower it with \
+                     the manufacturer's tool and store it there",
                     own.torque_n_m,
                     own.at,
                     own.held,
@@ -198,14 +199,14 @@ impl Bench<'_> {
             let after = self.left_there(&mut Found::default())?;
             if after != before {
                 return Err(Halt::Failed(
-                    "objects that this program does not write hold something else after a power cycle: store what they have to hold in the \
-                     drive (`yieldwall od write` with --save)"
+                    "objects that this program does not write have changed after a power cycle: store their values in the drive \
+                     (`yieldwall od write` with --save)"
                         .to_owned(),
                 ));
             }
-            "the same"
+            "unchanged"
         } else {
-            "not tried: nobody switched the drives off and on"
+            "not tested: nobody switched the drives off and on"
         };
         found.note("after a power cycle", text);
         Ok(())
@@ -231,13 +232,13 @@ impl Bench<'_> {
                     let offset = model.map(|model| model.offset()).unwrap_or_default();
                     let at = Address::new(offset.index(object.index), object.sub);
                     return Err(Halt::Failed(format!(
-                        "{name} holds {own} in {at}, {meaning}, and no boot of this program writes it: `yieldwall od write {name} {:04X}h {wanted} \
+                        "{at} of {name} is {own}, {meaning}, and this program does not write it: `yieldwall od write {name} {:04X}h {wanted} \
                          --save` with --bus and --rig",
                         at.index
                     )));
                 }
             }
-            found.note(name, format!("{read} of {} objects are there, and neutral", NEUTRAL.len()));
+            found.note(name, format!("{read} of {} objects exist, all neutral", NEUTRAL.len()));
         }
         Ok(all)
     }
@@ -256,7 +257,7 @@ impl Bench<'_> {
         if count < 0.9 * LISTENING_S * rate_hz {
             let wanted = LISTENING_S * rate_hz;
             return Err(Halt::Failed(format!(
-                "the force sensor has sent {count:.0} samples in {LISTENING_S} s in place of {wanted:.0}"
+                "the force sensor has sent {count:.0} samples in {LISTENING_S} s instead of {wanted:.0}"
             )));
         }
         let bias_n = mean(0).abs().max(mean(1).abs());
@@ -278,7 +279,7 @@ impl Bench<'_> {
                 .into(),
         });
         found.measure(Figure {
-            what: "noise of an axis of force".into(),
+            what: "largest noise of a force axis".into(),
             value: noise(0).max(noise(1)),
             limit: NOISE_SHARE * self.rig.fixture.yield_n.get(),
             unit: "N".into(),
@@ -286,12 +287,12 @@ impl Bench<'_> {
         let most_n = BIAS_SHARE * self.rig.guard.force_limit_n.get();
         if bias_n > most_n {
             return Err(Halt::Failed(format!(
-                "the force sensor shows {bias_n:.2} N at rest, more than {most_n:.2} N: see that nothing touches the handle, and set the zero at the sensor"
+                "the force sensor shows {bias_n:.2} N at rest (limit {most_n:.2} N): check that nothing touches the handle, and set the zero at the sensor"
             )));
         }
         if found.is_bad() {
             return Err(Halt::Failed(format!(
-                "an axis of force has {:.2} N of noise: look at the screen of the sensor's cable, its ground, and what moves the arm",
+                "a force axis has {:.2} N of noise: check the shield of the sensor's cable, its ground, and vibrations of the arm",
                 noise(0).max(noise(1))
             )));
         }
@@ -316,7 +317,7 @@ impl Bench<'_> {
     pub(super) fn sensor_axes(&mut self, found: &mut Found) -> Result<(), Halt> {
         if self.rig.sensor.protocol.zero_at_start() {
             return Err(Halt::Skipped(
-                "the force sensor is zeroed at each boot, under a force as well (`zero_at_start`)".to_owned(),
+                "each boot zeroes the force sensor, even under a force (`zero_at_start`)".to_owned(),
             ));
         }
         let none = self.sensed()?;
@@ -326,21 +327,21 @@ impl Bench<'_> {
             let size = felt.norm() / PULL_N;
             if size < FELT_SHARE {
                 return Err(Halt::Failed(format!(
-                    "of a force of {PULL_N} N along {name} {:.2} N is felt: nothing pulled at the handle beyond the sensor, the sensor does not \
-                     measure, or `calibration` is too small by far",
+                    "the sensor reads {:.2} N under {PULL_N} N along {name}: nothing pulled at the handle beyond the sensor, the sensor does not \
+                     measure, or `calibration` is far too small",
                     felt.norm()
                 )));
             }
             found.note(
                 format!("{PULL_N} N along {name}"),
                 format!(
-                    "felt as {:.2} N along x and {:.2} N along y",
+                    "read as {:.2} N along x and {:.2} N along y",
                     unsigned_zero(felt.x()),
                     unsigned_zero(felt.y())
                 ),
             );
             found.measure(Figure {
-                what: "direction of a force".into(),
+                what: "direction error of a force".into(),
                 value: off_deg,
                 limit: DIRECTION_DEG,
                 unit: "deg".into(),
@@ -349,13 +350,15 @@ impl Bench<'_> {
                 let why = if off_deg > 45.0 {
                     "an axis has the wrong sign, axes are swapped, or `mounted_on` or `mounting_angle_rad` is wrong"
                 } else {
-                    "`mounting_angle_rad` is wrong, or axes cross-talk: look at `calibration`"
+                    "`mounting_angle_rad` is wrong, or axes have cross-talk: check `calibration`"
                 };
-                return Err(Halt::Failed(format!("a force along {name} is felt {off_deg:.0} deg beside it: {why}")));
+                return Err(Halt::Failed(format!(
+                    "the sensor reads a force along {name} with {off_deg:.0} deg of rotation: {why}"
+                )));
             }
             if (size - 1.0).abs() > SIZE_SHARE {
                 return Err(Halt::Failed(format!(
-                    "a force of {PULL_N} N along {name} is felt as {:.2} N: look at `calibration`",
+                    "the sensor reads {:.2} N under {PULL_N} N along {name}: check `calibration`",
                     felt.norm()
                 )));
             }
@@ -377,7 +380,7 @@ impl Bench<'_> {
 }
 
 /// Why a step that needs a known force is skipped.
-pub(super) const NOBODY_PULLS: &str = "nobody is there who has a known force pull at the tool";
+pub(super) const NOBODY_PULLS: &str = "nobody can pull at the tool with a known force";
 
 /// Returns a force in N that is read with two or three decimals, without the sign of zero.
 pub(super) fn unsigned_zero(force_n: f64) -> f64 {

@@ -121,7 +121,7 @@ impl Bench<'_> {
         let fixture = &self.rig.fixture;
         if fixture.motion.is_some() {
             return Err(Halt::Skipped(
-                "the surfaces of the fixture move (`fixture.motion`), and take the tool along by themselves".to_owned(),
+                "the surfaces of the fixture move (`fixture.motion`), and move the tool by themselves".to_owned(),
             ));
         }
         let leads = matches!(fixture.law, Some(FixtureLaw::Elastic { .. }));
@@ -193,33 +193,36 @@ impl Bench<'_> {
         let mean = seen.iter().fold(Force::default(), |sum, seen| sum + seen.force) / count;
         let noise_n = (seen.iter().map(|seen| (seen.force - mean).0.norm_squared()).sum::<f64>() / count).sqrt();
         let time_s = seen.last().map_or(0.0, |last| last.time_s - seen[0].time_s);
-        found.note("left alone for", format!("{time_s:.1} s, with {torque_n_m:.1} N m at most"));
-        found.note("tool", format!("{:.3} mm away at most, {:.2} mm/s RMS", tool.farthest_mm, tool.speed_mm_per_s));
-        found.note("reference", format!("{:.3} mm away at most", reference.farthest_mm));
+        found.note("left alone for", format!("{time_s:.1} s (torque limit {torque_n_m:.1} N m)"));
+        found.note(
+            "tool",
+            format!("largest travel {:.3} mm, speed {:.2} mm/s RMS", tool.farthest_mm, tool.speed_mm_per_s),
+        );
+        found.note("reference", format!("largest travel {:.3} mm", reference.farthest_mm));
         found.note(
             format!("{}: force felt", self.rig.sensor.name),
             format!(
-                "{:.2} N along x and {:.2} N along y in the mean, {noise_n:.2} N RMS beside that",
+                "mean {:.2} N along x, {:.2} N along y; noise {noise_n:.2} N RMS",
                 unsigned_zero(mean.x()),
                 unsigned_zero(mean.y())
             ),
         );
         found.curves.push(curve(seen));
         found.measure(Figure {
-            what: "speed of the tool with nobody at the handle".into(),
+            what: "tool speed, hands off".into(),
             value: tool.speed_mm_per_s,
             limit: SPEED_MM_PER_S,
             unit: "mm/s RMS".into(),
         });
         let farthest = if reference.farthest_mm > tool.farthest_mm { reference } else { tool };
         found.measure(Figure {
-            what: "way of the reference with nobody at the handle".into(),
+            what: "reference travel, hands off".into(),
             value: reference.farthest_mm,
             limit: WAY_MM,
             unit: "mm".into(),
         });
         found.measure(Figure {
-            what: "way of the tool with nobody at the handle".into(),
+            what: "tool travel, hands off".into(),
             value: tool.farthest_mm,
             limit: WAY_MM,
             unit: "mm".into(),
@@ -230,17 +233,16 @@ impl Bench<'_> {
             [("tool", tool), ("reference", reference)].into_iter().find(|(_, way)| way.goes_to_and_fro())
         {
             return Err(Halt::Failed(format!(
-                "the {name} goes to and fro by {:.2} mm by itself, at {:.0} mm/s RMS: gains or virtual mass do not suit the delay of the loop, \
+                "the {name} oscillates by {:.2} mm without a hand, at {:.0} mm/s RMS: gains or virtual mass do not fit the delay of the loop; \
                  `yieldwall tune loop` measures it and proposes gains{beside}",
                 way.whole_mm, way.speed_mm_per_s
             )));
         }
         if farthest.farthest_mm > WAY_MM {
-            let lead =
-                if settling_s > 0.0 { ", or lead the arm by hand nearer to where its fixture draws it" } else { "" };
+            let lead = if settling_s > 0.0 { ", or move the arm by hand nearer to its fixture" } else { "" };
             return Err(Halt::Failed(format!(
-                "the arm went off by {:.1} mm within {time_s:.1} s with nobody at the handle, while {} shows {:.1} N: its zero is wrong, or something \
-                 hangs at the handle; set the zero at the sensor, or have it tared (`sensor.tare_up_to_n`){lead}{beside}",
+                "the arm drifted by {:.1} mm within {time_s:.1} s without a hand, while {} shows {:.1} N: its zero is wrong, or something hangs at \
+                 the handle; set the zero at the sensor, or tare it (`sensor.tare_up_to_n`){lead}{beside}",
                 farthest.farthest_mm,
                 self.rig.sensor.name,
                 mean.norm()
@@ -253,17 +255,16 @@ impl Bench<'_> {
     fn stopped_alone(&self, alone: &Alone) -> Option<String> {
         match (alone.ended, alone.cause) {
             (Ended::Whole, _) => None,
-            (Ended::StillMoving, _) => Some(
-                "a drive still says that it makes torque after the rig was stopped: press the emergency stop"
-                    .to_owned(),
-            ),
+            (Ended::StillMoving, _) => {
+                Some("a drive still reports torque after the stop of the rig: press the emergency stop".to_owned())
+            }
             (Ended::Panicked, _) => Some("the cycle has panicked: please report it".to_owned()),
-            _ if alone.is_led_away => Some("it was stopped at the bound of this step".to_owned()),
+            _ if alone.is_led_away => Some("the rig stopped at the limit of this step".to_owned()),
             (_, Some(Cause { fault, devices })) => {
                 let row = fault.row();
-                Some(format!("it was stopped by {} ({devices}): {}", row.name, row.meaning))
+                Some(format!("{} ({devices}) stopped the rig: {}", row.name, row.meaning))
             }
-            (_, None) => Some(format!("it was stopped ({:?})", alone.state)),
+            (_, None) => Some(format!("the rig stopped ({:?})", alone.state)),
         }
     }
 }
@@ -276,9 +277,9 @@ fn curve(seen: &[HandleSample]) -> Curve {
         seen.iter().step_by(every).map(|seen| [seen.time_s, 1e3 * axis(seen, &first)]).collect()
     };
     Curve {
-        title: "tool with nobody at the handle".to_owned(),
+        title: "tool, hands off".to_owned(),
         across: "time in s",
-        up: "way in mm",
+        up: "travel in mm",
         lines: vec![
             ("x".to_owned(), line(|seen, first| (seen.tool - first.tool).0.x)),
             ("y".to_owned(), line(|seen, first| (seen.tool - first.tool).0.y)),
