@@ -291,13 +291,13 @@ mod tests {
         for (text, answer) in [
             ("sensor-stick@1", "did you mean sensor-stuck?"),
             ("xyzzy@1", "`yieldwall faults` lists them"),
-            ("sensor-stuck", "say when: sensor-stuck@1.5"),
+            ("sensor-stuck", "add a time: sensor-stuck@1.5"),
             ("sensor-stuck@soon", "soon is not a number of seconds"),
             ("sensor-stuck@1+x", "x is not a number of seconds"),
             ("sensor-stuck@-1", "0 or above"),
             ("sensor-stuck@NaN", "0 or above"),
             ("sensor-stuck@1+0", "above 0"),
-            ("drive-fault@1+1", "takes no duration"),
+            ("drive-fault@1+1", "has no duration"),
             ("pdo-lost@1:sensor", "it acts on left_drive, right_drive"),
         ] {
             let error = parse(text).unwrap_err();

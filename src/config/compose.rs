@@ -241,7 +241,7 @@ impl Parts {
             let is = kind.map_or("not a configuration".to_owned(), Kind::with_article);
             let help = "name a file with `arm`, `drive_position_loop`, `timing` and `scene`, such as simulations/paper-arm.yaml";
             return Err(self
-                .refuse(SIMULATION, named.value, &format!("{file} is {is}, and a simulation is wanted"), help)
+                .refuse(SIMULATION, named.value, &format!("{file} is {is}; a simulation is required"), help)
                 .into());
         }
         let mut piece = self.expand(&outline)?;

@@ -492,7 +492,7 @@ fn read<T: DeserializeOwned + Validate<Context = ()>>(source: &Source, kind: Kin
     match Kind::detect(locator.outline.top_keys()) {
         Some(found) if found == kind => {}
         Some(found) => {
-            let message = format!("is {}, and {} is wanted", found.with_article(), kind.with_article());
+            let message = format!("is {}, not {}", found.with_article(), kind.with_article());
             return Err(unknown_kind(source, &message).into());
         }
         None => {

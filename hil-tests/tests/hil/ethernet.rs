@@ -161,7 +161,7 @@ fn a_segment_that_cannot_be_served_ends_with_one_message_and_its_exit_code() {
         (false, &["--bus", "main=veth1"], unavailable, "`sudo setcap cap_net_raw+ep "),
         (true, &["--bus", "other=veth1"], usage, "names the bus `other`, which the rig does not have"),
         (true, &["--bus", "veth1", "--nodes", "3"], usage, "--nodes names 3, which the rig does not have"),
-        (true, &["--bus", "veth1", "--fault", "sync-lost@1"], usage, "sync-lost is not carried out on EtherCAT"),
+        (true, &["--bus", "veth1", "--fault", "sync-lost@1"], usage, "sync-lost does not exist on EtherCAT"),
         (
             true,
             &["--bus", "veth1", "--nodes", "0,1", "--fault", "sensor-invalid@1"],

@@ -95,7 +95,7 @@ fn a_computer_that_nobody_has_measured_is_refused_unless_a_person_says_otherwise
     let observer = Observer::new();
     let (code, message, help) = run(&[]);
     assert_eq!(code, TIMING_MISSED, "{message}");
-    assert!(message.contains("nobody has measured how late"), "{message}");
+    assert!(message.contains("no measured wake-up latency"), "{message}");
     assert!(help.contains("nothing was sent; `yieldwall latency --period-us 100000"), "{help}");
     assert!(observer.rest().iter().all(|frame| frame.id() != 0x000), "no NMT command");
     // What comes next is the drill, which these drives have not passed with these records.

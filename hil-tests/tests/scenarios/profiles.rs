@@ -114,7 +114,7 @@ fn a_drive_without_the_masters_heartbeat_is_never_run() {
     for mode in ["torque", "velocity", "position"] {
         let rig = shipped_rig().replace("command_mode: torque", &format!("command_mode: {mode}"));
         let report = load(&rig, &profile).unwrap_err();
-        assert!(report.to_string().contains("go on when this program dies"), "{report}");
+        assert!(report.to_string().contains("continue if this program fails"), "{report}");
     }
 }
 

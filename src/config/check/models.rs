@@ -102,8 +102,8 @@ fn check_watchdogs(findings: &mut Findings, key: &str, rig: &Rig, name: &Profile
     let name = name.as_str();
     if servo.lacks(Watchdog::Heartbeat) {
         let message =
-            format!("drives with the profile `{name}` go on when this program dies: they do not watch its heartbeat");
-        findings.error(key, message, "a drive is wanted that has 1016h");
+            format!("drives with the profile `{name}` continue if this program fails: they do not watch its heartbeat");
+        findings.error(key, message, "use a drive that has 1016h");
         return;
     }
     let lacking: Vec<Watchdog> = Watchdog::CANOPEN.into_iter().filter(|watchdog| servo.lacks(*watchdog)).collect();

@@ -250,7 +250,7 @@ pub enum DefectError {
     /// The size is out of its range, or there is none.
     #[error(
         "{name} has the size {size}: {}",
-        allowed.map_or("it takes none".to_owned(), |allowed| format!("{} from {} to {} is wanted", allowed.what, allowed.least, allowed.most))
+        allowed.map_or("it has no size".to_owned(), |allowed| format!("{}, from {} to {}", allowed.what, allowed.least, allowed.most))
     )]
     Size {
         /// Name of the kind.
@@ -261,7 +261,7 @@ pub enum DefectError {
         allowed: Option<DefectSize>,
     },
     /// The place is not one of both drives, or the defect is one of the sensor.
-    #[error("{name} is not at `{place}`: {}", if *is_of_drive { "left or right is wanted" } else { "it is one of the sensor" })]
+    #[error("{name} is not at `{place}`: {}", if *is_of_drive { "write left or right" } else { "it is a defect of the sensor" })]
     TextSpan {
         /// Name of the kind.
         name: &'static str,
@@ -363,21 +363,15 @@ mod tests {
         assert_eq!("weak-motor".parse(), Ok(Defect::new(DefectKind::WeakMotor)));
         for (text, said) in [
             ("weak-moto", "there is no defect `weak-moto`"),
-            (
-                "weak-motor=2",
-                "weak-motor has the size 2: share of the torque that the drive reports from 0.5 to 0.82 is wanted",
-            ),
+            ("weak-motor=2", "weak-motor has the size 2: share of the torque that the drive reports, from 0.5 to 0.82"),
             (
                 "weak-motor=NaN",
-                "weak-motor has the size NaN: share of the torque that the drive reports from 0.5 to 0.82 is wanted",
+                "weak-motor has the size NaN: share of the torque that the drive reports, from 0.5 to 0.82",
             ),
-            (
-                "weak-motor=x",
-                "weak-motor has the size x: share of the torque that the drive reports from 0.5 to 0.82 is wanted",
-            ),
-            ("gear-sign=1", "gear-sign has the size 1: it takes none"),
-            ("gear-sign:up", "gear-sign is not at `up`: left or right is wanted"),
-            ("noisy-sensor:left", "noisy-sensor is not at `left`: it is one of the sensor"),
+            ("weak-motor=x", "weak-motor has the size x: share of the torque that the drive reports, from 0.5 to 0.82"),
+            ("gear-sign=1", "gear-sign has the size 1: it has no size"),
+            ("gear-sign:up", "gear-sign is not at `up`: write left or right"),
+            ("noisy-sensor:left", "noisy-sensor is not at `left`: it is a defect of the sensor"),
         ] {
             assert_eq!(text.parse::<Defect>().unwrap_err().to_string(), said);
         }

@@ -17,7 +17,7 @@ pub enum InjectionError {
         targets: &'static [Target],
     },
     /// The kind means nothing on such a bus.
-    #[error("{name} is not carried out on {}: it is on {}", medium.name(), media.iter().map(|medium| medium.name()).collect::<Vec<_>>().join(" and "))]
+    #[error("{name} does not exist on {}, only on {}", medium.name(), media.iter().map(|medium| medium.name()).collect::<Vec<_>>().join(" and "))]
     Medium {
         /// Name of the kind.
         name: &'static str,
@@ -27,7 +27,7 @@ pub enum InjectionError {
         media: &'static [Medium],
     },
     /// The start is not a moment of the scene.
-    #[error("{name} begins at {start_s} s: a number of seconds since the scene began is wanted, 0 or above")]
+    #[error("{name} begins at {start_s} s: write seconds after the start of the scene, 0 or above")]
     Start {
         /// Name of the kind.
         name: &'static str,
@@ -35,7 +35,7 @@ pub enum InjectionError {
         start_s: f64,
     },
     /// The duration is not above zero.
-    #[error("{name} lasts {duration_s} s: a number of seconds above 0 is wanted")]
+    #[error("{name} lasts {duration_s} s: write seconds above 0")]
     Duration {
         /// Name of the kind.
         name: &'static str,
@@ -43,13 +43,13 @@ pub enum InjectionError {
         duration_s: f64,
     },
     /// Faults that happen once, or are present from power-on, have no duration.
-    #[error("{name} takes no duration: it happens once, or is there from switching on")]
+    #[error("{name} has no duration: it happens once, or lasts from power-on")]
     NoDuration {
         /// Name of the kind.
         name: &'static str,
     },
     /// The size is out of its range.
-    #[error("{name} has the size {size}: {} between {} and {} is wanted", allowed.what, allowed.least, allowed.most)]
+    #[error("{name} has the size {size}: write {} between {} and {}", allowed.what, allowed.least, allowed.most)]
     Size {
         /// Name of the kind.
         name: &'static str,

@@ -171,10 +171,10 @@ fn nesting_of_any_depth_is_refused_at_once() {
 #[test]
 fn every_kind_is_refused_where_another_is_wanted() {
     let says = |report: Report, wanted: &str| assert!(report.to_string().contains(wanted), "{report}");
-    says(load_rig(builtin("scenes/circle-tour.yaml")).unwrap_err(), "is a scene, and a rig is wanted");
-    says(load_scene(builtin("paper-admittance.yaml")).unwrap_err(), "is a rig, and a scene is wanted");
-    says(load_device(builtin("figures/fig8.yaml")).unwrap_err(), "is a figure, and an impedance device is wanted");
-    says(load_figure(builtin("paper-impedance.yaml")).unwrap_err(), "is an impedance device, and a figure is wanted");
+    says(load_rig(builtin("scenes/circle-tour.yaml")).unwrap_err(), "is a scene, not a rig");
+    says(load_scene(builtin("paper-admittance.yaml")).unwrap_err(), "is a rig, not a scene");
+    says(load_device(builtin("figures/fig8.yaml")).unwrap_err(), "is a figure, not an impedance device");
+    says(load_figure(builtin("paper-impedance.yaml")).unwrap_err(), "is an impedance device, not a figure");
 }
 
 #[test]

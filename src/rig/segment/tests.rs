@@ -312,7 +312,7 @@ fn a_kind_that_is_for_can_is_refused_by_its_name() {
             true => assert_eq!(refused, Ok(()), "{}", row.name),
             false => {
                 let refused = refused.unwrap_err().to_string();
-                assert!(refused.starts_with(&format!("{} is not carried out on EtherCAT", row.name)), "{refused}");
+                assert!(refused.starts_with(&format!("{} does not exist on EtherCAT", row.name)), "{refused}");
             }
         }
     }

@@ -121,8 +121,8 @@ impl Measured {
         let at = if self.period_us == period_us { String::new() } else { format!(" at {} us", self.period_us) };
         let load = if self.load.is_some() { "under load" } else { "without load" };
         format!(
-            "{cycles} cycles{at} measured {load} {ago} were late by {p999_us:.0} us in 99.9 %, {p9999_us:.0} us in 99.99 % and \
-             {max_us:.0} us at most, {missed} missed"
+            "{cycles} cycles{at} measured {load} {ago}: lateness 99.9 % {p999_us:.0} us, 99.99 % {p9999_us:.0} us, max {max_us:.0} us; \
+             {missed} missed"
         )
     }
 }
@@ -140,7 +140,7 @@ pub struct ProvenTiming {
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum Untimely {
     /// Nothing was measured.
-    #[error("nobody has measured how late {computer} wakes up at a cycle of {period_us} us or below ({})", .folder.display())]
+    #[error("no measured wake-up latency of {computer} at a cycle of {period_us} us or below ({})", .folder.display())]
     Missing {
         /// The computer.
         computer: Computer,
@@ -150,7 +150,7 @@ pub enum Untimely {
         folder: PathBuf,
     },
     /// There may be a record, but others may have written it.
-    #[error("no record of how late this computer wakes up at a cycle of {period_us} us or below counts: {reason}")]
+    #[error("no trusted record of this computer's wake-up latency at a cycle of {period_us} us or below: {reason}")]
     Unbelieved {
         /// The rig's cycle in us.
         period_us: u32,
@@ -159,8 +159,8 @@ pub enum Untimely {
     },
     /// The cycle is not kept.
     #[error(
-        "at the rig's cycle of {period_us} us this computer is of tier C, and the wall clock takes tier B, shown by 3000 \
-         cycles of which 99.9 % are late by {} us or less: {shown}",
+        "this computer is of tier C at the rig's cycle of {period_us} us, but the wall clock requires tier B (3000 cycles, \
+         99.9 % at most {} us late): {shown}",
         .period_us / 2
     )]
     Late {
@@ -171,8 +171,7 @@ pub enum Untimely {
     },
     /// The limits are those of a higher tier.
     #[error(
-        "the rig's {key} of {has} {unit} takes a computer of tier A; this one has proved tier B, which may have {most} {unit}: \
-         {shown}"
+        "the rig's {key} of {has} {unit} requires tier A, but this computer has proved tier B (limit {most} {unit}): {shown}"
     )]
     Limit {
         /// The key of the limit.
@@ -285,7 +284,7 @@ mod tests {
         let refused = computer().check(&fast, &folder, NOW_S).unwrap_err();
         assert!(matches!(refused, Untimely::Limit { key: "guard.tool_speed_limit_m_per_s", .. }), "{refused}");
         assert!(
-            refused.to_string().contains("3000 cycles measured without load 2 min ago were late by 480 us in 99.9 %"),
+            refused.to_string().contains("3000 cycles measured without load 2 min ago: lateness 99.9 % 480 us"),
             "{refused}"
         );
         // At 1 ms it is B; at 5 ms as well, since a cycle was missed.

@@ -166,7 +166,7 @@ mod tests {
         let sync = Injection::new(Kind::SyncLost, 1.0);
         assert_eq!(sync.check_on(Medium::Can), Ok(()));
         let refused = sync.check_on(Medium::Ethercat).unwrap_err().to_string();
-        assert_eq!(refused, "sync-lost is not carried out on EtherCAT: it is on CAN");
+        assert_eq!(refused, "sync-lost does not exist on EtherCAT, only on CAN");
         let once = Injection::new(Kind::DriveFault, 1.0).lasting(Some(1.0));
         assert!(matches!(once.check(), Err(InjectionError::NoDuration { .. })));
     }

@@ -84,16 +84,16 @@ impl ComputerFacts {
     fn sleep(&self) -> Check {
         let subject = "sleep";
         match self.may_forbid_sleep {
-            None => Check::unknown(subject, "there is no /dev/cpu_dma_latency"),
-            Some(true) => Check::ok(subject, "this process may forbid slow idle states"),
-            Some(false) => Check::ok(subject, "idle states are as root has set them (/dev/cpu_dma_latency is root's)"),
+            None => Check::unknown(subject, "no /dev/cpu_dma_latency"),
+            Some(true) => Check::ok(subject, "this process can disable slow idle states"),
+            Some(false) => Check::ok(subject, "only root can disable idle states (/dev/cpu_dma_latency)"),
         }
     }
 
     fn governor(&self) -> Check {
         let subject = "governor";
         if self.governors.is_empty() {
-            return Check::unknown(subject, "the kernel reports none: a virtual machine, or a fixed frequency");
+            return Check::unknown(subject, "none reported: virtual machine or fixed frequency");
         }
         let each = self.governors.iter().map(|(name, count)| format!("{name} on {count}"));
         let found = format!("{} of {} processors", each.collect::<Vec<_>>().join(", "), self.processors);
@@ -101,7 +101,7 @@ impl ComputerFacts {
             return Check::ok(subject, found);
         }
         Check::warning(subject, found)
-            .follows("a processor that has rested is slow when the loop wakes up")
+            .follows("the processor is slow when the loop wakes up")
             .fix("sudo cpupower frequency-set -g performance")
     }
 
@@ -111,14 +111,14 @@ impl ComputerFacts {
             None => Check::unknown(subject, "the kernel does not report which processors are isolated"),
             Some("") if self.readiness.is_realtime_kernel == Some(true) && self.processors > 1 => {
                 let last = self.processors - 1;
-                Check::warning(subject, "no processor is kept free of other work")
+                Check::warning(subject, "no isolated processor")
                     .follows(format!(
                         "for tier A add isolcpus=managed_irq,domain,{last} nohz_full={last} rcu_nocbs={last} to the kernel's \
-                         command line, update the boot loader, start anew, and start the rig with `taskset -c {last}`"
+                         command line, update the boot loader, reboot, and start the rig with `taskset -c {last}`"
                     ))
                     .fix("sudoedit /etc/default/grub")
             }
-            Some("") => Check::ok(subject, "no processor is isolated; that helps with PREEMPT_RT alone"),
+            Some("") => Check::ok(subject, "no isolated processor; only useful with PREEMPT_RT"),
             Some(list) => Check::ok(
                 subject,
                 format!("processors {list}: start the rig with `taskset -c PROCESSOR` on one of them"),
@@ -134,14 +134,14 @@ impl ComputerFacts {
         if GOOD_CLOCKS.contains(&current.as_str()) {
             return Check::ok(subject, current);
         }
-        let check = Check::warning(subject, format!("{current} is the clock source"));
+        let check = Check::warning(subject, format!("clock source {current}"));
         match available.iter().find(|name| GOOD_CLOCKS.contains(&name.as_str())) {
-            Some(better) => check.follows("each look at it takes a microsecond or more").fix(format!(
+            Some(better) => check.follows("each reading takes 1 us or more").fix(format!(
                 "echo {better} | sudo tee /sys/devices/system/clocksource/clocksource0/current_clocksource"
             )),
             None => check
                 .follows(
-                    "each look at it takes a microsecond or more, and the kernel trusts no better one: this shows why",
+                    "each reading takes 1 us or more, and the kernel trusts no better clock; the command shows why",
                 )
                 .fix("sudo dmesg | grep -i -E 'tsc|clocksource'"),
         }
@@ -151,14 +151,14 @@ impl ComputerFacts {
         let subject = "throttling";
         match self.realtime_runtime_us {
             None => Check::unknown(subject, "the kernel does not report how long real-time threads may run"),
-            Some(..0) => Check::warning(subject, "real-time threads may take all of every second")
+            Some(..0) => Check::warning(subject, "no limit for real-time threads")
                 .follows(
-                    "one that runs away takes the computer with it; the loop sleeps in each cycle and needs no more",
+                    "a real-time thread in an endless loop blocks the computer; the control loop sleeps in each cycle and needs less",
                 )
                 .fix("sudo sysctl kernel.sched_rt_runtime_us=950000"),
-            Some(0) => Check::wrong(subject, "real-time threads get no time at all")
+            Some(0) => Check::wrong(subject, "real-time threads get no time")
                 .fix("sudo sysctl kernel.sched_rt_runtime_us=950000"),
-            Some(us) => Check::ok(subject, format!("real-time threads have {} ms of each second at most", us / 1000)),
+            Some(us) => Check::ok(subject, format!("real-time threads limited to {} ms per second", us / 1000)),
         }
     }
 }

@@ -49,7 +49,7 @@ impl Limits {
                 format!("no SCHED_FIFO {PRIORITY} ({}); rtprio limit {}", cause(refusal), limit(self.priority_limit)),
             )
             .follows(
-                "the loop competes with everything else. The command is for this shell; for good write `rtprio 80` for this \
+                "the loop competes with all other programs. The command is for this shell; permanently: write `rtprio 80` for this \
                  user into /etc/security/limits.d, or LimitRTPRIO=80 into the unit",
             )
             .fix(format!("sudo prlimit --pid $$ --rtprio={PRIORITY}")),
@@ -57,13 +57,13 @@ impl Limits {
         let bytes =
             |limit: Option<u64>| limit.map_or_else(|| "no limit".to_owned(), |limit| format!("{} KiB", limit / 1024));
         let memory = match &self.memory {
-            Ok(()) => Check::ok("memory", "locked, so that the loop waits for no page"),
+            Ok(()) => Check::ok("memory", "locked: no page faults in the loop"),
             Err(refusal) => Check::wrong(
                 "memory",
                 format!("no locked memory ({}); memlock limit {}", cause(refusal), bytes(self.memory_limit)),
             )
             .follows(
-                "the loop may wait for a page. The command is for this shell; for good write `memlock unlimited` for this user \
+                "the loop may wait for a page. The command is for this shell; permanently: write `memlock unlimited` for this user \
                  into /etc/security/limits.d, or LimitMEMLOCK=infinity into the unit",
             )
             .fix("sudo prlimit --pid $$ --memlock=unlimited"),

@@ -52,9 +52,9 @@ impl Load {
     /// Returns a description of the load, for a person and for the record.
     pub fn told(&self) -> String {
         let Self { processors, has_disk, .. } = self;
-        let disk = if *has_disk { "and one that writes to the disk" } else { "and none that writes to the disk" };
+        let disk = if *has_disk { "one thread that writes to the disk" } else { "no thread that writes to the disk" };
         let mebibytes = MEMORY >> 20;
-        format!("{processors} threads of arithmetic over {mebibytes} MiB each {disk}, of ordinary priority")
+        format!("{processors} threads of arithmetic ({mebibytes} MiB each), {disk}")
     }
 }
 
@@ -113,7 +113,7 @@ mod tests {
         let load = Load::start(&folder).unwrap();
         let (is_over, threads) = (Arc::clone(&load.is_over), load.threads.len());
         assert_eq!(threads, load.processors + 1);
-        assert!(load.told().contains("and one that writes to the disk"), "{}", load.told());
+        assert!(load.told().contains("one thread that writes to the disk"), "{}", load.told());
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 0);
         drop(load);
         // No thread holds it any more.
@@ -125,6 +125,6 @@ mod tests {
     fn without_a_place_the_disk_is_left_alone_and_that_is_said() {
         let load = Load::start(Path::new("/nonexistent")).unwrap();
         assert_eq!(load.threads.len(), load.processors);
-        assert!(load.told().contains("and none that writes to the disk"));
+        assert!(load.told().contains("no thread that writes to the disk"));
     }
 }

@@ -91,18 +91,18 @@ pub fn coalescing_check(name: &str, found: Result<Coalescing, CardError>) -> Che
     let subject = "coalescing";
     match found {
         Err(CardError::Missing) => Check::wrong(subject, format!("there is no network card `{name}`"))
-            .follows("this command lists those that there are")
+            .follows("the command lists all network cards")
             .fix("ip -brief link"),
         Err(error) => Check::unknown(subject, format!("`{name}`: {error}")),
         Ok(Coalescing { receive_us: 0, transmit_us: 0, is_adaptive: false }) => {
-            Check::ok(subject, "none: each frame is reported at once")
+            Check::ok(subject, "none: the card reports each frame at once")
         }
         Ok(Coalescing { receive_us, transmit_us, is_adaptive }) => {
             let adaptive = if is_adaptive { ", adaptive" } else { "" };
             let found = format!("`{name}` waits {receive_us} us receiving and {transmit_us} us transmitting{adaptive}");
             let off = if is_adaptive { " adaptive-rx off adaptive-tx off" } else { "" };
             Check::warning(subject, found)
-                .follows("frames of a cycle are reported late by up to that")
+                .follows("delays the report of frames by up to this time")
                 .fix(format!("sudo ethtool -C {name}{off} rx-usecs 0 tx-usecs 0"))
         }
     }

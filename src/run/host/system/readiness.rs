@@ -83,9 +83,10 @@ impl Readiness {
     fn kernel(&self) -> Check {
         match self.is_realtime_kernel {
             Some(true) => Check::ok("kernel", "PREEMPT_RT"),
-            Some(false) => Check::warning("kernel", "not PREEMPT_RT")
-                .follows("under load a cycle may begin late, and nothing bounds how late"),
-            None => Check::unknown("kernel", "whether it is PREEMPT_RT is unknown"),
+            Some(false) => {
+                Check::warning("kernel", "not PREEMPT_RT").follows("under load, nothing bounds the lateness of a cycle")
+            }
+            None => Check::unknown("kernel", "PREEMPT_RT unknown"),
         }
     }
 
@@ -94,22 +95,21 @@ impl Readiness {
             None => Check::unknown("idle", "idle states are unknown"),
             Some((name, latency)) if *latency * WAKING_SHARE > period => {
                 let most_us = period.as_micros() / u128::from(WAKING_SHARE);
-                let found = format!("{name} takes {} us to wake up from", latency.as_micros());
-                Check::warning("idle", found)
-                    .follows("that is more than a tenth of the cycle; the command switches such states off until the next start")
+                Check::warning("idle", wakes_up(name, *latency))
+                    .follows(
+                        "this is more than 10 % of the cycle; the command disables such states until the next start",
+                    )
                     .fix(format!("sudo cpupower idle-set -D {most_us}"))
             }
-            Some((name, latency)) => {
-                Check::ok("idle", format!("{name} takes {} us to wake up from", latency.as_micros()))
-            }
+            Some((name, latency)) => Check::ok("idle", wakes_up(name, *latency)),
         }
     }
 
     fn interrupts(&self, interface: &str) -> Check {
         let subject = "interrupt";
         if self.interrupt_threads.is_empty() {
-            let has_name = format!("that of {interface} is handled without a thread");
-            let has_none = format!("none has the name of {interface}, so that who handles its frames is unknown");
+            let has_name = format!("the interrupt of {interface} has no thread");
+            let has_none = format!("unknown: no interrupt has the name {interface}");
             return match self.has_interrupt {
                 true => Check::ok(subject, has_name),
                 false => Check::unknown(subject, has_none),
@@ -131,13 +131,18 @@ impl Readiness {
     fn softirqs(&self) -> Check {
         let subject = "softirq";
         match self.softirq_threads.iter().min_by_key(|(_, priority)| *priority) {
-            None => Check::unknown(subject, "who takes over when many frames come is unknown"),
-            Some((name, 0)) => Check::warning(subject, format!("{name} is a program like any other"))
-                .follows("when many frames come they wait for it")
+            None => Check::unknown(subject, "unknown: no ksoftirqd thread"),
+            Some((name, 0)) => Check::warning(subject, format!("{name} has ordinary priority"))
+                .follows("under many frames, frames wait for this thread")
                 .fix("for pid in $(pgrep ksoftirqd); do sudo chrt -f -p 49 $pid; done"),
             Some((name, priority)) => Check::ok(subject, format!("{name} at priority {priority}")),
         }
     }
+}
+
+/// Describes an idle state.
+fn wakes_up(name: &str, latency: Duration) -> String {
+    format!("{name}: {} us to wake up", latency.as_micros())
 }
 
 /// Returns name and wake-up time of an idle state that is not switched off.
@@ -231,7 +236,7 @@ mod tests {
         assert_eq!(found.deepest_idle, Some(("C6".to_owned(), Duration::from_micros(133))));
         let told = found.told(MS, None);
         assert!(
-            told[1].contains("C6 takes 133 us") && told[1].ends_with("`sudo cpupower idle-set -D 100`"),
+            told[1].contains("C6: 133 us to wake up") && told[1].ends_with("`sudo cpupower idle-set -D 100`"),
             "{told:?}"
         );
         assert!(!found.told(2 * MS, None)[1].contains("cpupower"));
@@ -270,7 +275,7 @@ mod tests {
         tree.file("proc/22/comm", "ksoftirqd/1\n").file("proc/22/stat", &fields(0));
         let soft = Readiness::read(&tree.0, Some("can0"));
         assert_eq!(soft.softirq_threads, [("ksoftirqd/0".to_owned(), 49), ("ksoftirqd/1".to_owned(), 0)]);
-        assert!(soft.told(MS, Some("can0"))[3].contains("ksoftirqd/1 is a program like any other"));
+        assert!(soft.told(MS, Some("can0"))[3].contains("ksoftirqd/1 has ordinary priority"));
         tree.file("proc/22/stat", &fields(49));
         assert_eq!(
             Readiness::read(&tree.0, Some("can0")).told(MS, Some("can0"))[3],
