@@ -99,7 +99,7 @@ fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<
     let judged = judge(&drilled, &rig, &done);
     events.end(&judged);
     if !output.is_json() {
-        let verdict = failure::verdict(&judged, || "the drives stop without each watched signal".to_owned());
+        let verdict = failure::verdict(&judged, || "the drives stop by their watchdogs".to_owned());
         output.news(&format!("{verdict}\n{}", lines(&drilled, &rig, &path.display().to_string())))?;
         return judged;
     }

@@ -32,11 +32,11 @@ pub(super) fn a_power_cycle_is_seen_and_no_word_is_taken_for_it(rig: &str, bus: 
     let mut commission = Running::of(child);
     // Whether the arm is free.
     answers.write_all(b"yes\n").expect("it reads");
-    read_until(&mut asks, "anything else leaves it out:");
+    read_until(&mut asks, "anything else skips this check:");
     answers.write_all(b"yes\n").expect("it reads");
-    let told = read_until(&mut asks, "anything else leaves it out:");
+    let told = read_until(&mut asks, "anything else skips this check:");
     for name in ["left", "right"] {
-        assert!(told.contains(&format!("{name} has not started anew since you were asked")), "{told}");
+        assert!(told.contains(&format!("{name} has not restarted since the question")), "{told}");
     }
     drop(first);
     let second = sim();
