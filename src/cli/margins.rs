@@ -84,16 +84,15 @@ impl Margins {
                 let unit = if margins.is_cartesian { "kg" } else { "kg m^2" };
                 let [least, greatest] = margins.inertia;
                 vec![
-                    format!(
-                        "loop at the {space}, worst pose, {least:.2} to {greatest:.2} {unit}; delay {} + zero-order hold:",
-                        cycles(margins.delay_cycles)
-                    ),
+                    format!("loop at the {space}, margins at the worst pose:"),
+                    format!("inertia              {least:.2} to {greatest:.2} {unit}"),
+                    format!("delay                {} + zero-order hold", cycles(margins.delay_cycles)),
                     format!("viscous friction     {}", words(&margins.worst.with_friction)),
                     format!("no viscous friction  {}", words(&margins.worst.without_friction)),
                 ]
             }
             Self::Velocity { gain_period } => {
-                vec![format!("velocity loop in the drives; rate gain x period {gain_period:.3} (overshoot from 0.25)")]
+                vec![format!("velocity loop in the drives: rate gain x period {gain_period:.3} (overshoot from 0.25)")]
             }
             Self::Position => vec!["position loop in the drives: no margins to compute here".to_owned()],
             Self::Unknown(why) => vec![format!("no margins: {why}")],
@@ -220,10 +219,10 @@ mod tests {
         };
         stiffer(3.0, &mut rig);
         let low = Margins::of(&rig).lines();
-        assert!(low[2].contains("below 6 dB or 30 deg"), "{low:?}");
+        assert!(low[4].contains("below 6 dB or 30 deg"), "{low:?}");
         stiffer(20.0, &mut rig);
         let bad = Margins::of(&rig).lines();
-        assert!(bad[2].contains("UNSTABLE"), "{bad:?}");
+        assert!(bad[4].contains("UNSTABLE"), "{bad:?}");
     }
 
     /// Returns the shipped rig in torque mode with another stiffness.

@@ -97,8 +97,8 @@ pub(super) fn check_measured_loop(
     }
     let (gain_db, phase_deg) = LEAST_MARGINS;
     let message = format!(
-        "with the measured delay of {:.2} cycles the loop has a gain margin of +{:.1}/-{:.1} dB and a phase margin of {:.0} deg at the worst pose along \
-         the surface; a rig needs {gain_db} dB and {phase_deg} deg",
+        "with the measured delay of {:.2} cycles the gains leave a gain margin of +{:.1}/-{:.1} dB and a phase margin of {:.0} degrees at the worst pose \
+         along the surface (limits {gain_db} dB and {phase_deg} degrees)",
         margins.delay_cycles, worst.gain_db, worst.gain_reduction_db, worst.phase_deg
     );
     Err(refused(message, &again))
