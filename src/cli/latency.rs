@@ -242,7 +242,9 @@ fn open(bus: &str, is_over: &AtomicBool) -> Result<SocketCan, Failure> {
     let mut ear = SocketCan::open(&SocketCanSettings::everything(bus)).map_err(failed)?;
     let signs = Signs::of_any_master();
     match listen(&mut ear, LISTENING, is_over, |frame| signs.find(frame)) {
-        Some(heard) => Err(other_master(format!("a master is on this bus; nothing was sent. Heard: {heard}, on `{bus}`"), &heard)),
+        Some(heard) => {
+            Err(other_master(format!("a master is on this bus; nothing was sent. Heard: {heard}, on `{bus}`"), &heard))
+        }
         None => Ok(link),
     }
 }

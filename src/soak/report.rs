@@ -63,7 +63,7 @@ fn bound(row: &FaultRow) -> String {
 
 /// Faults with their reactions, and how soon those came: bound, median and greatest in cycles.
 fn faults(tally: &Tally) -> Table {
-    let mut rows = vec![row(["fault", "bound", "shown", "reactions", "median", "most", "allowed"])];
+    let mut rows = vec![row(["fault", "bound", "seen", "reactions", "median", "max", "limit"])];
     let none = FaultTally::default();
     for fault in &TABLE {
         let seen = tally.faults.get(fault.name).unwrap_or(&none);
@@ -88,7 +88,7 @@ fn faults(tally: &Tally) -> Table {
 
 /// Returns the table of injections: how often each met a running rig, and how often the required consequence followed.
 fn injections(tally: &Tally) -> Table {
-    let mut rows = vec![row(["injection", "met the rig running", "judged alone", "as expected"])];
+    let mut rows = vec![row(["injection", "while running", "judged alone", "as expected"])];
     for kind in &CATALOGUE {
         let seen = tally.injections.get(kind.name).copied().unwrap_or_default();
         let counts = [seen.hits, seen.judged, seen.as_expected].map(|count| count.to_string());
@@ -105,31 +105,25 @@ fn facts(tally: &Tally) -> Vec<[String; 2]> {
     let fact = |name: &str, value: String| [name.to_owned(), value];
     let hours = tally.simulated_ms as f64 / 3.6e6;
     vec![
-        fact("seeds", format!("{}, {} of them with several faults at once", tally.seeds, tally.tangles)),
-        fact("cycles", format!("{}, {hours:.2} h of simulated time", tally.cycles)),
-        fact(
-            "ended",
-            format!(
-                "{} with all cycles, {} not booted, {} with the process gone, {} broken off",
-                ends("Complete"),
-                ends("NotBooted"),
-                ends("MasterGone"),
-                ends("Broken")
-            ),
-        ),
-        fact("network booted anew", format!("{} times", tally.restarts)),
-        fact("greatest torque", format!("{:.2} N m", peaks.torque_n_m)),
-        fact(
-            "greatest speed",
-            format!("{:.3} m/s of the tool, {:.3} m/s of the proxy", peaks.speed_m_per_s, peaks.proxy_m_per_s),
-        ),
-        fact("greatest force while running", format!("{:.1} N sensed", peaks.force_n)),
-        fact("energy given beyond what was held", format!("{:.1} mJ", 1e3 * peaks.returned_j)),
-        fact("own frames on the bus", format!("{:.1} % of a cycle at most", 100.0 * peaks.bus_share)),
-        fact("frames waiting in one port", format!("{} at most", peaks.queue)),
+        fact("seeds", tally.seeds.to_string()),
+        fact("seeds with several faults at once", tally.tangles.to_string()),
+        fact("cycles", tally.cycles.to_string()),
+        fact("simulated time", format!("{hours:.2} h")),
+        fact("runs with all cycles", ends("Complete").to_string()),
+        fact("runs without a boot", ends("NotBooted").to_string()),
+        fact("runs whose process ended", ends("MasterGone").to_string()),
+        fact("runs stopped early", ends("Broken").to_string()),
+        fact("network reboots", tally.restarts.to_string()),
+        fact("largest torque", format!("{:.2} N m", peaks.torque_n_m)),
+        fact("largest tool speed", format!("{:.3} m/s", peaks.speed_m_per_s)),
+        fact("largest proxy speed", format!("{:.3} m/s", peaks.proxy_m_per_s)),
+        fact("largest sensed force while running", format!("{:.1} N", peaks.force_n)),
+        fact("largest energy beyond the held one", format!("{:.1} mJ", 1e3 * peaks.returned_j)),
+        fact("largest bus time of own frames", format!("{:.1} % of a cycle", 100.0 * peaks.bus_share)),
+        fact("largest queue of one port", format!("{} frames", peaks.queue)),
         fact("wraps of position counters", peaks.wraps.to_string()),
-        fact("did not hold and was excused", format!("{} times", tally.excused.values().sum::<u64>())),
-        fact("mark of all runs", format!("{:016x}", tally.hash)),
+        fact("excused violations", tally.excused.values().sum::<u64>().to_string()),
+        fact("hash of all runs", format!("{:016x}", tally.hash)),
     ]
 }
 
@@ -143,7 +137,7 @@ fn violations(tally: &Tally) -> Vec<[String; 2]> {
 
 /// Returns the excused deviations, by invariant and reason.
 fn excuses(tally: &Tally) -> Table {
-    let mut rows = vec![row(["did not hold", "excused", "times"])];
+    let mut rows = vec![row(["invariant", "excuse", "times"])];
     for (name, times) in &tally.excused {
         let (invariant, excuse) = name.split_once(' ').unwrap_or((name, ""));
         rows.push(vec![invariant.to_owned(), excuse.to_owned(), times.to_string()]);
@@ -157,12 +151,12 @@ pub fn text(tally: &Tally) -> String {
     for [name, value] in facts(tally).into_iter().chain(violations(tally)) {
         let _ = writeln!(text, "{name:34} {value}");
     }
-    // The bounds of docs/faults.md left away, and what may be long at the end.
+    // Without the bounds of docs/faults.md; reactions, which may be long, come last.
     let faults = faults(tally).picked(&[0, 2, 4, 5, 6, 3]);
     for (about, table) in [
-        ("", excuses(tally)),
-        ("cycles from a fault to its reaction: median, most, allowed\n", faults),
-        ("", injections(tally)),
+        ("excused violations:\n", excuses(tally)),
+        ("cycles from a fault to its reaction:\n", faults),
+        ("injections:\n", injections(tally)),
     ] {
         text += &format!("\n{about}{}", table.text());
     }
