@@ -72,8 +72,8 @@ fn check_arguments(arguments: &Arguments) -> Result<(), Failure> {
         ("--no-fifo", arguments.no_fifo),
     ];
     let Some((name, _)) = given.into_iter().find(|(_, is_given)| *is_given) else { return Ok(()) };
-    let message = format!("{name} is for a CAN bus, and this rig is on EtherCAT");
-    Err(Failure::new(Exit::Usage, message, format!("leave {name} away")))
+    let message = format!("{name} is for a CAN bus, but this rig is on EtherCAT");
+    Err(Failure::new(Exit::Usage, message, format!("omit {name}")))
 }
 
 fn failure(error: &RigError) -> Failure {
@@ -207,7 +207,7 @@ pub(super) fn check_buses(rig: &Loaded<Rig>, is_ignored: Option<bool>, output: &
     for plan in plans(&rig.value).map_err(|error| rig_failure(&error))? {
         let Some(mut finding) = plan.finding(rig) else { continue };
         if finding.severity == Severity::Error && is_ignored != Some(true) {
-            let more = is_ignored.map_or("", |_| ", --ignore-bus-budget runs the rig all the same");
+            let more = is_ignored.map_or("", |_| "; --ignore-bus-budget runs the rig anyway");
             finding.help = finding.help.map(|help| help + more);
             return Err(Report::from(finding).into());
         }

@@ -24,12 +24,10 @@ pub(crate) fn judge(drilled: &Drilled, rig: &Rig, before: &str) -> Result<(), Fa
 }
 
 /// A drive on a segment that continues without outputs.
-const OUTPUTS: &str = "the master sets the watchdog of its sync manager (0420h): look whether the drive's controller has one, and what its manual \
-                       says about it";
+const OUTPUTS: &str = "the master sets the watchdog of its sync manager (0420h): check in the manual whether the drive's controller has this watchdog";
 
 /// A drive that keeps its torque in SAFE-OP.
-const OPERATIONAL: &str = "the drive was asked for SAFE-OP and kept its torque: look in its manual for what it does when it leaves OP (6007h as a rule), \
-                           and set it to stop";
+const OPERATIONAL: &str = "the drive kept its torque in SAFE-OP: check in its manual the reaction to leaving OP (usually 6007h), and set it to stop";
 
 /// Describes a drive in torque mode that stops too late.
 fn too_slow(rig: &Rig) -> String {
@@ -44,8 +42,8 @@ fn too_slow(rig: &Rig) -> String {
         )
     };
     format!(
-        "SYNC and set-points are watched for a number of cycles of {period_us} us, the heartbeat for {HEARTBEAT_PERIODS} of the master's periods \
-         (`heartbeat_ms` of its bus): {what}. In position and velocity mode (`rig.command_mode`) a drive may take longer"
+        "drives watch SYNC and set-points for a number of cycles of {period_us} us, and the heartbeat for {HEARTBEAT_PERIODS} periods of the master \
+         (`heartbeat_ms` of its bus): {what}. In position and velocity mode (`rig.command_mode`) a drive may stop later"
     )
 }
 
@@ -66,40 +64,40 @@ fn goes_on(drive: &Drive, watchdog: Watchdog, rig: &Rig) -> String {
     let name = drive.profile.get().map_or("", |profile| profile.name());
     let says = match why {
         Why::NoReaction(kind) => format!(
-            "says that the drive watches {}, and not what it does then: write `{key}.{kind}.reaction` by the drive's manual, \
+            "states that the drive watches {}, but no reaction: write `{key}.{kind}.reaction` from the drive's manual, \
              abort_connection or fault",
             watchdog.name()
         ),
         Why::NoTime => format!(
-            "says that the drive watches {}, and not for how long, so that the simulated drive never acts: write \
-             `{key}.built_in.periods` by the drive's manual",
+            "states that the drive watches {}, but no time, so that the simulated drive never reacts: write \
+             `{key}.built_in.periods` from the drive's manual",
             watchdog.name()
         ),
-        Why::Nothing => format!("says that the drive does nothing when {} stay away", watchdog.name()),
+        Why::Nothing => format!("states no reaction of the drive to missing {}", watchdog.name()),
         Why::Contradicted => format!(
-            "says that the drive stops when {} stay away, and it does not: look for that setting in the drive",
+            "states that the drive stops without {}, but it continues: check this setting in the drive",
             watchdog.name()
         ),
     };
     let enough = match rig.rig.command_mode {
         CommandMode::Torque => format!(
-            "in position and velocity mode (`rig.command_mode`) the watch of the heartbeat is then enough; torque mode needs a \
-             watch that stops the drive within {} ms",
+            "in position and velocity mode (`rig.command_mode`) the heartbeat watchdog is then sufficient; torque mode needs a \
+             watchdog that stops the drive within {} ms",
             TORQUE_LIMIT.as_millis()
         ),
         CommandMode::Velocity | CommandMode::Position => {
-            "in this mode the watch of the heartbeat is then enough, if the drill shows it".to_owned()
+            "in this mode the heartbeat watchdog is then sufficient, if the drill confirms it".to_owned()
         }
     };
     let copy = match drive.profile.is_file() {
         true => String::new(),
         false => format!(
-            "\n`{name}` comes with the program: `{}` makes a copy to write into, and `profile: {}` in the rig names it",
+            "\n`{name}` is a shipped profile: copy it with `{}`, and write `profile: {}` in the rig",
             copying(name),
             copy_of(name)
         ),
     };
-    format!("the profile `{name}` {says}; or `{key}: none` if it has no such watch: {enough}{copy}")
+    format!("the profile `{name}` {says}; or write `{key}: none` if the drive has no such watchdog: {enough}{copy}")
 }
 
 /// Reason why a drive continues although its profile has a watch.
@@ -149,16 +147,16 @@ fn watch_of_set_points(servo: &Servo) -> Why {
 /// The master's heartbeat has to stop every drive in every mode: a dead program no longer sends it.
 fn without_heartbeat(drive: &Drive, servo: &Servo) -> String {
     let name = drive.profile.get().map_or("", |profile| profile.name());
-    let needed = "every drive has to watch it, in every mode: a program that has died sends none";
+    let needed = "every drive has to watch the heartbeat, in every mode: a program that has failed sends none";
     match (&servo.watchdogs.heartbeat, &servo.option_codes.lost_master) {
         (HeartbeatWatch::None, _) => {
             format!(
-                "{needed}; the profile `{name}` has no such watch (1016h), and no choice of mode helps: take another drive"
+                "{needed}; the profile `{name}` has no such watchdog (1016h), and no mode avoids it: use another drive"
             )
         }
         (_, None) => format!(
-            "{needed}; the profile `{name}` does not say how the drive is told to stop then: write \
-             `device.servo.option_codes.lost_master` (6007h) by its manual"
+            "{needed}; the profile `{name}` does not state how to set the drive to stop then: write \
+             `device.servo.option_codes.lost_master` (6007h) from its manual"
         ),
         (_, Some(setting)) => format!(
             "{needed}; the drive was set to watch it, and {:04X}h = {} to stop then: compare both with its manual",
@@ -210,15 +208,20 @@ mod tests {
         let both = [Watchdog::Sync, Watchdog::SetPoints];
         for (profile, mode, goes_on, says) in [
             ("maxon-epos4", CommandMode::Position, &both[..], "`device.servo.watchdogs.set_points.built_in.periods`"),
-            ("maxon-epos4", CommandMode::Position, &both, "in this mode the watch of the heartbeat is then enough"),
-            ("maxon-epos4", CommandMode::Torque, &both, "torque mode needs a watch that stops the drive within 10 ms"),
+            ("maxon-epos4", CommandMode::Position, &both, "in this mode the heartbeat watchdog is then sufficient"),
+            (
+                "maxon-epos4",
+                CommandMode::Torque,
+                &both,
+                "torque mode needs a watchdog that stops the drive within 10 ms",
+            ),
             (
                 "zeroerr-edriver",
                 CommandMode::Position,
                 &both,
                 "`device.servo.watchdogs.set_points.event_timer.reaction`",
             ),
-            ("simulated-servo", CommandMode::Position, &both, "and it does not: look for that setting in the drive"),
+            ("simulated-servo", CommandMode::Position, &both, "but it continues: check this setting in the drive"),
             ("simulated-servo", CommandMode::Position, &[Watchdog::Heartbeat], "6007h = 3 to stop then"),
             ("simulated-servo", CommandMode::Torque, &[], "write a `heartbeat_ms` of at most 5"),
         ] {

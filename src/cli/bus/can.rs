@@ -46,14 +46,16 @@ impl CanPlan<'_> {
     pub(super) fn text(&self) -> String {
         let budget = &self.budget;
         let Conditions { bit_rate, compute_at, .. } = budget.conditions;
-        let verdict_word =
-            if budget.is_schedulable() { "ok: every frame arrives in time" } else { "NOT OK: frames arrive late" };
+        let late = budget.regular().filter(|frame| !frame.is_in_time()).count();
         let mut lines = vec![
-            format!("verdict   {verdict_word}"),
+            match late {
+                _ if budget.is_schedulable() => "verdict   ok: every frame arrives in time".to_owned(),
+                1 => "verdict   NOT OK: 1 frame can be late".to_owned(),
+                _ => format!("verdict   NOT OK: {late} frames can be late"),
+            },
+            format!("rig       {}{}", self.rig.rig.name, called(self.rig, ", bus ", self.name)),
             format!(
-                "rig       {}{}: {} kbit/s, cycle {} us, control step at {} us",
-                self.rig.rig.name,
-                called(self.rig, ", bus ", self.name),
+                "bus       {} kbit/s, cycle {} us, control step at {} us",
                 f64::from(bit_rate) / 1e3,
                 budget.cycle.as_micros(),
                 compute_at.as_micros()
@@ -74,7 +76,7 @@ impl CanPlan<'_> {
         lines.push(String::new());
         lines.extend(self.verdict());
         lines.push(String::new());
-        lines.push("* these frames do not count for the other frames, nor for the verdict:".to_owned());
+        lines.push("* not counted for the other frames, nor for the verdict:".to_owned());
         let disturbed = [
             ("an SDO exchange in operation", &budget.latest_with_sdo, "this program sends none then"),
             ("emergencies of all nodes in one cycle", &budget.latest_with_emergencies, "they stop the rig"),
@@ -94,11 +96,10 @@ impl CanPlan<'_> {
     fn verdict(&self) -> Vec<String> {
         let Some(latest) = self.budget.latest() else { return Vec::new() };
         if self.budget.is_schedulable() {
-            return vec![format!("nearest   {}", verdict(latest))];
+            return vec!["least slack:".to_owned(), format!("  {}", verdict(latest))];
         }
-        let late = self.budget.regular().filter(|frame| !frame.is_in_time()).count();
-        let others = if late > 1 { format!(", {late} frames late") } else { String::new() };
-        vec![format!("latest    {}{others}", verdict(latest)), format!("advice    {}", self.help())]
+        let lines = ["latest frame:", &format!("  {}", verdict(latest)), "advice:", &format!("  {}", self.help())];
+        lines.map(str::to_owned).to_vec()
     }
 
     /// Returns the advice: the values to change.

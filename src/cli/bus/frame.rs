@@ -82,6 +82,6 @@ pub(super) fn verdict(frame: &FrameBudget) -> String {
             format!("{what} arrives at least {} us before {by}", deadline_us(frame) - response)
         }
         (Some(late), _) => format!("{what} can arrive up to {} us after {by}", late.div_ceil(1000)),
-        (None, _) => format!("{what} has no longest time: it can fall behind further in every cycle"),
+        (None, _) => format!("{what} has no upper bound: it can fall behind further in every cycle"),
     }
 }

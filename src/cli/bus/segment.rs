@@ -103,10 +103,9 @@ impl<'a> SegmentPlan<'a> {
         let verdict = if self.is_schedulable() { "ok: every frame is in time" } else { "NOT OK: frames are late" };
         let mut lines = vec![
             format!("verdict   {verdict}"),
+            format!("rig       {}{}", self.rig.rig.name, called(self.rig, ", bus ", self.name)),
             format!(
-                "rig       {}{}: EtherCAT, {} devices, cycle {} us, control step at {} us",
-                self.rig.rig.name,
-                called(self.rig, ", bus ", self.name),
+                "bus       EtherCAT, {} devices, cycle {} us, control step at {} us",
                 budget.devices,
                 budget.period.as_micros(),
                 budget.compute_at.as_micros()
@@ -131,7 +130,8 @@ impl<'a> SegmentPlan<'a> {
             lines.push(format!("late frames, with {computing_us} us for computing and for the devices:"));
             let late = budget.frames.iter().filter(|each| !each.is_in_time());
             lines.extend(late.map(|each| format!("  {}", self.verdict(each))));
-            lines.push(format!("advice    {}", self.help()));
+            lines.push("advice:".to_owned());
+            lines.push(format!("  {}", self.help()));
         }
         let by = if budget.has_sync0 { "SYNC0" } else { "the next cycle" };
         lines.push(format!(
