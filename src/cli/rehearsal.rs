@@ -39,15 +39,12 @@ impl Rehearsal {
 
     /// Returns the line for a person, if all is well.
     pub(super) fn line(&self) -> Option<String> {
-        let held = if self.held_s > 0.0 {
-            format!(", held at rest for {:.3} s by a fault", self.held_s)
-        } else {
-            String::new()
+        let held = match self.held_s {
+            0.0 => "without a fault".to_owned(),
+            held_s => format!("held at rest for {held_s:.3} s by a fault"),
         };
-        let traced = self.tracing_mm.map(|mm| format!(", the tool traces within {mm:.3} mm RMS")).unwrap_or_default();
-        self.finding
-            .is_none()
-            .then(|| format!("{:.1} s of its scene run as they should{traced}{held}", self.simulated_s))
+        let traced = self.tracing_mm.map(|mm| format!("; tracing error {mm:.3} mm RMS")).unwrap_or_default();
+        self.finding.is_none().then(|| format!("scene simulated for {:.1} s, {held}{traced}", self.simulated_s))
     }
 
     /// Returns the data for a program.
@@ -92,7 +89,7 @@ fn shortened(scene: &config::Scene) -> Overrides {
 
 fn told<T>(document: &Loaded<T>, at: &str, failure: &Failure, scene: &config::Scene) -> Diagnostic {
     let [first, ..] = failure.report.diagnostics.as_slice() else {
-        return document.finding(Severity::Warning, at, "the rig's own scene does not run", "run it", &[]);
+        return document.finding(Severity::Warning, at, "the rig's own scene does not run", "run the scene", &[]);
     };
     let length_s = scene.duration_s.min(LONGEST_S);
     let message = format!(
@@ -103,7 +100,7 @@ fn told<T>(document: &Loaded<T>, at: &str, failure: &Failure, scene: &config::Sc
     // Advice to run the check helps nobody during the check, and neither does advice for a rig that has run.
     let advice =
         first.help.as_deref().filter(|help| !help.contains("config check") && !help.starts_with("start the run again"));
-    let help = advice.unwrap_or("look at the other messages, and at the scene");
+    let help = advice.unwrap_or("check the other messages, and the scene");
     document.finding(Severity::Warning, at, message, help, &[("simulation.scene", "the scene")])
 }
 

@@ -127,11 +127,11 @@ pub(crate) fn run(rig: &Loaded<Rig>, buses: &[String], sender: Sender, output: &
         return output.end(document, end);
     }
     let asked = if is_simulated { format!("simulated devices of {}", rig.value.rig.name) } else { place };
-    let other = if is_simulated { ". With --bus INTERFACE those of a bus are read" } else { "" };
+    let other = if is_simulated { " (--bus INTERFACE reads a real bus)" } else { "" };
     // Only CAN is reset.
-    let unless = if desks.is_empty() { "" } else { ", unless the reset changes it" };
+    let unless = if desks.is_empty() { "" } else { ", unless the reset changes them" };
     let mut text = words::wrapped(&format!(
-        "Nothing was written. Old values were read from the {asked}{other}. An object that stands already is not written{unless}."
+        "Dry run: nothing written. Old values: read from the {asked}{other}. Unchanged objects are not written{unless}."
     ));
     let (mut part, mut of) = ("", None);
     for (number, line) in lines.iter().enumerate() {
@@ -147,7 +147,7 @@ pub(crate) fn run(rig: &Loaded<Rig>, buses: &[String], sender: Sender, output: &
         let each: Vec<&str> = watchdogs.iter().map(|watchdog| watchdog.name()).collect();
         let each = each.join(", ");
         text.push_str(&words::wrapped(&format!(
-            "\nAll of it {rounds} times: while the rig rests, the drives go without one of {each} each time, until both have stopped, {} s at most.",
+            "\nThe drill runs this {rounds} times, with the rig at rest. Each time it stops one signal ({each}) until both drives have stopped (limit {} s).",
             DRILL_LIMIT.as_secs()
         )));
     }
@@ -270,18 +270,18 @@ fn heading(line: &Line, rig: &Rig, sender: Sender) -> String {
     match (line.part, &line.owner) {
         (segment::PART, _) => segment::HEADING.to_owned(),
         ("boot", _) => words::wrapped(&format!(
-            "\nReset, if no other master is heard before or within {} ms after the first heartbeat; more heartbeats follow every {} ms",
+            "\nReset, if no other master is heard before, nor within {} ms after, the first heartbeat; further heartbeats every {} ms",
             ANNOUNCED.as_millis(),
             rig.own_node().map_or(0, |own| own.heartbeat_ms)
         )),
         (CONFIGURE, Some(owner @ Owner { place: Place::Position(_), .. })) => {
-            words::wrapped(&format!("\nThe objects of {} by CoE in PRE-OP; old values are those of now", owner.words()))
+            words::wrapped(&format!("\nObjects of {} by CoE in PRE-OP; old values: present ones", owner.words()))
         }
         (CONFIGURE, Some(Owner { place: Place::Node(id), name })) => {
             let bus = rig.buses.keys().nth(line.bus.index()).filter(|_| rig.buses.len() > 1);
             let bus = bus.map_or(String::new(), |bus| format!(" on {bus}"));
             words::wrapped(&format!(
-                "\nNode {id} ({name}){bus} by SDO, at the same time as the others; old values are those before the reset"
+                "\nNode {id} ({name}){bus} by SDO, in parallel with the other nodes; old values: before the reset"
             ))
         }
         ("start", Some(Owner { place: Place::Position(_), .. })) => {
@@ -291,10 +291,10 @@ fn heading(line: &Line, rig: &Rig, sender: Sender) -> String {
         ("enable", _) => {
             let proof = if sender == Sender::Run { ", with a watchdog drill on record" } else { "" };
             let with = if rig.has_drives_on_ethercat() { "process data" } else { "SYNC" };
-            let behind = if rig.has_drives_on_ethercat() { "in them" } else { "and behind it" };
+            let behind = if rig.has_drives_on_ethercat() { "in them" } else { "and after it" };
             words::wrapped(&format!(
-                "\nEnable: from here on {with} every {period_ms} ms, {behind} set-points with these controlwords; past 0006h on a bus \
-                 after {} cycles{proof}, and each when the drive has followed the one before",
+                "\nEnable: from here on {with} every {period_ms} ms, {behind} set-points with these controlwords. On a bus 0006h lasts \
+                 {} cycles{proof}; each further controlword follows the reaction of the drive",
                 settling_on_bus(rig)
             ))
         }
@@ -331,7 +331,7 @@ impl Line {
                 let before = if self.part == CONFIGURE { String::new() } else { format!("{bus}{who}: ") };
                 // Behind the name of a node less is left of the line.
                 let wide = if before.is_empty() { 28 } else { 20 };
-                let change = if write.stands { format!("{new} stands") } else { format!("{old} -> {new}") };
+                let change = if write.stands { format!("{new} unchanged") } else { format!("{old} -> {new}") };
                 let line = format!("{before}{:8}  {name:wide$}  {change}", write.at.to_string());
                 let scaling = self.scaling(scalings);
                 let means = write
@@ -443,13 +443,13 @@ fn motion_text(rig: &Rig, sender: Sender) -> String {
         guard.tool_speed_limit_m_per_s.get()
     );
     let motion = match sender {
-        Sender::Drill => format!("the rig rests; a joint led farther than {REST_RAD} rad from there stops it"),
+        Sender::Drill => format!("the rig rests; it stops if a joint moves by more than {REST_RAD} rad"),
         Sender::Run => format!(
-            "as far as the hand leads the tool, which keeps {} m from the edge of the workspace and from singular poses",
+            "as far as the hand moves the tool, which keeps {} m from the edge of the workspace and from singular poses",
             guard.singularity_margin_m.get()
         ),
     };
-    words::wrapped(&format!("\nMotion: it begins at the measured pose. Bound: {motion}. Limits: {limits}."))
+    words::wrapped(&format!("\nMotion: begins at the measured pose; {motion}. Limits: {limits}."))
 }
 
 fn motion_json(rig: &Rig, sender: Sender) -> Json {
