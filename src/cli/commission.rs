@@ -274,11 +274,9 @@ fn lines(report: &StepReport) -> String {
     if let Some(figure) = report.headline() {
         text.push_str(&format!(": {}", page::figure_text(figure)));
     }
-    for (name, value) in &report.evidence {
-        text.push_str(&format!("\n          {name}: {value}"));
-    }
-    if let Some(reason) = &report.reason {
-        text.push_str(&format!("\n          {reason}"));
+    let evidence = report.evidence.iter().map(|(name, value)| format!("{name}: {value}"));
+    for line in evidence.chain(report.reason.clone()) {
+        text += &format!("\n{}", fit::filled("          ", "            ", &line, fit::USUAL));
     }
     text
 }

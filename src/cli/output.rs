@@ -144,7 +144,7 @@ impl Output {
 
     /// Names the simulated part of a rig that a command uses, and the option for the real one.
     pub(super) fn simulated(&self, part: &str, rig: &Rig, condition: &str) {
-        self.aside(&format!("simulated {part} of {}, {condition} (real one: --bus INTERFACE)", rig.rig.name));
+        self.aside(&format!("simulated {part} of {}, {condition} (real: --bus INTERFACE)", rig.rig.name));
     }
 
     /// Whether a configuration with warnings is refused.

@@ -149,7 +149,7 @@ impl Bench<'_> {
         }
         for [measured_rad, seen_rad] in ways {
             found.measure(Figure {
-                what: "encoder angle, error against the link".into(),
+                what: "error of the encoder angle".into(),
                 value: 100.0 * (measured_rad / seen_rad - 1.0).abs(),
                 limit: TURNED_PERCENT,
                 unit: "%".into(),
@@ -319,10 +319,10 @@ impl Bench<'_> {
         let name = self.name(joint);
         found.note(
             format!("{name}: {:.0} N along x, {:.0} N along y", force.x(), force.y()),
-            format!("{expected_n_m:.2} N m by geometry, {told_n_m:.2} N m reported by the drive"),
+            format!("geometry {expected_n_m:.2} N m, drive {told_n_m:.2} N m"),
         );
         found.measure(Figure {
-            what: "reported torque, error against the true torque".into(),
+            what: "error of the reported torque".into(),
             value: 100.0 * (told_n_m / expected_n_m - 1.0).abs(),
             limit: MOTOR_PERCENT,
             unit: "%".into(),

@@ -86,7 +86,7 @@ impl Bench<'_> {
             let at = |share: f64| times_ms.get((share * (times_ms.len().max(1) - 1) as f64) as usize).copied();
             if let (Some(median), Some(late), Some(most)) = (at(0.5), at(0.99), at(1.0)) {
                 let name = format!("{}: answers of {} reads", self.name(joint), times_ms.len());
-                found.note(name, format!("median {median:.2} ms, 99 % {late:.2} ms, max {most:.2} ms"));
+                found.note(name, format!("median {median:.2}, 99 % {late:.2}, max {most:.2} ms"));
             }
         }
         found.measure(Figure {
