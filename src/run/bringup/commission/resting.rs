@@ -148,7 +148,7 @@ impl Bench<'_> {
         for joint in 0..2 {
             let limits = [before, first, later].map(|limits| limits.get(joint).copied().flatten());
             if let [Some(before), Some(first), Some(later)] = limits {
-                let text = format!("{before} before, {first} written, {later} later");
+                let text = format!("{before} before, {first} written, {later} later (object units)");
                 found.note(format!("{}: torque limit", self.name(joint)), text);
             }
         }
