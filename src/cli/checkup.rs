@@ -4,6 +4,7 @@ use serde_json::{Value, json};
 use textwrap::{Options, WordSeparator, WordSplitter};
 
 use super::failure::{Exit, Failure};
+use super::fit;
 use super::output::Output;
 use yieldwall_link::checkup::{Check, Verdict};
 
@@ -109,8 +110,26 @@ pub(super) fn finish(sections: &[Section], mut document: Value, output: &mut Out
         return output.end(document, end);
     }
     let text: Vec<String> = sections.iter().map(Section::text).collect();
-    output.result(&text.join("\n"))?;
+    output.result(&format!("{}\n\n{}", verdict(sections, &end), text.join("\n")))?;
     end
+}
+
+/// Returns the first line: the failed checks, or the number of checks that passed.
+fn verdict(sections: &[Section], end: &Result<(), Failure>) -> String {
+    let count = |verdict: Verdict| {
+        sections.iter().flat_map(|section| &section.checks).filter(|check| check.verdict == verdict).count()
+    };
+    let line = match end {
+        Ok(()) => {
+            let [ok, warnings, unknown] = [Verdict::Ok, Verdict::Warning, Verdict::Unknown].map(count);
+            format!("ok: no check failed ({ok} ok, {warnings} warnings, {unknown} unknown)")
+        }
+        Err(failure) => {
+            let failed: Vec<&str> = sections.iter().flat_map(Section::wrong).map(|check| check.subject).collect();
+            format!("NOT OK (exit code {}): failed checks: {}", failure.exit.code(), failed.join(", "))
+        }
+    };
+    fit::filled("verdict   ", "          ", &line, WIDTH)
 }
 
 fn failure(sections: &[Section], exit: Exit) -> Failure {

@@ -26,8 +26,7 @@ const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
 const REFRESH: Duration = Duration::from_millis(100);
 
 /// Description of the keys.
-pub(super) const KEYS: &str =
-    "right or + turns the joint counter-clockwise, left or - clockwise, while it is pressed; space rests, q ends";
+pub(super) const KEYS: &str = "press right or + for counter-clockwise, left or - for clockwise; space stops, q quits";
 
 /// So near to its bound a joint is at it, rad.
 const AT_BOUND_RAD: f64 = 1e-3;
@@ -127,7 +126,7 @@ impl Drop for Reader {
 /// Returns the line for a joint at this angle after this travel in rad.
 fn line(name: &str, angle_rad: f64, way_rad: f64, within_rad: f64) -> String {
     let is_at_bound = way_rad.abs() >= within_rad.abs() - AT_BOUND_RAD;
-    let bound = if is_at_bound { ", as far as --within lets it go" } else { "" };
+    let bound = if is_at_bound { " (limit of --within)" } else { "" };
     format!("{name}: {:.2} deg{bound}", angle_rad.to_degrees())
 }
 
@@ -201,7 +200,7 @@ mod tests {
     fn a_joint_at_its_bound_is_told_to_be_there() {
         assert_eq!(Shown::default().angle_rad(), None);
         assert_eq!(line("left", 1.0, 0.1, 0.2), "left: 57.30 deg");
-        assert_eq!(line("left", 1.0, -0.2, 0.2), "left: 57.30 deg, as far as --within lets it go");
+        assert_eq!(line("left", 1.0, -0.2, 0.2), "left: 57.30 deg (limit of --within)");
     }
 
     #[test]
