@@ -255,11 +255,11 @@ fn verdict(latency: &Latency, period_us: u32) -> String {
     let (tier, proven, cycles) = (lateness.tier(period_us), lateness.proven(period_us), lateness.cycles);
     match tier {
         _ if tier != proven && proven == Tier::C => {
-            format!("{tier} so far: {cycles} of {STOCK_CYCLES} cycles that prove tier B; until then tier C")
+            format!("{tier} so far: {cycles} of {STOCK_CYCLES} cycles that prove it; until then tier C")
         }
         Tier::A if proven == Tier::A => "A, real-time: every command mode and limit".to_owned(),
         Tier::A => {
-            format!("A, real-time, so far: {cycles} of {PROVING_CYCLES} cycles that prove tier A; until then tier B")
+            format!("A, real-time, so far: {cycles} of {PROVING_CYCLES} cycles that prove it; until then tier B")
         }
         Tier::B => format!(
             "B, stock kernel, no bound on lateness; limits: tool speed {REDUCED_SPEED_M_PER_S} m/s, force {REDUCED_FORCE_N} N, torque mode only \

@@ -21,7 +21,7 @@ use yieldwall_run::{ForceFound, JointFound};
 const UNKNOWN: &str = "least virtual mass: not measurable, since the loop closes in the drives; `yieldwall tune fixture` computes it for the \
                        simulated drives";
 /// Effects that the numbers leave out.
-const LEFT_OUT: &str = "not in the model: dry friction, torque limits, encoder counts; test the masses in a run";
+const LEFT_OUT: &str = "not in the model: dry friction, torque limits, encoder counts; test in a run";
 
 /// Effects of a bus where the sensor has its own clock.
 const SYNC_WAITS: &str = "not in the model: SYNC waits for frames that the sensor sends by its own clock; at some phases of this clock the rig \
@@ -189,7 +189,7 @@ impl Masses {
                 format!("verdict   NOT OK: {} kg is unstable with hands of {}\n", self.configured_kg, hands.join(", "))
             }
         };
-        text += &format!("rig       {}: stable virtual masses in kg at the worst pose on its surface\n", self.name);
+        text += &format!("rig       {}\nmasses    stable virtual masses in kg, worst pose on the surface\n", self.name);
         let mut row = |cells: [&str; 7]| {
             let [stiffness, damping, mass, stable, reserved, configured, place] = cells;
             let line = format!(
