@@ -17,4 +17,4 @@ pub const AROUND_FAULT_S: f64 = 2.0;
 
 pub use cycle::{CycleRecord, Moment, Stages, Standstill, Truth, fault_severity};
 pub use device::DeviceRecord;
-pub use trace::{FaultMark, ForceMeaning, ON_SURFACE_M, Phase, Reference, Row, Trace};
+pub use trace::{FaultMark, ForceMeaning, ON_SURFACE_M, Phase, Reference, Row, Setup, Trace};

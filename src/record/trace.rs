@@ -166,6 +166,27 @@ pub struct Phase {
     pub to_s: f64,
 }
 
+/// Shares of `R` from which a push makes a surface give way, and below which it no longer does.
+const GIVING_WAY_SHARE: f64 = 0.95;
+const RECOVERED_SHARE: f64 = 0.8;
+
+/// Machine and law of a run, for headings. Headings leave out unknown values.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Setup {
+    /// Drive of the machine in words, such as `torque mode`; may be empty.
+    pub drive: &'static str,
+    /// Law of the fixture in words, such as `plastic`; may be empty.
+    pub law: String,
+    /// Whether the law has no yield force `R`: a spring, damping, or friction alone.
+    pub is_unyielding: bool,
+    /// Whether each impact gives its own hold, in place of `N_wait`.
+    pub is_hold_automatic: bool,
+    /// Virtual mass `M` in kg.
+    pub mass_kg: Option<f64>,
+    /// Control period `T` in s.
+    pub period_s: Option<f64>,
+}
+
 /// The rows of one run and what is the same for all of them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trace {
@@ -185,6 +206,8 @@ pub struct Trace {
     pub is_unilateral: bool,
     /// Steps for which the proxy is held on the surface after an impact, `N_wait` of the paper.
     pub hold_steps: u32,
+    /// Machine and law, for headings.
+    pub setup: Setup,
     /// Source of the force in the rows.
     pub force_meaning: ForceMeaning,
     /// Stretches of the run marked by letters; may be empty.
@@ -214,6 +237,25 @@ impl Trace {
             let (before, now) = (distance(at - 1), distance(at));
             let has_passed = || before * now < 0.0 && before.abs() + now.abs() <= self.way_m(at) + ON_SURFACE_M;
             before.abs() > ON_SURFACE_M && (now.abs() <= ON_SURFACE_M || has_passed())
+        })
+    }
+
+    /// Returns the rows in which the surface begins to give way: the hand presses with `R`, and the proxy leaves a guide on which it lay
+    /// in the two rows before, or moves into the forbidden side of a wall. The next begins when the push has been below `R` in between.
+    pub fn break_outs(&self) -> impl Iterator<Item = usize> + '_ {
+        let mut is_giving_way = self.setup.is_unyielding;
+        (2..self.rows.len()).filter(move |&at| {
+            let (row, before) = (&self.rows[at], &self.rows[at - 1]);
+            let push_n = -self.normal_force_at_proxy_n(row);
+            let share = push_n.abs() / self.yield_against_n(push_n);
+            is_giving_way &= self.setup.is_unyielding || share >= RECOVERED_SHARE;
+            let is_moved = match self.is_unilateral {
+                true => push_n < 0.0 && row.signed_distance_m < before.signed_distance_m.min(-ON_SURFACE_M),
+                false => self.rows[at - 2].is_on_surface && before.is_on_surface && !row.is_on_surface,
+            };
+            let begins = !is_giving_way && is_moved && share >= GIVING_WAY_SHARE;
+            is_giving_way |= begins;
+            begins
         })
     }
 
@@ -266,6 +308,31 @@ mod tests {
         assert_eq!((trace.yield_against_n(1.0), trace.yield_against_n(-1.0)), (8.0, 20.0));
         let impedance = Trace { force_meaning: ForceMeaning::ActuatorOnTool, ..trace };
         assert_eq!(impedance.normal_force_n(&row), -7.0);
+    }
+
+    #[test]
+    fn a_surface_gives_way_where_the_hand_presses_with_its_yield_force() {
+        let row = |push_n: f64, distance_m: f64| Row {
+            force_n: [push_n, 0.0, 0.0],
+            proxy_normal: [1.0, 0.0, 0.0],
+            signed_distance_m: distance_m,
+            is_on_surface: distance_m == 0.0,
+            ..Row::default()
+        };
+        let of = |rows: &[Row], is_unilateral, is_unyielding| {
+            let setup = Setup { is_unyielding, ..Setup::default() };
+            let trace = Trace { yield_n: 20.0, is_unilateral, setup, rows: rows.to_vec(), ..Trace::default() };
+            trace.break_outs().collect::<Vec<_>>()
+        };
+        let on = row(-15.0, 0.0);
+        let guide = [on, on, row(-20.0, -1e-4), on, row(-20.0, -1e-4), on, on, row(15.0, 1e-4)];
+        assert_eq!(of(&guide, false, false), [2], "one row is a landing in flight, and the last a release below R");
+        let wall =
+            [on, row(-10.0, -1e-4), row(-10.0, -2e-4), row(-20.0, -3e-4), row(-20.0, -4e-4), on, row(20.0, 1e-4)];
+        assert_eq!(of(&wall, true, false), [3], "not in the impact, and not off the free side");
+        let again = [wall, wall].concat();
+        assert_eq!(of(&again, true, false), [3, 10]);
+        assert!(of(&again, true, true).is_empty(), "a spring");
     }
 
     /// Nearest to a circle from inside, then to a line from its left: the sign changes, and nothing was met.

@@ -9,5 +9,7 @@ pub mod replay;
 mod run;
 
 pub use judgement::Shortcoming;
-pub use run::{Overrides, RunLog, RunReport, Stage, measured, measured_device, run_device, run_rig};
+pub use run::{
+    IMPEDANCE_DEVICE, Overrides, RunLog, RunReport, Stage, drive, measured, measured_device, run_device, run_rig,
+};
 pub use yieldwall_run::Watch;

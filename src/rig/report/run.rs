@@ -168,9 +168,22 @@ pub fn run_rig(
     })
 }
 
+/// Impedance device, in words.
+pub const IMPEDANCE_DEVICE: &str = "impedance device";
+
+/// Returns how a rig's drives are commanded, in words.
+pub fn drive(mode: config::CommandMode) -> &'static str {
+    match mode {
+        config::CommandMode::Torque => "torque mode",
+        config::CommandMode::Velocity => "velocity mode",
+        config::CommandMode::Position => "position mode",
+    }
+}
+
 /// Returns the trace of a rig with this fixture, and the measures up to the fault that stopped it, if one did.
 pub fn measured(rig: &config::Rig, fixture: &config::Fixture, seen: impl Into<RunLog>) -> (Trace, Measures) {
-    let trace = trace(rig.rig.name.clone(), fixture, ForceMeaning::HandOnTool, seen);
+    let machine = (drive(rig.rig.command_mode), rig.cycle.period_us);
+    let trace = trace(rig.rig.name.clone(), fixture, machine, ForceMeaning::HandOnTool, seen);
     let is_torque = rig.rig.command_mode == config::CommandMode::Torque;
     let context = Context {
         period_s: f64::from(rig.cycle.period_us) * 1e-6,
@@ -235,7 +248,8 @@ pub fn measured_device(
     fixture: &config::Fixture,
     rows: Vec<Row>,
 ) -> (Trace, Measures) {
-    let trace = trace(device.device.name.clone(), fixture, ForceMeaning::ActuatorOnTool, rows);
+    let machine = (IMPEDANCE_DEVICE, device.cycle.period_us);
+    let trace = trace(device.device.name.clone(), fixture, machine, ForceMeaning::ActuatorOnTool, rows);
     let context = Context {
         period_s: f64::from(device.cycle.period_us) * 1e-6,
         mass_kg: None,
@@ -368,7 +382,7 @@ mod tests {
             assert!(measures.tool_max_on_surface_mm.is_some_and(|most| most < 5.0), "{name}: {measures:?}");
             let leaves_plane = report.trace.rows.iter().any(|row| row.tool_m[2].abs() > 1e-4);
             assert!(leaves_plane || name != "sphere", "a sphere beside its great circle pushes along z");
-            let svg = yieldwall_figures::run(&report.trace, None).unwrap().svg();
+            let svg = yieldwall_figures::run(&report.trace, String::new()).unwrap().svg();
             assert!(svg.contains(">reference surface"), "{name}");
         }
     }

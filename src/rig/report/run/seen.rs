@@ -5,7 +5,7 @@ use nalgebra::SVector;
 use yieldwall_config as config;
 use yieldwall_motion::fixture::{Shape2, Shape3, Surface};
 use yieldwall_motion::guard::{Cause, State};
-use yieldwall_record::{FaultMark, ForceMeaning, Reference, Row, Trace, fault_severity};
+use yieldwall_record::{FaultMark, ForceMeaning, Reference, Row, Setup, Trace, fault_severity};
 
 /// Rows of the moving average over the tool velocity in the power.
 ///
@@ -87,6 +87,7 @@ impl From<Vec<Row>> for RunLog {
 pub(in crate::report) fn trace(
     title: String,
     fixture: &config::Fixture,
+    (drive, period_us): (&'static str, u32),
     force_meaning: ForceMeaning,
     seen: impl Into<RunLog>,
 ) -> Trace {
@@ -100,6 +101,17 @@ pub(in crate::report) fn trace(
         outward_yield_n: outward_yield_n(fixture),
         is_unilateral: fixture.side == config::Side::Unilateral,
         hold_steps: fixture.hold_steps,
+        setup: Setup {
+            drive,
+            law: law(fixture),
+            is_unyielding: is_unyielding(fixture),
+            is_hold_automatic: fixture.automatic_hold.is_some(),
+            mass_kg: match fixture.coupling {
+                config::Coupling::Admittance { mass_kg } => Some(mass_kg.get()),
+                config::Coupling::Impedance { .. } => None,
+            },
+            period_s: Some(1e-6 * f64::from(period_us)),
+        },
         force_meaning,
         phases: Vec::new(),
         rows,
@@ -116,6 +128,30 @@ pub(in crate::report) fn trace(
         set_feet::<Shape3, 3>(&shape, trace.rows.iter_mut().chain(&mut trace.after));
     }
     trace
+}
+
+/// Returns the law of a fixture in words.
+fn law(fixture: &config::Fixture) -> String {
+    use config::FixtureLaw as Law;
+    match fixture.law {
+        None | Some(Law::Tube { .. }) => "plastic".to_owned(),
+        Some(Law::Ellipse {}) => "plastic, ellipse".to_owned(),
+        Some(Law::Elastic { stiffness_n_per_m, is_saturated, .. }) => {
+            let spring = if is_saturated { "saturated spring" } else { "spring" };
+            format!("{spring} of {} N/m", stiffness_n_per_m.get())
+        }
+        Some(Law::Viscous { .. }) => "viscous".to_owned(),
+        Some(Law::Free {}) => "friction alone".to_owned(),
+    }
+}
+
+/// Whether no force makes the law of a fixture give way.
+fn is_unyielding(fixture: &config::Fixture) -> bool {
+    use config::FixtureLaw as Law;
+    match fixture.law {
+        None | Some(Law::Tube { .. } | Law::Ellipse {} | Law::Elastic { is_saturated: true, .. }) => false,
+        Some(Law::Elastic { .. } | Law::Viscous { .. } | Law::Free {}) => true,
+    }
 }
 
 /// Where tool and proxy are as seen from the surfaces of the fixture, all of them, where they are in each row.
