@@ -155,7 +155,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
         .map(|failure| point_to_resets(failure, &outcome.errors, &rig, &arguments.rig, &interfaces))
         .or(held);
     let (trace, measures) = measured(&rig, &rig.fixture, scene_rows);
-    let drawn = draw(&trace, &rig.rig.name, arguments.figure.as_deref());
+    let drawn = draw(&trace, arguments.figure.as_deref());
     let facts = Facts {
         interfaces: &interfaces,
         arguments,

@@ -29,8 +29,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let mut recording = open(path)?;
     let (trace, _) = recorded(&mut recording).map_err(|error| failure(path, error))?;
     output.warnings(&damage(recording.damage(), path));
-    let heading = Some(trace.title.clone());
-    let drawing = yieldwall_figures::run(&trace, heading).map_err(|error| drawing_failure(&error))?;
+    let drawing = yieldwall_figures::run(&trace, String::new()).map_err(|error| drawing_failure(&error))?;
     write_drawing(&drawing, figure)?;
     if output.is_json() {
         return output.report(json!({ "recording": path, "figure": figure, "rows": trace.rows.len(), "rows_after_stop": trace.after.len() }));

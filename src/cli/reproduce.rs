@@ -71,7 +71,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     for figure in &names {
         let progress = Progress::new(output);
         let at = |figure: &str, mode: Mode, stage: Stage| {
-            progress.begin(&format!("{figure} {mode}"));
+            progress.begin(&format!("{figure}, {}", mode.in_words()));
             progress.at(stage);
         };
         let runs = match &arguments.figure {
@@ -127,12 +127,12 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 fn judge(runs: &[FigureRun]) -> Result<(), Failure> {
     if let Some(run) = runs.iter().find(|run| run.report.state.is_some_and(|state| state.is_latched())) {
         let cause = run.report.cause.map_or("", |cause| cause.fault.row().name);
-        let message = format!("{} {}: the rig was stopped by {cause}", run.figure, run.mode);
+        let message = format!("{}, {}: the rig was stopped by {cause}", run.figure, run.mode.in_words());
         return Err(Failure::new(Exit::SafetyStop, message, "the scene asks for more than the rig's limits allow"));
     }
     let Some(run) = runs.iter().find(|run| !run.measures().is_within_bound()) else { return Ok(()) };
     let help = "`yieldwall config check` shows the loop margins of each machine that the figure names";
-    Err(above_bound(run.measures(), &format!("{} {}", run.figure, run.mode), help))
+    Err(above_bound(run.measures(), &format!("{}, {}", run.figure, run.mode.in_words()), help))
 }
 
 /// Returns a line for each row, with the meaning of the columns.
@@ -152,9 +152,8 @@ fn table(rows: Vec<Vec<String>>) -> Vec<String> {
 /// Returns the measures of a run beside the paper's values, for the table.
 fn row(run: &FigureRun) -> Vec<String> {
     let (measures, [depth, force]) = (run.measures(), published(run));
-    let machine = if run.mode == Mode::Impedance { "" } else { "admittance " };
     vec![
-        format!("{:6}  {machine}{}", run.figure, run.mode),
+        format!("{:6}  {}", run.figure, run.mode.in_words()),
         run.hold_steps.to_string(),
         format!("{:.2}", measures.penetration_mm),
         depth.to_owned(),
@@ -202,7 +201,7 @@ fn entry(run: &FigureRun) -> Value {
 }
 
 fn text(run: &FigureRun) -> String {
-    let mut lines = vec![format!("{} {}, N_wait {}", run.figure, run.mode, run.hold_steps)];
+    let mut lines = vec![format!("{}, {}, N_wait {}", run.figure, run.mode.in_words(), run.hold_steps)];
     lines.extend(measures_text(run.measures()).into_iter().map(|line| format!("  {line}")));
     if let Some(bare) = &run.without_feed_forward
         && let Some(line) = tool_text(bare)
@@ -218,7 +217,7 @@ fn failure(error: ReproduceError) -> Failure {
         ReproduceError::Rig { figure, mode, source } => {
             let mut failure = rig_failure(&source);
             for finding in &mut failure.report.diagnostics {
-                finding.message = format!("{figure} {mode}: {}", finding.message);
+                finding.message = format!("{figure}, {}: {}", mode.in_words(), finding.message);
             }
             failure
         }

@@ -203,7 +203,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
     let report = report.map_err(|error| {
         kept.point_to_black_box(not_run(&error, arguments, &overrides.faults, &rig.value, &scene.value))
     })?;
-    let drawn = draw(&report.trace, &rig.value.rig.name, arguments.figure.as_deref());
+    let drawn = draw(&report.trace, arguments.figure.as_deref());
     let figure = arguments.figure.as_deref().filter(|_| drawn.is_ok());
     let seed = overrides.seed.unwrap_or(scene.value.seed);
     let facts = Facts { rig: &rig.value, drilled, margins, report: &report, kept: &kept, figure, seed, wall_s };
@@ -277,9 +277,9 @@ pub(super) fn judge_run(
 }
 
 /// Draws a run into a file, if one is requested.
-pub(super) fn draw(trace: &Trace, name: &str, figure: Option<&Path>) -> Result<(), Failure> {
+pub(super) fn draw(trace: &Trace, figure: Option<&Path>) -> Result<(), Failure> {
     let Some(path) = figure else { return Ok(()) };
-    let drawing = yieldwall_figures::run(trace, Some(name.to_owned())).map_err(|error| drawing_failure(&error))?;
+    let drawing = yieldwall_figures::run(trace, String::new()).map_err(|error| drawing_failure(&error))?;
     write_drawing(&drawing, path)
 }
 

@@ -2,31 +2,44 @@
 
 use std::fmt::Write;
 
-use super::{Error, Excerpt, SurfaceLine, TimeSpan, surface_lines};
+use super::axes::range_of;
+use super::{Error, Excerpt, SurfaceLine, TimeSpan, heading, surface_lines};
 use yieldwall_motion::elementary::hypot;
 use yieldwall_record::{Row, Trace};
 
 /// Most runs that [`animation`] draws.
 pub const MOST_MOVING: usize = 3;
-/// Width and height of a panel, and the room above for its texts, px.
-const PANEL: [f64; 2] = [360.0, 260.0];
-const HEAD: f64 = 50.0;
+/// Width of the picture and height of a panel, px; room above for its texts, and below all panels for the legend.
+const WIDTH: f64 = 800.0;
+const PANEL_HEIGHT: f64 = 200.0;
+const HEAD: f64 = 78.0;
+const FOOT: f64 = 62.0;
 const GAP: f64 = 16.0;
-/// Room around the ways of the tools, m.
-const MARGIN_M: f64 = 0.03;
-/// Length of an arrow for the greatest yield force of the runs, px.
+/// Sizes of letters, px: 10 pt and 8 pt where the picture is 160 mm wide.
+const LARGE: f64 = 18.0;
+const SMALL: f64 = 15.0;
+/// Least way of the tools that fills a panel, m.
+const LEAST_WAY_M: f64 = 0.005;
+/// Length of an arrow for the greatest yield force of the runs, and room around the ways of the tools, px.
 const YIELD_PX: f64 = 60.0;
+const ROOM: f64 = 76.0;
 /// Pictures a second.
 const RATE_HZ: f64 = 30.0;
 /// Time for which the last picture stays, s.
 const REST_S: f64 = 1.0;
 /// A hand that presses with less than this share of the yield force does not hold the tool.
 const HELD_SHARE: f64 = 0.025;
-/// Width of the band on the forbidden side, px.
+/// Width of the band on the forbidden side of a curve, px. The forbidden side of a straight line is filled.
 const BAND: f64 = 14.0;
+/// Half of the width of the marks, and distance of the measure of a throw from the way, px.
+const MARK: f64 = 7.0;
+const MEASURE: f64 = 30.0;
+/// Shorter throws have no measure but their number, px.
+const LEAST_MEASURE: f64 = 12.0;
 
 /// Returns the tool of each run with its force, the yield force as a circle and the surfaces, as an animated SVG that repeats.
-/// All panels show the same part of the plane, cropped to the ways of the tools, for the time of the shortest run.
+/// All panels show the same part of the plane, cropped to the ways of the tools, for the time of the shortest run. How far each tool is
+/// thrown back stands there from the first picture on, also for viewers that show no motion.
 ///
 /// # Errors
 /// [`Error::PanelCount`] for no trace or more than three; further as [`super::trajectory_and_time`].
@@ -40,85 +53,222 @@ pub fn animation(runs: &[(&str, &Trace)]) -> Result<String, Error> {
     let rows: Vec<&[&Row]> =
         all().map(|rows| rows.split_at(rows.partition_point(|row| row.time_s <= end_s)).0).collect();
     let yield_n = runs.iter().map(|(_, trace)| trace.yield_n).fold(0.0, f64::max);
-    let view = Panel::around(&rows, YIELD_PX / yield_n);
-    let width = runs.len() as f64 * (PANEL[0] + GAP) - GAP;
-    let height = HEAD + PANEL[1];
+    let size = [(WIDTH + GAP) / runs.len() as f64 - GAP, PANEL_HEIGHT];
+    let view = Panel::around(&rows, size, YIELD_PX / yield_n);
+    let height = HEAD + PANEL_HEIGHT + FOOT;
     let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" height=\"{height}\" \
-         font-family=\"system-ui, sans-serif\" role=\"img\">\n<title>Tools with the forces on them</title><defs><marker id=\"head\" viewBox=\"0 0 8 8\" refX=\"6\" refY=\"4\" \
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {height}\" width=\"{WIDTH}\" height=\"{height}\" \
+         font-family=\"DejaVu Sans, Verdana, sans-serif\" role=\"img\">\n<title>Tools with the forces on them</title>\
+         <rect width=\"{WIDTH}\" height=\"{height}\" fill=\"#fff\"/><defs><marker id=\"head\" viewBox=\"0 0 8 8\" refX=\"6\" refY=\"4\" \
          markerWidth=\"4\" markerHeight=\"4\" orient=\"auto\"><path d=\"M0 0L8 4L0 8z\" fill=\"#d55e00\"/></marker>\
+         <marker id=\"thrown\" viewBox=\"0 0 8 8\" refX=\"8\" refY=\"4\" markerWidth=\"6\" markerHeight=\"6\" orient=\"auto\">\
+         <path d=\"M0 0L8 4L0 8z\"/></marker>\
          <clipPath id=\"panel\"><rect width=\"{}\" height=\"{}\"/></clipPath></defs>\n",
-        PANEL[0], PANEL[1]
+        size[0], size[1]
     );
     for (at, ((name, trace), rows)) in runs.iter().zip(&rows).enumerate() {
-        let x = at as f64 * (PANEL[0] + GAP);
+        let x = at as f64 * (size[0] + GAP);
         // Writing to a string does not fail.
         let _ = writeln!(svg, "<g transform=\"translate({x} 0)\">{}</g>", view.panel(name, trace, rows, end_s));
     }
+    let traces: Vec<&Trace> = runs.iter().map(|(_, trace)| *trace).collect();
+    legend(&mut svg, &traces);
     svg.push_str("</svg>\n");
     Ok(svg)
 }
 
+/// Draws the legend, and below it the facts that are the same for all runs.
+fn legend(svg: &mut String, traces: &[&Trace]) {
+    let y = HEAD + PANEL_HEIGHT + 24.0;
+    let middle = y - 5.0;
+    let mut x = 12.0;
+    let mut entry = |sample: String, half: f64, name: &str| {
+        let at = x + half;
+        let _ = write!(svg, "<g transform=\"translate({at:.1} {middle})\">{sample}</g>");
+        *svg += &text([at + half + 6.0, y], SMALL, false, name);
+        x = at + half + 6.0 + 0.56 * SMALL * name.chars().count() as f64 + 20.0;
+    };
+    entry(format!("<circle r=\"{MARK}\"/>"), MARK, "tool");
+    let arrow = "<line x1=\"-20\" x2=\"18\" stroke=\"#d55e00\" stroke-width=\"4\" marker-end=\"url(#head)\"/>";
+    entry(arrow.to_owned(), 20.0, "push of the hand");
+    if traces.iter().any(|trace| !trace.setup.is_unyielding) {
+        let arc = "<path d=\"M-14 8A 16 16 0 0 1 14 8\" fill=\"none\" stroke=\"#0072b2\" stroke-width=\"1.5\" stroke-dasharray=\"4 3\"/>";
+        entry(arc.to_owned(), 14.0, "yield force R");
+    }
+    if traces.iter().any(|trace| trace.break_outs().next().is_some()) {
+        entry(DIAMOND.to_owned(), MARK, "surface gives way");
+    }
+    entry(ring(), MARK, "hand lets go");
+    *svg += &text([4.0, y + 26.0], SMALL, false, &heading::in_common(traces));
+}
+
+/// Mark where a surface gives way.
+const DIAMOND: &str = "<path d=\"M0-8L8 0L0 8L-8 0Z\" fill=\"#f5b02e\" stroke=\"#000\" stroke-width=\"1.5\"/>";
+
+/// Mark where the hand lets go.
+fn ring() -> String {
+    format!("<circle r=\"{MARK}\" fill=\"none\" stroke=\"#000\" stroke-width=\"2\"/>")
+}
+
+fn text([x, y]: [f64; 2], size: f64, is_bold: bool, content: &str) -> String {
+    let weight = if is_bold { " font-weight=\"700\"" } else { "" };
+    let content = content.replace('&', "&amp;").replace('<', "&lt;");
+    format!("<text x=\"{x:.1}\" y=\"{y:.1}\" font-size=\"{size}\"{weight}>{content}</text>")
+}
+
 /// Part of the plane that every panel shows.
 struct Panel {
+    size: [f64; 2],
     center_m: [f64; 2],
     px_per_m: f64,
     px_per_n: f64,
 }
 
 impl Panel {
-    fn around(rows: &[&[&Row]], px_per_n: f64) -> Self {
+    fn around(rows: &[&[&Row]], size: [f64; 2], px_per_n: f64) -> Self {
         let tools = || rows.iter().flat_map(|rows| rows.iter()).map(|row| row.tool_m);
-        let range = |axis: usize| {
-            let values = || tools().map(|tool_m| tool_m[axis]);
-            [values().fold(f64::INFINITY, f64::min) - MARGIN_M, values().fold(f64::NEG_INFINITY, f64::max) + MARGIN_M]
-        };
-        let (x, y) = (range(0), range(1));
-        let px_per_m = (PANEL[0] / (x[1] - x[0])).min(PANEL[1] / (y[1] - y[0]));
-        Self { center_m: [(x[0] + x[1]) / 2.0, (y[0] + y[1]) / 2.0], px_per_m, px_per_n }
+        let [x, y] = [0, 1].map(|axis| range_of(tools().map(|tool_m| tool_m[axis]), LEAST_WAY_M, 0.0));
+        let px_per_m = ((size[0] - 2.0 * ROOM) / (x[1] - x[0])).min((size[1] - 2.0 * ROOM) / (y[1] - y[0]));
+        Self { size, center_m: [(x[0] + x[1]) / 2.0, (y[0] + y[1]) / 2.0], px_per_m, px_per_n }
     }
 
     fn window_m(&self) -> [f64; 4] {
         let [x, y] = self.center_m;
-        let [half_x, half_y] = PANEL.map(|side| side / 2.0 / self.px_per_m);
+        let [half_x, half_y] = self.size.map(|side| side / 2.0 / self.px_per_m);
         [x - half_x, y - half_y, x + half_x, y + half_y]
     }
 
     fn place(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let [center_x, center_y] = self.center_m;
-        [PANEL[0] / 2.0 + (x - center_x) * self.px_per_m, PANEL[1] / 2.0 - (y - center_y) * self.px_per_m]
+        [self.size[0] / 2.0 + (x - center_x) * self.px_per_m, self.size[1] / 2.0 - (y - center_y) * self.px_per_m]
     }
 
     fn panel(&self, name: &str, trace: &Trace, rows: &[&Row], end_s: f64) -> String {
         let frames = Frames::new(self, trace, rows, end_s);
-        let mut svg = frames.texts(name, trace, rows);
+        let throw = Throw::of(trace, rows);
+        let mut svg = texts(name, trace, rows, throw.as_ref());
+        let _ = write!(svg, "<g transform=\"translate(0 {HEAD})\" clip-path=\"url(#panel)\">");
+        surface_lines(&trace.references, self.window_m()).iter().for_each(|line| self.surface(&mut svg, line, trace));
+        let _ = write!(svg, "<path d=\"{}\" fill=\"none\" stroke=\"#888\" stroke-width=\"2\"/>", path(&frames.tools));
+        self.break_outs(&mut svg, trace, end_s);
+        if let Some(throw) = &throw {
+            self.measure(&mut svg, throw);
+        }
+        let radius = (!trace.setup.is_unyielding).then_some(trace.yield_n * self.px_per_n);
+        frames.bodies(&mut svg, radius);
+        let [width, height] = self.size;
         let _ = write!(
             svg,
-            "<g transform=\"translate(0 {HEAD})\" clip-path=\"url(#panel)\"><rect width=\"{}\" height=\"{}\" fill=\"#fff\"/>",
-            PANEL[0], PANEL[1]
+            "<rect width=\"{width}\" height=\"{height}\" fill=\"none\" stroke=\"#999\" stroke-width=\"2\"/></g>"
         );
-        surface_lines(&trace.references, self.window_m()).iter().for_each(|line| self.surface(&mut svg, line, trace));
-        frames.bodies(&mut svg, trace.yield_n * self.px_per_n);
-        svg.push_str("</g>");
         svg
+    }
+
+    /// Marks where the surface gave way, each mark beside the one before.
+    fn break_outs(&self, svg: &mut String, trace: &Trace, end_s: f64) {
+        let mut last: Option<[f64; 2]> = None;
+        for row in trace.break_outs().filter_map(|at| trace.rows.get(at)).filter(|row| row.time_s <= end_s) {
+            let [x, y] = self.place([row.proxy_m[0], row.proxy_m[1]]);
+            if last.is_none_or(|last| hypot(x - last[0], y - last[1]) >= 2.0 * MARK) {
+                let _ = write!(svg, "<g transform=\"translate({x:.1} {y:.1})\">{DIAMOND}</g>");
+                last = Some([x, y]);
+            }
+        }
+    }
+
+    /// Draws where the hand let go, and how far from there the tool went.
+    fn measure(&self, svg: &mut String, throw: &Throw) {
+        let (from, to) = (self.place(throw.from_m), self.place(throw.to_m));
+        let _ = write!(svg, "<g transform=\"translate({:.1} {:.1})\">{}</g>", from[0], from[1], ring());
+        let way = [to[0] - from[0], to[1] - from[1]];
+        let length = hypot(way[0], way[1]);
+        // Below the way on paper; right of one that runs upright.
+        let across = match length >= LEAST_MEASURE {
+            true => [-way[1] / length, way[0] / length],
+            false => [0.0, 1.0],
+        };
+        let side = if across[1] < 0.0 || (across[1] == 0.0 && across[0] < 0.0) { -MEASURE } else { MEASURE };
+        let beside =
+            |point: [f64; 2], share: f64| [point[0] + share * side * across[0], point[1] + share * side * across[1]];
+        if length >= LEAST_MEASURE {
+            let ([x1, y1], [x2, y2]) = (beside(from, 1.0), beside(to, 1.0));
+            let ends =
+                [[beside(from, 0.5), beside(from, 1.3)], [beside(to, 0.5), beside(to, 1.3)]].map(|end| path(&end));
+            let _ = write!(
+                svg,
+                "<path d=\"{}{}\" stroke=\"#000\"/><line x1=\"{x1:.1}\" y1=\"{y1:.1}\" x2=\"{x2:.1}\" y2=\"{y2:.1}\" \
+                 stroke=\"#000\" stroke-width=\"2\" marker-end=\"url(#thrown)\"/>",
+                ends[0], ends[1]
+            );
+        }
+        let [x, y] = beside([(from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0], 1.7);
+        let _ = write!(
+            svg,
+            "<text x=\"{x:.1}\" y=\"{:.1}\" font-size=\"{LARGE}\" font-weight=\"700\" text-anchor=\"middle\">{}</text>",
+            y + 6.0,
+            mm(throw.back_m)
+        );
     }
 
     fn surface(&self, svg: &mut String, line: &SurfaceLine, trace: &Trace) {
         let points: Vec<[f64; 2]> = line.points_m.iter().map(|point_m| self.place(*point_m)).collect();
         let close = if line.is_closed { "Z" } else { "" };
         if trace.is_unilateral && line.has_sides {
+            let band = if points.len() == 2 { 2.0 * WIDTH } else { BAND };
             // On the page y points down: the right of the way is its left.
             let beside = points.iter().enumerate().map(|(at, point)| {
                 let (from, to) = (points[at.saturating_sub(1)], points[(at + 1).min(points.len() - 1)]);
                 let [x, y] = [to[0] - from[0], to[1] - from[1]];
                 let length = hypot(x, y).max(1e-9);
-                [point[0] - BAND * y / length, point[1] + BAND * x / length]
+                [point[0] - band * y / length, point[1] + band * x / length]
             });
             let beside: Vec<[f64; 2]> = beside.collect();
             let band: Vec<[f64; 2]> = points.iter().copied().chain(beside.into_iter().rev()).collect();
-            let _ = write!(svg, "<path d=\"{}Z\" fill=\"#000\" opacity=\".12\"/>", path(&band));
+            let _ = write!(svg, "<path d=\"{}Z\" opacity=\".12\"/>", path(&band));
         }
-        let _ = write!(svg, "<path d=\"{}{close}\" fill=\"none\" stroke=\"#333\" stroke-width=\"2\"/>", path(&points));
+        let _ = write!(svg, "<path d=\"{}{close}\" fill=\"none\" stroke=\"#333\" stroke-width=\"3\"/>", path(&points));
+    }
+}
+
+/// Returns a length in mm, with a decimal where it counts.
+fn mm(length_m: f64) -> String {
+    let length_mm = 1e3 * length_m;
+    let decimals = usize::from((0.05..9.95).contains(&length_mm));
+    format!("{length_mm:.decimals$} mm")
+}
+
+/// Returns the texts above a panel.
+fn texts(name: &str, trace: &Trace, rows: &[&Row], throw: Option<&Throw>) -> String {
+    let most_n = rows.iter().map(|row| force_n(trace, row)).fold(0.0, f64::max);
+    let push = format!("the hand pushes with up to {most_n:.0} N");
+    let end = match throw {
+        Some(throw) => format!("and lets go: thrown back {}", mm(throw.back_m)),
+        None => "and does not let go".to_owned(),
+    };
+    text([4.0, 20.0], LARGE, true, name)
+        + &text([4.0, 44.0], SMALL, false, &push)
+        + &text([4.0, 66.0], SMALL, true, &end)
+}
+
+/// How the tool went on after the hand had let go for good.
+struct Throw {
+    from_m: [f64; 2],
+    to_m: [f64; 2],
+    /// Way in the direction of the force on the hand in its strongest push, m.
+    back_m: f64,
+}
+
+impl Throw {
+    /// Returns `None` if the hand never lets go.
+    fn of(trace: &Trace, rows: &[&Row]) -> Option<Self> {
+        let is_held = |row: &&&Row| is_held_in(trace, row);
+        let (last, end) = (rows.iter().rev().find(is_held)?, rows.last()?);
+        let strongest = rows.iter().max_by(|a, b| force_n(trace, a).total_cmp(&force_n(trace, b)))?;
+        let [force_x, force_y, _] = trace.force_on_hand_n(strongest);
+        let [from_m, to_m] = [last, end].map(|row| [row.tool_m[0], row.tool_m[1]]);
+        let way = (to_m[0] - from_m[0]) * force_x + (to_m[1] - from_m[1]) * force_y;
+        let back_m = (way / hypot(force_x, force_y).max(1e-9)).max(0.0);
+        (end.time_s > last.time_s + 0.1).then_some(Self { from_m, to_m, back_m })
     }
 }
 
@@ -132,8 +282,6 @@ struct Frames {
     tools: Vec<[f64; 2]>,
     tips: Vec<[f64; 2]>,
     is_held: Vec<bool>,
-    /// Number of the first picture after which the hand never holds the tool again.
-    gone_from: usize,
     lasts_s: f64,
 }
 
@@ -152,8 +300,7 @@ impl Frames {
             tips.push([tool_x - force_n[0] * panel.px_per_n, tool_y + force_n[1] * panel.px_per_n]);
             is_held.push(is_held_in(trace, row));
         }
-        let gone_from = is_held.iter().rposition(|held| *held).map_or(0, |last| last + 1);
-        Self { tools, tips, is_held, gone_from, lasts_s: count as f64 / RATE_HZ }
+        Self { tools, tips, is_held, lasts_s: count as f64 / RATE_HZ }
     }
 
     /// Returns an element that moves an attribute through all pictures.
@@ -169,44 +316,25 @@ impl Frames {
         self.animate(attribute, "linear", points.iter().map(|point| format!("{:.1}", point[axis])))
     }
 
-    fn bodies(&self, svg: &mut String, radius: f64) {
+    /// Draws tool and hand. Without animation the tool is where it ends.
+    fn bodies(&self, svg: &mut String, radius: Option<f64>) {
         let shown = self.animate("opacity", "discrete", self.is_held.iter().map(|held| u8::from(*held).to_string()));
         let place = |x: &str, y: &str, points| self.moved(x, points, 0) + &self.moved(y, points, 1);
-        let [at, circle] = [place("cx", "cy", &self.tools), place("cx", "cy", &self.tools)];
+        let at = place("cx", "cy", &self.tools);
+        let circle = radius.map_or(String::new(), |radius| {
+            format!("<circle r=\"{radius}\" fill=\"none\" stroke=\"#0072b2\" stroke-width=\"1.5\" stroke-dasharray=\"4 3\">{at}</circle>")
+        });
         let arrow = place("x1", "y1", &self.tools) + &place("x2", "y2", &self.tips);
+        let hands: Vec<[f64; 2]> = self.tools.iter().map(|[x, y]| [*x, y - 16.0]).collect();
+        let hand = place("x", "y", &hands);
+        let [x, y] = self.tools.last().copied().unwrap_or_default();
         let _ = write!(
             svg,
-            "<g>{shown}<circle r=\"{radius}\" fill=\"none\" stroke=\"#0072b2\" stroke-dasharray=\"4 4\">{circle}</circle>\
-             <line stroke=\"#d55e00\" stroke-width=\"4\" marker-end=\"url(#head)\">{arrow}</line></g>\
-             <circle r=\"7\" fill=\"#000\">{at}</circle>"
+            "<g opacity=\"0\">{shown}{circle}<line stroke=\"#d55e00\" stroke-width=\"4\" marker-end=\"url(#head)\">{arrow}</line>\
+             <text font-size=\"{SMALL}\" text-anchor=\"middle\">hand{hand}</text></g>\
+             <circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{MARK}\">{at}</circle>"
         );
     }
-
-    fn texts(&self, name: &str, trace: &Trace, rows: &[&Row]) -> String {
-        let mut svg = String::new();
-        let name = name.replace('&', "&amp;").replace('<', "&lt;");
-        let _ = write!(svg, "<text x=\"4\" y=\"20\" font-size=\"18\" font-weight=\"600\" fill=\"#777\">{name}</text>");
-        let most_n = rows.iter().map(|row| force_n(trace, row)).fold(0.0, f64::max);
-        let gone = match thrown_back_m(trace, rows) {
-            Some(back_m) => format!("the hand lets go: the tool moves {:.1} mm", 1e3 * back_m),
-            None => String::new(),
-        };
-        for (text, is_gone) in [(format!("the hand pushes with up to {most_n:.0} N"), false), (gone, true)] {
-            let is_shown =
-                (0..self.is_held.len()).map(|frame| u8::from((frame >= self.gone_from) == is_gone).to_string());
-            let shown = self.animate("opacity", "discrete", is_shown);
-            let _ = write!(svg, "<text x=\"4\" y=\"40\" font-size=\"14\" fill=\"#777\">{text}{shown}</text>");
-        }
-        svg
-    }
-}
-
-/// Returns the way of the tool after the hand has released it for good, m; `None` if it never does.
-fn thrown_back_m(trace: &Trace, rows: &[&Row]) -> Option<f64> {
-    let is_held = |row: &&&Row| is_held_in(trace, row);
-    let (last, end) = (rows.iter().rev().find(is_held)?, rows.last()?);
-    let way_m = [0, 1].map(|axis| end.tool_m[axis] - last.tool_m[axis]);
-    (end.time_s > last.time_s + 0.1).then(|| hypot(way_m[0], way_m[1]))
 }
 
 /// Returns the force between hand and tool in the plane, N.

@@ -1,12 +1,12 @@
 //! Several runs over one another.
 
 use super::axes::{Axes, Kind};
-use super::history::{Positions, force_range, levels, shown_force_n, time_range};
+use super::history::{Positions, force_range, levels, right_of, shown_force_n, time_range};
 use super::legend::{self, Entry, Sample};
 use super::page::{Color, Page, SKY, Stroke, VERMILION, WIDTH};
 use super::plane::{self, Places, SURFACE, SURFACE_BAND};
-use super::trajectory::{BESIDE_PLANE, LEFT, LETTER_OFFSET, around, corners, force_name};
-use super::{Drawing, Error, Excerpt, Options};
+use super::trajectory::{BESIDE_PLANE, LEAST_HEIGHT, LEFT, LETTER_OFFSET, around, force_name};
+use super::{Drawing, Error, Excerpt, Options, heading};
 use yieldwall_record::Trace;
 
 /// Lines that differ in lightness, width and dashes as well as in colour, the widest first: it lies below the others.
@@ -18,8 +18,8 @@ const LINES: [Stroke; 6] = [
     Stroke { color: Color(0xe6, 0x9f, 0x00), width: 3.5, dash: &[4.0, 6.0] },
     Stroke { color: Color(0xcc, 0x79, 0xa7), width: 3.0, dash: &[30.0, 10.0] },
 ];
-/// Longest name in the legend, in letters.
-const LONGEST_NAME: usize = 34;
+/// Room for a name in the legend.
+const NAME_ROOM: f64 = 900.0;
 
 /// Draws a comparison of several runs. The left panel has the ways of the tools of all runs with the surfaces of all, seen along z. The
 /// right panels have the force along the normal and the distance of the tools from the surface over time; they are left out where a run has
@@ -32,15 +32,14 @@ pub fn comparison(runs: &[(&str, &Trace)], options: &Options) -> Result<Drawing,
         return Err(Error::PanelCount { count: runs.len(), most: LINES.len() });
     };
     let all = runs.iter().map(|(_, trace)| Overlaid::new(trace, options)).collect::<Result<Vec<_>, _>>()?;
-    let head = if options.heading.is_some() { 54.0 } else { 8.0 };
+    let traces: Vec<&Trace> = runs.iter().map(|(_, trace)| *trace).collect();
+    let heading = heading::lines(&traces, options);
+    let head = heading::height(&heading);
     let (above, side) = (head + 110.0, 720.0);
 
     let frame = plane::frame(LEFT, above, side, side);
-    let mut points: Vec<_> = all.iter().flat_map(Overlaid::way).collect();
-    for one in &all {
-        points.extend(corners(one.trace, &one.places, &points));
-    }
-    let axes = around(frame, &points, 0.03);
+    let points: Vec<_> = all.iter().flat_map(Overlaid::way).collect();
+    let axes = around(frame, &points, 0.05, LEAST_HEIGHT);
     let mut entries: Vec<Entry> = runs.iter().zip(LINES).map(|((name, _), line)| entry(name, line)).collect();
     // What of the surfaces comes into sight is in the legend, whose height shifts the frame.
     let mut scratch = Page::new(above);
@@ -52,13 +51,21 @@ pub fn comparison(runs: &[(&str, &Trace)], options: &Options) -> Result<Drawing,
             }
         }
     }
+    for one in &all {
+        for entry in plane::marks(&mut scratch, &axes, one.trace, &one.excerpt, None) {
+            if entries.iter().all(|known| known.name != entry.name) {
+                entries.push(entry);
+            }
+        }
+    }
     let room = WIDTH - LEFT;
     let top = above + legend::further_height(&entries, room);
-    let mut page = Page::new(top + side + 96.0);
-    super::heading(&mut page, options);
+    let height = axes.frame.bottom - axes.frame.top;
+    let mut page = Page::new(top + height + 96.0);
+    heading::draw(&mut page, &heading);
     legend::draw(&mut page, (LEFT, head + 40.0), room, &entries);
 
-    let axes = Axes { frame: plane::frame(LEFT, top, side, side), ..axes };
+    let axes = Axes { frame: plane::frame(LEFT, top, side, height), ..axes };
     for (at, one) in all.iter().enumerate() {
         if is_new(&all, at) {
             plane::surfaces(&mut page, &axes, one.trace, &one.places)?;
@@ -67,16 +74,20 @@ pub fn comparison(runs: &[(&str, &Trace)], options: &Options) -> Result<Drawing,
     for (one, line) in all.iter().zip(LINES) {
         axes.curve(&mut page, one.way(), Kind::Way, line);
     }
+    for (one, line) in all.iter().zip(LINES) {
+        plane::marks(&mut page, &axes, one.trace, &one.excerpt, Some(line.color));
+    }
     axes.draw(&mut page, Some("x (mm)"), "y (mm)");
     super::panel_letter(&mut page, (LEFT - LETTER_OFFSET, top - 15.0), 0);
 
-    let (left, width, gap) = BESIDE_PLANE;
+    let (left, gap) = BESIDE_PLANE;
+    let width = WIDTH - left - right_of(&traces);
     let x = all
         .iter()
         .map(|one| time_range(&one.excerpt))
         .fold([f64::INFINITY, f64::NEG_INFINITY], |all, one| [all[0].min(one[0]), all[1].max(one[1])]);
     let has_distance = all.iter().all(|one| !one.trace.references.is_empty());
-    let height = if has_distance { (side - gap) / 2.0 } else { side };
+    let height = if has_distance { (height - gap) / 2.0 } else { height };
     let label = all.first().map(|one| one.excerpt.label);
     let upper = Axes {
         frame: plane::frame(left, top, width, height),
@@ -89,7 +100,8 @@ pub fn comparison(runs: &[(&str, &Trace)], options: &Options) -> Result<Drawing,
         of(other.trace) == of(first)
     };
     if all.iter().all(has_levels_of) {
-        levels(&mut page, &upper, first);
+        let yielding = traces.iter().find(|trace| !trace.setup.is_unyielding);
+        levels(&mut page, &upper, yielding.unwrap_or(first));
     }
     for (one, line) in all.iter().zip(LINES) {
         let shown = |row: &&yieldwall_record::Row| (one.excerpt.shown_time(row.time_s), shown_force_n(one.trace, row));
@@ -145,9 +157,5 @@ fn thinner(line: Stroke) -> Stroke {
 }
 
 fn entry(name: &str, line: Stroke) -> Entry {
-    let mut short: String = name.chars().take(LONGEST_NAME).collect();
-    if short.len() < name.len() {
-        short.push('\u{2026}');
-    }
-    Entry::new(Sample::Lines(vec![line]), short)
+    Entry::new(Sample::Lines(vec![line]), legend::shortened(name, NAME_ROOM))
 }

@@ -2,9 +2,10 @@
 
 use super::axes::{Axes, Kind, range_of};
 use super::legend::{self, Entry, Sample};
+use super::marks::{self, Mark};
 use super::page::{Anchor, BLACK, GREY, Page, Stroke, VERMILION, WIDTH};
 use super::plane::{self, MM_PER_M, PROXY, SURFACE, SURFACE_BAND, TOOL};
-use super::{Drawing, Error, Excerpt, Options};
+use super::{Drawing, Error, Excerpt, Options, heading};
 use yieldwall_record::{Row, Trace};
 
 const FORCE: Stroke = Stroke { color: BLACK, width: 3.0, dash: &[] };
@@ -12,7 +13,7 @@ const LEVEL: Stroke = Stroke { color: BLACK, width: 2.0, dash: &[18.0, 10.0] };
 /// Samples stand apart as dots when they are at least this far from one another: 1.2 mm.
 const DOT_SPACING: f64 = 12.0;
 /// Least distance of two level names, so that they do not touch.
-const NAME_SPACING: f64 = 27.0;
+const NAME_SPACING: f64 = 29.0;
 /// Least height of a range, so that a curve without change has an axis: 0.1 N, 10 mW, 0.1 mm, and in time 1 ms.
 const LEAST: f64 = 0.1;
 const LEAST_POWER_W: f64 = 0.01;
@@ -27,6 +28,8 @@ const FAULT_GAP: f64 = 10.0;
 const MOST_COLUMNS: usize = 3;
 const LEFT: f64 = 100.0;
 const RIGHT: f64 = 60.0;
+/// As above, with the name of an outward yield force.
+const RIGHT_OUTWARD: f64 = 112.0;
 
 /// Returns the force component along the normal; without a surface the magnitude of the force.
 pub(super) fn shown_force_n(trace: &Trace, row: &Row) -> f64 {
@@ -36,13 +39,18 @@ pub(super) fn shown_force_n(trace: &Trace, row: &Row) -> f64 {
     trace.drawn_sign() * trace.normal_force_n(row)
 }
 
-/// Draws the force along the normal, with the levels `F` and `R`.
+/// Draws the force along the normal, with the levels `F` and `R` and the break-outs.
 pub(super) fn force_panel(page: &mut Page, axes: &Axes, trace: &Trace, excerpt: &Excerpt<'_>) {
     axes.zero_line(page);
     levels(page, axes, trace);
     let values = || excerpt.rows.iter().map(|row| (excerpt.shown_time(row.time_s), shown_force_n(trace, row)));
     axes.curve(page, values(), Kind::History, FORCE);
     dots(page, axes, values(), FORCE);
+    let places = excerpt.break_outs(trace).map(|row| {
+        let (x, y) = (excerpt.shown_time(row.time_s), shown_force_n(trace, row));
+        axes.place(x, y)
+    });
+    marks::draw(page, axes.frame, Mark::BreakOut, None, places);
 }
 
 /// Draws the power delivered to the hand.
@@ -86,6 +94,11 @@ fn yields_n(trace: &Trace) -> [Option<f64>; 2] {
     [against(1.0), against(-1.0)]
 }
 
+/// Returns the room that the names of the levels of these runs need.
+pub(super) fn right_of(traces: &[&Trace]) -> f64 {
+    if traces.iter().any(|trace| trace.outward_yield_n.is_some()) { RIGHT_OUTWARD } else { RIGHT }
+}
+
 /// Draws dashed lines at `F` and `R` on both sides of zero, named at the right edge.
 pub(super) fn levels(page: &mut Page, axes: &Axes, trace: &Trace) {
     let [most, least] = yields_n(trace);
@@ -93,6 +106,7 @@ pub(super) fn levels(page: &mut Page, axes: &Axes, trace: &Trace) {
     let is_outward = |sign: f64| trace.outward_yield_n.is_some() && -sign * trace.drawn_sign() > 0.0;
     let yield_below = |sign: f64| if is_outward(sign) { "out" } else { "" };
     let friction = trace.friction_n;
+    let [most, least] = [most, least].map(|yields| yields.filter(|_| !trace.setup.is_unyielding));
     let names = [
         (most, "", "R", yield_below(1.0)),
         (least, "\u{2212}", "R", yield_below(-1.0)),
@@ -151,7 +165,8 @@ fn dots(page: &mut Page, axes: &Axes, values: impl Iterator<Item = (f64, f64)>, 
 }
 
 /// Draws one column for each trace, with the same scales. The upper panel has the position of tool and proxy along the surface's normal.
-/// The lower panel has the force on the hand along it, with the levels `F` and `R`. Each column is headed by a letter and `N_wait`.
+/// The lower panel has the force on the hand along it, with the levels `F` and `R`. Each column is headed by a letter, and by `N_wait` if that
+/// is not in the heading.
 ///
 /// Positions are signed distances from the reference surface, which is the line at zero.
 ///
@@ -171,26 +186,36 @@ pub fn hold_comparison(traces: &[&Trace], options: &Options) -> Result<Drawing, 
     let position = Positions::range(columns.iter().map(|column| &column.positions));
     let force = force_range(columns.iter().map(|column| (column.trace, &column.excerpt)));
 
-    let head = if options.heading.is_some() { 100.0 } else { 54.0 };
+    let heading = heading::lines(traces, options);
+    let head = heading::height(&heading) + 46.0;
     let (above, height, gap) = (head + 84.0, 430.0, 62.0);
     let mut page = Page::new(above + 2.0 * height + gap + 96.0);
-    super::heading(&mut page, options);
+    heading::draw(&mut page, &heading);
     let mut entries = plane::way_entries();
     entries.push(Entry::new(Sample::Lines(vec![SURFACE_BAND, SURFACE]), "reference surface"));
+    if columns.iter().any(|column| column.excerpt.break_outs(column.trace).next().is_some()) {
+        entries.push(Entry::mark(Mark::BreakOut));
+    }
     legend::draw(&mut page, (LEFT, head - 14.0), WIDTH - LEFT, &entries);
     let cell = WIDTH / count as f64;
-    let width = (cell - LEFT - RIGHT).min(1000.0);
+    let right = right_of(traces);
+    let width = (cell - LEFT - right).min(1000.0);
     for (number, column) in columns.iter().enumerate() {
-        let left = number as f64 * cell + LEFT + (cell - LEFT - RIGHT - width) / 2.0;
+        let left = number as f64 * cell + LEFT + (cell - LEFT - right - width) / 2.0;
         let x = time_range(&column.excerpt);
         let upper = Axes { frame: plane::frame(left, above, width, height), x, y: position };
         let lower = Axes { frame: plane::frame(left, above + height + gap, width, height), x, y: force };
         column.positions.draw(&mut page, &upper);
+        let break_outs = column.excerpt.break_outs(column.trace);
+        let places = break_outs.map(|row| upper.place(column.excerpt.shown_time(row.time_s), 0.0));
+        marks::draw(&mut page, upper.frame, Mark::BreakOut, None, places);
         upper.draw(&mut page, None, "position along the normal (mm)");
         force_panel(&mut page, &lower, column.trace, &column.excerpt);
         lower.draw(&mut page, Some(column.excerpt.label), "force along the normal (N)");
         super::panel_letter(&mut page, (left, above - 52.0), number);
-        page.hold_steps((left + 55.0, above - 52.0), column.trace.hold_steps);
+        if !heading::has_hold(traces, options) {
+            super::hold_steps(&mut page, (left, above - 52.0), column.trace);
+        }
     }
     Ok(Drawing::new(page, options))
 }

@@ -1,7 +1,7 @@
 //! The line of samples with their names above a figure.
 
 use super::curve::Point;
-use super::marks;
+use super::marks::{self, Mark};
 use super::page::{Anchor, LETTER, Page, Stroke};
 
 /// Length of a line's sample: four dashes of the proxy and the gaps between them.
@@ -23,8 +23,8 @@ pub(super) enum Sample {
     Hatched(Vec<Stroke>),
     /// An arrow of this length.
     Arrow(f64, Stroke),
-    /// The mark of a fault.
-    Cross,
+    /// A mark at a place.
+    Mark(Mark),
 }
 
 /// One sample with its name.
@@ -39,10 +39,14 @@ impl Entry {
         Self { sample, name: name.into() }
     }
 
+    pub(super) fn mark(mark: Mark) -> Self {
+        Self::new(Sample::Mark(mark), mark.name())
+    }
+
     fn sample_width(&self) -> f64 {
         match self.sample {
             Sample::Arrow(length, _) => length,
-            Sample::Cross => 2.0 * marks::CROSS,
+            Sample::Mark(mark) => 2.0 * mark.size(),
             _ => SAMPLE,
         }
     }
@@ -55,6 +59,15 @@ impl Entry {
 /// Returns the approximate width of a text.
 pub(super) fn text_width(text: &str) -> f64 {
     LETTER_WIDTH * f64::from(LETTER) * text.chars().count() as f64
+}
+
+/// Returns a text that is no wider than there is room for.
+pub(super) fn shortened(text: &str, room: f64) -> String {
+    let most = (room / text_width("m")) as usize;
+    match text.chars().count() > most {
+        true => text.chars().take(most.saturating_sub(1)).chain(['\u{2026}']).collect(),
+        false => text.to_owned(),
+    }
 }
 
 /// Returns the height of a legend beyond its first row.
@@ -90,7 +103,7 @@ pub(super) fn draw(page: &mut Page, (left, y): Point, room: f64, entries: &[Entr
                 marks::hatch(page, &line);
             }
             Sample::Arrow(_, stroke) => page.arrow(line[0], line[1], stroke.color, stroke.width),
-            Sample::Cross => marks::cross(page, (x + width / 2.0, middle)),
+            Sample::Mark(mark) => mark.draw(page, (x + width / 2.0, middle), None),
         }
         page.text((x + width + GAP, y), Anchor::Start, &entry.name);
     }

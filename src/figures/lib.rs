@@ -12,6 +12,7 @@ pub mod chart;
 mod comparison;
 mod curve;
 mod error;
+mod heading;
 mod history;
 mod legend;
 mod magnified;
@@ -26,6 +27,7 @@ mod tests;
 pub use animation::{MOST_MOVING, animation};
 pub use comparison::comparison;
 pub use error::Error;
+pub use heading::differences;
 pub use history::hold_comparison;
 pub use magnified::{View, magnified};
 pub use trajectory::trajectory_and_time;
@@ -69,12 +71,11 @@ pub enum TimeSpan {
 /// Choices of the caller.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
-    /// Line of text above the figure, or none (a paper has its caption).
+    /// Title above the line with drive, law, `R`, `F`, `M`, `T` and `N_wait`; may be empty. `None`: neither, since a paper has its caption.
     pub heading: Option<String>,
     /// Rows to draw.
     pub time_span: TimeSpan,
-    /// Part of the plane that [`trajectory_and_time`] shows; `None`: all of the way and, where it is not much larger
-    /// than the way, all of the surface.
+    /// Part of the plane that [`trajectory_and_time`] shows; `None`: the part that the tool used, with a margin.
     pub window: Option<Window>,
     /// The most force arrows that are drawn, at least 1.
     pub arrow_limit: usize,
@@ -84,7 +85,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { heading: None, time_span: TimeSpan::Whole, window: None, arrow_limit: 140, is_font_embedded: false }
+        Self { heading: None, time_span: TimeSpan::Whole, window: None, arrow_limit: 35, is_font_embedded: false }
     }
 }
 
@@ -187,16 +188,16 @@ impl<'a> Excerpt<'a> {
         trace.faults.iter().filter_map(seen).collect()
     }
 
+    /// Returns the rows in which the surface gave way.
+    fn break_outs(&self, trace: &'a Trace) -> impl Iterator<Item = &'a Row> + '_ {
+        let [from_s, to_s] = [self.rows.first(), self.rows.last()].map(|row| row.map_or(0.0, |row| row.time_s));
+        let rows = trace.break_outs().filter_map(|at| trace.rows.get(at));
+        rows.filter(move |row| (from_s..=to_s).contains(&row.time_s))
+    }
+
     /// Returns the time of a moment on the shown axis.
     fn shown_time(&self, time_s: f64) -> f64 {
         (time_s - self.origin_s) * self.per_second
-    }
-}
-
-/// Draws the line of text above a figure.
-fn heading(page: &mut Page, options: &Options) {
-    if let Some(heading) = &options.heading {
-        page.text((page::WIDTH / 2.0, 40.0), page::Anchor::Middle, heading);
     }
 }
 
@@ -204,6 +205,13 @@ fn heading(page: &mut Page, options: &Options) {
 fn panel_letter(page: &mut Page, at: curve::Point, number: usize) {
     let letter = ('a'..='z').nth(number).unwrap_or('?');
     page.bold_text(at, &format!("({letter})"));
+}
+
+/// Draws the hold of a panel's run behind the panel's letter.
+fn hold_steps(page: &mut Page, (x, y): curve::Point, trace: &Trace) {
+    if let Some(hold) = heading::hold_steps(trace) {
+        page.text((x + 55.0, y), page::Anchor::Start, &hold);
+    }
 }
 
 /// A surface as a line in the plane of x and y.
@@ -223,10 +231,10 @@ pub fn surface_lines(references: &[Reference], window_m: [f64; 4]) -> Vec<Surfac
     plane::lines_m(references, window_m)
 }
 
-/// Returns the drawing of one run: trajectory with forces, force and power against time.
+/// Returns the drawing of one run: trajectory with forces, force and power against time. The title may be empty.
 ///
 /// # Errors
 /// As [`trajectory_and_time`].
-pub fn run(trace: &Trace, heading: Option<String>) -> Result<Drawing, Error> {
-    trajectory_and_time(trace, &Options { heading, ..Options::default() })
+pub fn run(trace: &Trace, title: String) -> Result<Drawing, Error> {
+    trajectory_and_time(trace, &Options { heading: Some(title), ..Options::default() })
 }

@@ -1,9 +1,10 @@
 //! Magnified views of ways, without forces: like [KTF08, Figs 13 and 16].
 
 use super::axes::Axes;
+use super::legend::{self, Entry};
 use super::page::{Page, WIDTH};
 use super::plane::Places;
-use super::{Drawing, Error, Excerpt, Options, Window, legend, plane};
+use super::{Drawing, Error, Excerpt, Options, Window, heading, plane};
 use yieldwall_record::Trace;
 
 /// Most panels: three rows of three.
@@ -23,7 +24,7 @@ pub struct View<'a> {
 }
 
 /// Draws square panels side by side, each with the ways of tool and proxy and the reference surface at equal scales. Each
-/// panel is headed by a letter and by its trace's `N_wait`.
+/// panel is headed by a letter, and by its trace's `N_wait` if that is not in the heading.
 ///
 /// # Errors
 /// As for the data of [`super::trajectory_and_time`]; [`Error::PanelCount`] for no panel or more than nine.
@@ -40,28 +41,40 @@ pub fn magnified(views: &[View<'_>], options: &Options) -> Result<Drawing, Error
     let cell = WIDTH / columns as f64;
     let side = (cell - LEFT - RIGHT).min(900.0);
     let lines = views.len().div_ceil(columns);
-    let head = if options.heading.is_some() { 100.0 } else { 54.0 };
-    let mut page = Page::new(head + lines as f64 * (ABOVE + side + BELOW));
-    super::heading(&mut page, options);
+    let traces: Vec<&Trace> = views.iter().map(|view| view.trace).collect();
+    let heading = heading::lines(&traces, options);
     let excerpts =
         views.iter().map(|view| Excerpt::new(view.trace, options.time_span)).collect::<Result<Vec<_>, _>>()?;
-    let mut entries = plane::way_entries();
-    for (number, (view, excerpt)) in views.iter().zip(&excerpts).enumerate() {
-        let left = (number % columns) as f64 * cell + LEFT + (cell - LEFT - RIGHT - side) / 2.0;
-        let top = head + (number / columns) as f64 * (ABOVE + side + BELOW) + ABOVE;
-        let (x, y) = plane::ranges(view.window)?;
-        let axes = Axes::with_equal_scales(plane::frame(left, top, side, side), x, y);
-        let places = Places::new(view.trace, excerpt);
-        let sight = plane::ways(&mut page, &axes, view.trace, excerpt, &places)?;
-        for entry in places.entries(view.trace, sight) {
-            if entries.iter().all(|known| known.name != entry.name) {
-                entries.push(entry);
+    let panels = |page: &mut Page, head: f64| -> Result<Vec<Entry>, Error> {
+        let mut entries = plane::way_entries();
+        for (number, (view, excerpt)) in views.iter().zip(&excerpts).enumerate() {
+            let left = (number % columns) as f64 * cell + LEFT + (cell - LEFT - RIGHT - side) / 2.0;
+            let top = head + (number / columns) as f64 * (ABOVE + side + BELOW) + ABOVE;
+            let (x, y) = plane::ranges(view.window)?;
+            let axes = Axes::with_equal_scales(plane::frame(left, top, side, side), x, y);
+            let places = Places::new(view.trace, excerpt);
+            let sight = plane::ways(page, &axes, view.trace, excerpt, &places)?;
+            let marks = plane::marks(page, &axes, view.trace, excerpt, None);
+            for entry in places.entries(view.trace, sight).into_iter().chain(marks) {
+                if entries.iter().all(|known| known.name != entry.name) {
+                    entries.push(entry);
+                }
+            }
+            axes.draw(page, Some("x (mm)"), "y (mm)");
+            super::panel_letter(page, (left, top - 52.0), number);
+            if !heading::has_hold(&traces, options) {
+                super::hold_steps(page, (left, top - 52.0), view.trace);
             }
         }
-        axes.draw(&mut page, Some("x (mm)"), "y (mm)");
-        super::panel_letter(&mut page, (left, top - 52.0), number);
-        page.hold_steps((left + 55.0, top - 52.0), view.trace.hold_steps);
-    }
-    legend::draw(&mut page, (LEFT, head - 14.0), f64::INFINITY, &entries);
+        Ok(entries)
+    };
+    // What comes into sight is in the legend, whose height shifts the panels.
+    let legend_y = heading::height(&heading) + 32.0;
+    let further = legend::further_height(&panels(&mut Page::new(0.0), 0.0)?, WIDTH - LEFT);
+    let head = legend_y + further + 14.0;
+    let mut page = Page::new(head + lines as f64 * (ABOVE + side + BELOW));
+    heading::draw(&mut page, &heading);
+    let entries = panels(&mut page, head)?;
+    legend::draw(&mut page, (LEFT, legend_y), WIDTH - LEFT, &entries);
     Ok(Drawing::new(page, options))
 }

@@ -1,15 +1,90 @@
-//! Marks of their own: the forbidden side of a wall, and faults.
+//! Marks: the forbidden side of a wall, begin and end of a run, places where a surface gave way, and faults.
 
-use super::curve::Point;
-use super::page::{BLACK, GREY, Page, Stroke};
+use super::curve::{Frame, Point};
+use super::page::{BLACK, Color, GREY, Page, Stroke, WHITE};
 use yieldwall_motion::elementary;
 
 /// The strokes on the forbidden side of a wall: thinner than its line, 1.6 mm long, 2.2 mm apart.
 const HATCH: Stroke = Stroke { color: GREY, width: 1.5, dash: &[] };
 const HATCH_LENGTH: f64 = 16.0;
 const HATCH_SPACING: f64 = 22.0;
-/// Half of the width of a fault's cross, on paper.
-pub(super) const CROSS: f64 = 11.0;
+/// Line of all marks.
+const LINE: Stroke = Stroke { color: BLACK, width: 3.5, dash: &[] };
+/// Light orange, which is also light in print without colours.
+const ORANGE: Color = Color(0xf5, 0xb0, 0x2e);
+
+/// Mark at a place. The marks differ in shape and lightness, and an end within its own start leaves both to be seen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Mark {
+    /// Ring.
+    Start,
+    /// Black square.
+    End,
+    /// Light diamond.
+    BreakOut,
+    /// Cross.
+    Fault,
+}
+
+impl Mark {
+    /// Half of its width.
+    pub(super) fn size(self) -> f64 {
+        match self {
+            Self::Start => 14.0,
+            Self::End => 8.0,
+            Self::BreakOut => 15.0,
+            Self::Fault => 11.0,
+        }
+    }
+
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Start => "start",
+            Self::End => "end",
+            Self::BreakOut => "surface gives way",
+            Self::Fault => "fault",
+        }
+    }
+
+    /// Draws it, filled with a colour if it is not its own.
+    pub(super) fn draw(self, page: &mut Page, (x, y): Point, color: Option<Color>) {
+        let size = self.size();
+        match self {
+            Self::Start => page.ring((x, y), size, WHITE, LINE),
+            Self::End => {
+                let corners = [(x - size, y - size), (x + size, y - size), (x + size, y + size), (x - size, y + size)];
+                page.shape(&corners, color.unwrap_or(BLACK), LINE);
+            }
+            Self::BreakOut => {
+                let corners = [(x, y - size), (x + size, y), (x, y + size), (x - size, y)];
+                page.shape(&corners, color.unwrap_or(ORANGE), LINE);
+            }
+            Self::Fault => {
+                for down in [1.0, -1.0] {
+                    page.chain(&[(x - size, y - down * size), (x + size, y + down * size)], LINE);
+                }
+            }
+        }
+    }
+}
+
+/// Draws one mark at the places within a frame, each at least its width from the one before, and returns it if there is one.
+pub(super) fn draw(
+    page: &mut Page,
+    frame: Frame,
+    mark: Mark,
+    color: Option<Color>,
+    places: impl Iterator<Item = Point>,
+) -> Option<Mark> {
+    let mut last: Option<Point> = None;
+    for (x, y) in places.filter(|place| frame.contains(*place)) {
+        if last.is_none_or(|last| elementary::hypot(x - last.0, y - last.1) >= 2.0 * mark.size()) {
+            mark.draw(page, (x, y), color);
+            last = Some((x, y));
+        }
+    }
+    last.map(|_| mark)
+}
 
 /// Strokes to the right of a way on paper, and backward: the forbidden side of a wall.
 pub(super) fn hatch(page: &mut Page, points: &[Point]) {
@@ -36,12 +111,4 @@ pub(super) fn hatch_strokes(points: &[Point]) -> impl Iterator<Item = [Point; 2]
             [(x, y), (x + reach * (-down - along), y + reach * (along - down))]
         })
     })
-}
-
-/// Draws the mark of a fault.
-pub(super) fn cross(page: &mut Page, (x, y): Point) {
-    let stroke = Stroke { color: BLACK, width: 3.5, dash: &[] };
-    for down in [1.0, -1.0] {
-        page.chain(&[(x - CROSS, y - down * CROSS), (x + CROSS, y + down * CROSS)], stroke);
-    }
 }

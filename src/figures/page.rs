@@ -1,7 +1,7 @@
 //! The sheet of paper: lines, letters and arrows in tenths of a millimetre, from the upper left corner.
 //!
 //! This module uses the plotting crate's primitives and its two back ends, not its plots. The crate's plots support neither panels of equal
-//! aspect beside panels over time, nor subscripts. Dashes are cut here, because the PNG back end begins the pattern anew at every corner
+//! aspect beside panels over time. Dashes are cut here, because the PNG back end begins the pattern anew at every corner
 //! and does not scale it. Nothing is written upward: that back end renders turned letters without smooth edges, as if they were bold. The
 //! names of upright axes stand above them.
 
@@ -16,14 +16,12 @@ use yieldwall_motion::elementary;
 
 /// Width of every figure: 160 mm.
 pub(super) const WIDTH: f64 = 1600.0;
-/// Height of all letters but subscripts: 2.6 mm, 7.4 pt.
-pub(super) const LETTER: u32 = 26;
+/// Height of all letters: 2.8 mm, 7.9 pt.
+pub(super) const LETTER: u32 = 28;
 
-const SUBSCRIPT: u32 = 19;
-/// Widths of oblique "N" and "R" and of "wait", in parts of the letter height, by the font's own tables.
-const WIDTH_OF_N: f64 = 0.75;
+/// Width of an oblique "R" and of a space, in parts of the letter height, by the font's own tables.
 const WIDTH_OF_R: f64 = 0.70;
-const WIDTH_OF_WAIT: f64 = 2.12;
+const WIDTH_OF_SPACE: f64 = 0.32;
 /// Named first so that a viewer takes the embedded font; the second has the same widths.
 const FONTS: &str = "DejaVu Sans, Verdana, sans-serif";
 const PICTURE_WIDTHS_PX: std::ops::RangeInclusive<u32> = 100..=20_000;
@@ -39,6 +37,7 @@ impl From<Color> for Paint {
 }
 
 pub(super) const BLACK: Color = Color(0, 0, 0);
+pub(super) const WHITE: Color = Color(0xff, 0xff, 0xff);
 pub(super) const GREY: Color = Color(0x70, 0x70, 0x70);
 pub(super) const PALE: Color = Color(0xd4, 0xd4, 0xd4);
 /// Light blue and dark vermilion of a palette that colour-blind readers can distinguish; also far apart in lightness.
@@ -108,16 +107,35 @@ impl Page {
         }
     }
 
-    pub(super) fn dot(&mut self, (x, y): Point, radius: f64, color: Color) {
+    pub(super) fn dot(&mut self, point: Point, radius: f64, color: Color) {
+        self.ring(point, radius, color, Stroke { color, width: 0.0, dash: &[] });
+    }
+
+    /// Draws a circle.
+    pub(super) fn ring(&mut self, (x, y): Point, radius: f64, fill: Color, line: Stroke) {
         self.scene.elements.push(Primitive::Circle {
             cx: x,
             cy: y,
             r: radius,
-            fill: color.into(),
+            fill: fill.into(),
             fill_opacity: None,
-            stroke: None,
-            stroke_width: None,
+            stroke: (line.width > 0.0).then(|| line.color.into()),
+            stroke_width: (line.width > 0.0).then_some(line.width),
         });
+    }
+
+    /// Draws a closed shape.
+    pub(super) fn shape(&mut self, corners: &[Point], fill: Color, line: Stroke) {
+        let corner = |(at, (x, y)): (usize, &Point)| format!("{}{x:.2},{y:.2}", if at == 0 { "M" } else { "L" });
+        let corners: String = corners.iter().enumerate().map(corner).collect();
+        self.scene.elements.push(Primitive::Path(Box::new(PathData {
+            d: corners + "Z",
+            fill: Some(fill.into()),
+            stroke: line.color.into(),
+            stroke_width: line.width,
+            opacity: None,
+            stroke_dasharray: None,
+        })));
     }
 
     /// Draws an arrow; its head shrinks with arrows too short for it.
@@ -155,11 +173,6 @@ impl Page {
         });
     }
 
-    /// Draws a text whose base line passes through the point.
-    pub(super) fn text(&mut self, (x, y): Point, anchor: Anchor, content: &str) {
-        self.plain_text((x, y), anchor, content, LETTER);
-    }
-
     pub(super) fn bold_text(&mut self, point: Point, content: &str) {
         self.styled_text(point, content, true, false);
     }
@@ -168,29 +181,21 @@ impl Page {
         self.styled_text(point, content, false, true);
     }
 
-    /// Draws a slanted letter, with a subscript that may be empty.
-    pub(super) fn symbol(&mut self, (x, y): Point, letter: &str, below: &str) {
+    /// Draws a slanted letter, with a word that may be empty.
+    pub(super) fn symbol(&mut self, (x, y): Point, letter: &str, word: &str) {
         self.slanted_text((x, y), letter);
-        if !below.is_empty() {
-            self.plain_text((x + WIDTH_OF_R * f64::from(LETTER) + 1.0, y + 6.0), Anchor::Start, below, SUBSCRIPT);
+        if !word.is_empty() {
+            self.text((x + (WIDTH_OF_R + WIDTH_OF_SPACE) * f64::from(LETTER), y), Anchor::Start, word);
         }
     }
 
-    /// Draws `N_wait = count`, with its subscript.
-    pub(super) fn hold_steps(&mut self, (x, y): Point, count: u32) {
-        self.slanted_text((x, y), "N");
-        let after_n = x + WIDTH_OF_N * f64::from(LETTER) + 1.0;
-        self.plain_text((after_n, y + 6.0), Anchor::Start, "wait", SUBSCRIPT);
-        let after_wait = after_n + WIDTH_OF_WAIT * f64::from(SUBSCRIPT) + 10.0;
-        self.text((after_wait, y), Anchor::Start, &format!("= {count}"));
-    }
-
-    fn plain_text(&mut self, (x, y): Point, anchor: Anchor, content: &str, size: u32) {
+    /// Draws a text whose base line passes through the point.
+    pub(super) fn text(&mut self, (x, y): Point, anchor: Anchor, content: &str) {
         self.scene.elements.push(Primitive::Text {
             x,
             y,
             content: literal(content),
-            size,
+            size: LETTER,
             anchor: anchor.into(),
             rotate: None,
             bold: false,

@@ -3,11 +3,12 @@
 use super::axes::{Axes, Kind, number, range_of};
 use super::curve::{Frame, Point};
 use super::legend::{Entry, Sample};
-use super::page::{self, GREY, PALE, Page, SKY, Stroke, VERMILION};
-use super::{Error, Excerpt, SurfaceLine, Window, marks};
+use super::marks::{self, Mark};
+use super::page::{self, Color, GREY, PALE, Page, SKY, Stroke, VERMILION};
+use super::{Error, Excerpt, SurfaceLine, Window};
 use std::f64::consts::TAU;
 use yieldwall_motion::elementary;
-use yieldwall_record::{Reference, Trace};
+use yieldwall_record::{Reference, Row, Trace};
 
 pub(super) const MM_PER_M: f64 = 1000.0;
 pub(super) const TOOL: Stroke = Stroke { color: SKY, width: 7.0, dash: &[] };
@@ -150,6 +151,27 @@ pub(super) fn ways(
     axes.curve(page, excerpt.rows.iter().map(|row| in_mm(row.tool_m)), Kind::Way, TOOL);
     axes.curve(page, excerpt.led().map(|row| in_mm(row.proxy_m)), Kind::Way, PROXY);
     Ok(sight)
+}
+
+/// Draws start, end, break-outs and faults, in a colour or each in its own, and returns the entries of the legend for those within the frame.
+pub(super) fn marks(
+    page: &mut Page,
+    axes: &Axes,
+    trace: &Trace,
+    excerpt: &Excerpt<'_>,
+    color: Option<Color>,
+) -> Vec<Entry> {
+    let place = |point_m: [f64; 3]| {
+        let (x, y) = in_mm(point_m);
+        axes.place(x, y)
+    };
+    let tool = |row: Option<&&Row>| row.map(|row| place(row.tool_m)).into_iter();
+    let mut draw = |mark, places: &mut dyn Iterator<Item = Point>| marks::draw(page, axes.frame, mark, color, places);
+    let break_out = draw(Mark::BreakOut, &mut excerpt.break_outs(trace).map(|row| place(row.proxy_m)));
+    let start = draw(Mark::Start, &mut tool(excerpt.rows.first()));
+    let end = draw(Mark::End, &mut tool(excerpt.rows.last()));
+    let fault = draw(Mark::Fault, &mut excerpt.faults(trace).into_iter().map(|(_, _, tool_m)| place(tool_m)));
+    [start, end, break_out, fault].into_iter().flatten().map(Entry::mark).collect()
 }
 
 pub(super) fn in_mm([x, y, _]: [f64; 3]) -> Point {

@@ -2,42 +2,42 @@
 
 use super::axes::{Axes, number, range_of};
 use super::curve::{Frame, Point};
-use super::history::{Positions, faults, force_panel, force_range, power_panel, power_range, time_range};
+use super::history::{Positions, faults, force_panel, force_range, power_panel, power_range, right_of, time_range};
 use super::legend::{self, Entry, Sample};
 use super::page::{Anchor, Color, GREY, Page, Stroke, WIDTH};
 use super::plane::{self, MM_PER_M, Places};
-use super::{Drawing, Error, Excerpt, Options, marks};
+use super::{Drawing, Error, Excerpt, Options, heading};
 use yieldwall_motion::elementary;
-use yieldwall_record::{ForceMeaning, Phase, Reference, Row, Trace};
+use yieldwall_record::{ForceMeaning, Phase, Row, Trace};
 
 pub(super) const LEFT: f64 = 100.0;
 /// Distance of a panel's letter from its frame, to the left.
 pub(super) const LETTER_OFFSET: f64 = 58.0;
-const ARROW: Stroke = Stroke { color: Color(0x50, 0x50, 0x50), width: 2.0, dash: &[] };
+const ARROW: Stroke = Stroke { color: Color(0x50, 0x50, 0x50), width: 2.5, dash: &[] };
 /// Length on paper of the force below which 98 of 100 lie, or of `R` if that is larger: 11 mm.
 const ARROW_LENGTH: f64 = 110.0;
 /// The frame is made large enough for arrows up to this length: a hard impact shall not shrink the way to a dot.
 const LONGEST_ARROW: f64 = 2.0 * ARROW_LENGTH;
 /// Arrows shorter than this are left out.
 const LEAST_ARROW: f64 = 4.0;
-/// Least distance on paper between the tails or the tips of two arrows that follow one another: 2 mm.
-const ARROW_SPACING: f64 = 20.0;
-/// Left edge and width of the panels over time, and their distance.
-pub(super) const BESIDE_PLANE: (f64, f64, f64) = (950.0, 590.0, 84.0);
+/// Least distance on paper between the tails of two arrows, or between their tips: 8 mm.
+const ARROW_SPACING: f64 = 80.0;
+/// Left edge of the panels over time, and their distance.
+pub(super) const BESIDE_PLANE: (f64, f64) = (950.0, 84.0);
+/// Least height of the panels.
+pub(super) const LEAST_HEIGHT: f64 = 540.0;
 /// Distance of a phase's letter from the way: 3.4 mm.
 const BESIDE: f64 = 34.0;
 /// Least range of a way, in mm.
 const LEAST_WAY_MM: f64 = 0.01;
-/// A surface is shown whole when it is at most this many times as large as the way.
-const WHOLE_SURFACE: f64 = 4.0;
 
 /// Draws the trajectory and its time curves. The left panel has the ways of tool and proxy, seen along z, with all surfaces, and the force
 /// on the hand as arrows at the tool. The right panels have two curves over time: the power, and the force component along the surface's
 /// normal (its magnitude if there is no surface), with `F` and `R`.
 ///
 /// Surfaces that move are drawn where they are at rest, where they are farthest and between. Surfaces in space are cut at the heights at
-/// which the proxy lay on them. With either a third panel shows the distances of tool and proxy from the surface. The forbidden side of a
-/// wall is hatched. Faults that held or stopped the rig are crosses beside the way, and lines with their names over time. The time after a
+/// which the proxy lay on them. Of all this the panel shows the part that the tool used. With either a third panel shows the distances of tool and proxy from the surface. The forbidden side of a
+/// wall is hatched. Marks stand at the start, at the end and where the surface gave way. Faults that held or stopped the rig are crosses beside the way, and lines with their names over time. The time after a
 /// stop is drawn without the proxy, which leads nothing then. Letters of the trace's phases stand below the force curve and beside the way.
 /// An arrow that would leave the frame is left out: a force far above `R`, as at a hard impact, shows in the curve over time alone.
 ///
@@ -51,40 +51,39 @@ const WHOLE_SURFACE: f64 = 4.0;
 pub fn trajectory_and_time(trace: &Trace, options: &Options) -> Result<Drawing, Error> {
     let excerpt = Excerpt::new(trace, options.time_span)?;
     let places = Places::new(trace, &excerpt);
-    let head = if options.heading.is_some() { 54.0 } else { 8.0 };
+    let heading = heading::lines(&[trace], options);
+    let head = heading::height(&heading);
     let (above, side) = (head + 110.0, 720.0);
-    let (axes, arrows) = fit(plane::frame(LEFT, above, side, side), trace, &excerpt, &places, options)?;
+    // Whether tool and proxy are on a surface that moves, or that is cut at many heights, the plane alone does not report.
+    let positions = (places.moves || places.heights_mm.is_some()).then(|| Positions::new(trace, &excerpt));
+    let least = if positions.is_some() { side } else { LEAST_HEIGHT };
+    let (axes, arrows) = fit(plane::frame(LEFT, above, side, side), trace, &excerpt, least, options)?;
+    let height = axes.frame.bottom - axes.frame.top;
     // What comes into sight is in the legend, whose height shifts the frame.
     let mut scratch = Page::new(above);
     let sight = plane::ways(&mut scratch, &axes, trace, &excerpt, &places)?;
     let arrow = arrows.draw(&mut scratch, &axes).then(|| arrows.entry(trace));
-    let cross = (!excerpt.faults(trace).is_empty()).then(|| Entry::new(Sample::Cross, "fault"));
+    let marks = plane::marks(&mut scratch, &axes, trace, &excerpt, None);
     let mut entries = plane::way_entries();
-    entries.extend(places.entries(trace, sight).into_iter().chain(cross).chain(arrow));
+    entries.extend(places.entries(trace, sight).into_iter().chain(marks).chain(arrow));
     let room = WIDTH - LEFT;
     let top = above + legend::further_height(&entries, room);
-    let mut page = Page::new(top + side + 96.0);
-    super::heading(&mut page, options);
+    let mut page = Page::new(top + height + 96.0);
+    heading::draw(&mut page, &heading);
     legend::draw(&mut page, (LEFT, head + 40.0), room, &entries);
 
-    let frame = plane::frame(LEFT, top, side, side);
+    let frame = plane::frame(LEFT, top, side, height);
     let axes = Axes { frame, ..axes };
     plane::ways(&mut page, &axes, trace, &excerpt, &places)?;
     arrows.draw(&mut page, &axes);
     phase_letters(&mut page, &axes, trace, &excerpt);
-    for (_, _, [x, y, _]) in excerpt.faults(trace) {
-        let at = axes.place(x * MM_PER_M, y * MM_PER_M);
-        if axes.frame.contains(at) {
-            marks::cross(&mut page, at);
-        }
-    }
+    plane::marks(&mut page, &axes, trace, &excerpt, None);
     axes.draw(&mut page, Some("x (mm)"), "y (mm)");
     super::panel_letter(&mut page, (frame.left - LETTER_OFFSET, top - 15.0), 0);
-    let (left, width, gap) = BESIDE_PLANE;
-    // Whether tool and proxy are on a surface that moves, or that is cut at many heights, the plane alone does not report.
-    let positions = (places.moves || places.heights_mm.is_some()).then(|| Positions::new(trace, &excerpt));
+    let (left, gap) = BESIDE_PLANE;
+    let width = WIDTH - left - right_of(&[trace]);
     let shares: &[f64] = if positions.is_some() { &[0.4, 0.33, 0.27] } else { &[0.56, 0.44] };
-    let height = side - gap * (shares.len() - 1) as f64;
+    let height = height - gap * (shares.len() - 1) as f64;
     let mut below = top;
     let frames: Vec<Frame> = shares
         .iter()
@@ -117,15 +116,11 @@ pub fn trajectory_and_time(trace: &Trace, options: &Options) -> Result<Drawing, 
 
 pub(super) fn force_name(trace: &Trace) -> String {
     let part = match &trace.references[..] {
-        [] => "magnitude",
-        [only] if plane::circle(only).is_some() => "radial part",
-        _ => "normal part",
+        [] => "size of the",
+        [only] if plane::circle(only).is_some() => "radial",
+        _ => "normal",
     };
-    let force = match trace.force_meaning {
-        ForceMeaning::HandOnTool => "\u{2212}h",
-        ForceMeaning::ActuatorOnTool => "f",
-    };
-    format!("{part} of {force} (N)")
+    format!("{part} force on the hand, {} (N)", symbol(trace))
 }
 
 /// Axes that hold the ways and the arrows, and the arrows. The arrows' place on paper depends on the axes and the
@@ -134,7 +129,7 @@ fn fit(
     frame: Frame,
     trace: &Trace,
     excerpt: &Excerpt<'_>,
-    places: &Places,
+    least: f64,
     options: &Options,
 ) -> Result<(Axes, Arrows), Error> {
     if let Some(window) = options.window {
@@ -144,49 +139,25 @@ fn fit(
     }
     let mut points: Vec<(f64, f64)> =
         excerpt.rows.iter().flat_map(|row| [row.tool_m, row.proxy_m]).map(plane::in_mm).collect();
-    points.extend(corners(trace, places, &points));
-    let ways = around(frame, &points, 0.02);
+    let ways = around(frame, &points, 0.02, least);
     let arrows = Arrows::new(&ways, trace, excerpt, options.arrow_limit);
     let per_length = 1.0 / ways.length_per_unit();
     points.extend(arrows.all.iter().filter_map(|Arrow { tail, along }| {
         let (x, y) = (along.0 * arrows.length_per_n, along.1 * arrows.length_per_n);
         (elementary::hypot(x, y) <= LONGEST_ARROW).then_some((tail.0 + x * per_length, tail.1 + y * per_length))
     }));
-    let axes = around(frame, &points, 0.03);
+    let axes = around(frame, &points, 0.03, least);
     let arrows = Arrows::new(&axes, trace, excerpt, options.arrow_limit);
     Ok((axes, arrows))
 }
 
-/// Corners of all surfaces that should be shown whole, in mm.
-pub(super) fn corners(trace: &Trace, places: &Places, way: &[Point]) -> Vec<Point> {
-    let ends = places.ends().flat_map(|place| trace.references.iter().map(move |reference| (reference, place)));
-    ends.flat_map(|(reference, place)| surface_corners(reference, place, way)).collect()
-}
-
-pub(super) fn around(frame: Frame, points: &[(f64, f64)], margin: f64) -> Axes {
+/// Returns axes that hold all points, in a frame that is no higher than they need, but at least of `least` height.
+pub(super) fn around(frame: Frame, points: &[(f64, f64)], margin: f64, least: f64) -> Axes {
     let x = range_of(points.iter().map(|point| point.0), LEAST_WAY_MM, margin);
     let y = range_of(points.iter().map(|point| point.1), LEAST_WAY_MM, margin);
-    Axes::with_equal_scales(frame, x, y)
-}
-
-/// Returns two opposite corners of the space that the surface fills, `moved_m` from its place, in mm, if it should be shown whole.
-fn surface_corners(reference: &Reference, moved_m: [f64; 3], way: &[(f64, f64)]) -> Vec<(f64, f64)> {
-    let corners: Vec<(f64, f64)> = match (reference, plane::circle(reference)) {
-        (_, Some(([x, y], radius))) => vec![(x - radius, y - radius), (x + radius, y + radius)],
-        (Reference::Curve { points_m, .. }, _) => points_m.iter().map(|[x, y]| (*x, *y)).collect(),
-        (Reference::Box { center_m: [x, y, _], half_size_m: [half_x, half_y, _], .. }, _) => {
-            vec![(x - half_x, y - half_y), (x + half_x, y + half_y)]
-        }
-        _ => Vec::new(),
-    };
-    let corners: Vec<_> =
-        corners.into_iter().map(|(x, y)| ((x + moved_m[0]) * MM_PER_M, (y + moved_m[1]) * MM_PER_M)).collect();
-    let extent = |points: &[(f64, f64)]| {
-        let [left, right] = range_of(points.iter().map(|point| point.0), 0.0, 0.0);
-        let [low, high] = range_of(points.iter().map(|point| point.1), 0.0, 0.0);
-        (right - left).max(high - low)
-    };
-    if extent(&corners) <= WHOLE_SURFACE * extent(way) { corners } else { Vec::new() }
+    let needed = (frame.right - frame.left) * (y[1] - y[0]) / (x[1] - x[0]);
+    let bottom = frame.bottom.min(frame.top + needed.max(least));
+    Axes::with_equal_scales(Frame { bottom, ..frame }, x, y)
 }
 
 /// A force at the tool: where, in mm, and how much, in N.
@@ -234,19 +205,20 @@ impl Arrows {
         let fits = |force: &f64| force * self.length_per_n <= ARROW_LENGTH;
         let force = [5.0, 2.0, 1.0].map(|digit| digit * power).into_iter().find(fits).unwrap_or(power);
         let decimals = (-elementary::log10(force).floor()).max(0.0) as usize;
-        let name = format!("{} N ({})", number(force, decimals), arrow_meaning(trace));
+        let name = format!("{} N (force on the hand, {})", number(force, decimals), symbol(trace));
         Entry::new(Sample::Arrow(force * self.length_per_n, ARROW), name)
     }
 }
 
-fn arrow_meaning(trace: &Trace) -> &'static str {
+/// Returns the symbol of the force on the hand.
+fn symbol(trace: &Trace) -> &'static str {
     match trace.force_meaning {
-        ForceMeaning::HandOnTool => "\u{2212}h, force on the hand",
-        ForceMeaning::ActuatorOnTool => "f, force on the hand",
+        ForceMeaning::HandOnTool => "\u{2212}h",
+        ForceMeaning::ActuatorOnTool => "f",
     }
 }
 
-/// Arrows at least `spacing` from one another, at the tail or at the tip, the earlier before the later.
+/// Arrows at least `spacing` from one another, at the tail or at the tip, and half of it at the tail; the earlier before the later.
 fn spaced(axes: &Axes, trace: &Trace, excerpt: &Excerpt<'_>, length_per_n: f64, spacing: f64) -> Vec<Arrow> {
     let mut placed: Vec<(Point, Point)> = Vec::new();
     let mut all = Vec::new();
@@ -259,7 +231,9 @@ fn spaced(axes: &Axes, trace: &Trace, excerpt: &Excerpt<'_>, length_per_n: f64, 
             continue;
         }
         // From the last backward: most rows lie near the arrow drawn just before.
-        let is_apart = |(tail, tip): &(Point, Point)| far(*tail, from, spacing) || far(*tip, to, spacing);
+        let is_apart = |(tail, tip): &(Point, Point)| {
+            far(*tail, from, spacing / 2.0) && (far(*tail, from, spacing) || far(*tip, to, spacing))
+        };
         if placed.iter().rev().all(is_apart) {
             placed.push((from, to));
             all.push(Arrow { tail, along: (fx, fy) });

@@ -27,11 +27,7 @@ pub fn figure(runs: &[FigureRun]) -> Result<Vec<NamedDrawing>, Error> {
     for mode in modes {
         let of_mode: Vec<&FigureRun> = runs.iter().filter(|run| run.mode == mode).collect();
         let Some(first) = of_mode.first() else { continue };
-        // The titles of the impedance figures say how they are driven.
-        let heading = match mode {
-            Mode::Impedance => Some(first.title.clone()),
-            _ => Some(format!("{} ({mode})", first.title)),
-        };
+        let heading = Some(first.title.clone());
         // Holds side by side, or in the windows of the figure.
         let drawing = match (of_mode.len() > 1, first.magnified.is_empty()) {
             _ if first.figure == FIG13 => enlarged(&of_mode, heading)?,
@@ -42,7 +38,7 @@ pub fn figure(runs: &[FigureRun]) -> Result<Vec<NamedDrawing>, Error> {
                 let time_span = TimeSpan::AroundImpact { before_s, after_s };
                 hold_comparison(&traces, &Options { time_span, heading, ..Options::default() })?
             }
-            (false, _) => run(first.trace(), heading)?,
+            (false, _) => run(first.trace(), first.title.clone())?,
         };
         drawings.push(NamedDrawing { name: format!("{}-{mode}", first.figure), drawing });
     }

@@ -8,7 +8,7 @@ use yieldwall_config::{self as config, Loaded, Report, Source};
 use yieldwall_record::Trace;
 use yieldwall_rig::RigError;
 use yieldwall_rig::report::measures::Measures;
-use yieldwall_rig::report::{Overrides, RunReport, Stage, Watch, run_rig};
+use yieldwall_rig::report::{IMPEDANCE_DEVICE, Overrides, RunReport, Stage, Watch, drive, run_rig};
 
 /// The figures that can be reproduced, in the paper's order.
 pub const FIGURES: [&str; 8] = ["fig8", "fig9", "fig11", "fig12", "fig13", "fig14", "fig15", "fig16"];
@@ -40,6 +40,18 @@ impl fmt::Display for Mode {
             Mode::Csp => "csp",
             Mode::Impedance => "impedance",
         })
+    }
+}
+
+impl Mode {
+    /// Returns how the machine was driven, in words.
+    pub fn in_words(self) -> &'static str {
+        match self {
+            Mode::Cst => drive(config::CommandMode::Torque),
+            Mode::Csv => drive(config::CommandMode::Velocity),
+            Mode::Csp => drive(config::CommandMode::Position),
+            Mode::Impedance => IMPEDANCE_DEVICE,
+        }
     }
 }
 

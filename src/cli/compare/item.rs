@@ -104,11 +104,6 @@ impl Item {
         Ok(Self { label, name: name.to_owned(), what, trace, measures, period_s, document })
     }
 
-    /// Returns its letter and the name of its machine.
-    pub(super) fn short_name(&self) -> String {
-        format!("{} {}", self.label, self.trace.title)
-    }
-
     /// Returns the duration of the run, s.
     pub(super) fn time_s(&self) -> f64 {
         self.trace.rows.len() as f64 * self.period_s

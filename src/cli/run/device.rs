@@ -46,7 +46,7 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
     let kept = keep.finish()?;
     output.warnings(&kept.warnings());
     let report = report.map_err(|error| rig_failure(&error))?;
-    let drawn = draw(&report.trace, name, arguments.figure.as_deref());
+    let drawn = draw(&report.trace, arguments.figure.as_deref());
     let figure = arguments.figure.as_deref().filter(|_| drawn.is_ok());
     let end = match onward {
         ControlFlow::Break(()) => Err(interrupted(report.simulated_s())),

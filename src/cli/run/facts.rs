@@ -94,8 +94,8 @@ impl Facts<'_> {
         let trace = &self.report.trace;
         let fixture = &self.rig.fixture;
         let contrast = fixture.law.filter(|law| law.guidance().is_some());
-        if let Some(law) = contrast {
-            lines.push(format!("fixture   {}, F {} N, R {} N", law.name(), trace.friction_n, trace.yield_n));
+        if contrast.is_some() {
+            lines.push(format!("fixture   {}, F {} N, R {} N", trace.setup.law, trace.friction_n, trace.yield_n));
         } else if let config::Coupling::Admittance { mass_kg } = fixture.coupling {
             let capture = prediction::capture_speed_m_per_s(trace.yield_n, mass_kg.get(), self.report.period_s);
             let outward = trace.outward_yield_n.map_or(String::new(), |yield_n| format!(", {yield_n} N outward"));
