@@ -126,13 +126,17 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     drawn
 }
 
-/// Returns the names of items in drawings: law and numbers that differ, else the names of their machines. They are empty where two
-/// of them would be equal.
+/// Returns the names of items in drawings: law and numbers that differ, with the names of the machines if two items have the same. They
+/// are empty where two would be equal all the same.
 fn names(traces: &[&Trace]) -> Vec<String> {
-    let is_distinct = |names: &[String]| names.iter().enumerate().all(|(at, name)| !names[..at].contains(name));
-    let titles = || traces.iter().map(|trace| trace.title.clone()).collect();
-    let mut kinds = std::iter::once(differences_drawn(traces)).chain(std::iter::once_with(titles));
-    kinds.find(|names: &Vec<String>| is_distinct(names)).unwrap_or_else(|| vec![String::new(); traces.len()])
+    let is_distinct = |names: &Vec<String>| names.iter().enumerate().all(|(at, name)| !names[..at].contains(name));
+    let facts = differences_drawn(traces);
+    let join = |(facts, trace): (&String, &&Trace)| match facts.is_empty() {
+        true => trace.title.clone(),
+        false => format!("{}, {facts}", trace.title),
+    };
+    let with_titles: Vec<String> = facts.iter().zip(traces).map(join).collect();
+    [facts, with_titles].into_iter().find(is_distinct).unwrap_or_else(|| vec![String::new(); traces.len()])
 }
 
 /// Returns the failure that a run's saved text cannot be read.

@@ -92,8 +92,8 @@ fn legend(svg: &mut String, traces: &[&Trace]) {
     let arrow = "<line x1=\"-20\" x2=\"18\" stroke=\"#d55e00\" stroke-width=\"4\" marker-end=\"url(#head)\"/>";
     entry(arrow.to_owned(), 20.0, "push of the hand");
     if traces.iter().any(|trace| !trace.setup.is_unyielding) {
-        let arc = "<path d=\"M-14 8A 16 16 0 0 1 14 8\" fill=\"none\" stroke=\"#0072b2\" stroke-width=\"1.5\" stroke-dasharray=\"4 3\"/>";
-        entry(arc.to_owned(), 14.0, "yield force R");
+        let circle = "<circle r=\"9\" fill=\"none\" stroke=\"#0072b2\" stroke-width=\"1.5\" stroke-dasharray=\"4 3\"/>";
+        entry(circle.to_owned(), 9.0, "yield force R");
     }
     if traces.iter().any(|trace| trace.break_outs().next().is_some()) {
         entry(DIAMOND.to_owned(), MARK, "surface gives way");
@@ -201,7 +201,7 @@ impl Panel {
                 ends[0], ends[1]
             );
         }
-        let [x, y] = beside([(from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0], 1.7);
+        let [x, y] = beside([from[0] + 0.75 * way[0], from[1] + 0.75 * way[1]], 1.7);
         let _ = write!(
             svg,
             "<text x=\"{x:.1}\" y=\"{:.1}\" font-size=\"{LARGE}\" font-weight=\"700\" text-anchor=\"middle\">{}</text>",

@@ -1,7 +1,7 @@
 //! Several runs over one another.
 
 use super::axes::{Axes, Kind};
-use super::history::{Positions, force_range, levels, right_of, shown_force_n, time_range};
+use super::history::{Positions, break_outs, force_range, levels, right_of, shown_force_n, time_range};
 use super::legend::{self, Entry, Sample};
 use super::page::{Color, Page, SKY, Stroke, VERMILION, WIDTH};
 use super::plane::{self, Places, SURFACE, SURFACE_BAND};
@@ -45,18 +45,10 @@ pub fn comparison(runs: &[(&str, &Trace)], options: &Options) -> Result<Drawing,
     let mut scratch = Page::new(above);
     for one in all.iter().enumerate().filter_map(|(at, one)| is_new(&all, at).then_some(one)) {
         let sight = plane::surfaces(&mut scratch, &axes, one.trace, &one.places)?;
-        for entry in one.places.entries(one.trace, sight) {
-            if entries.iter().all(|known| known.name != entry.name) {
-                entries.push(entry);
-            }
-        }
+        legend::add(&mut entries, one.places.entries(one.trace, sight));
     }
     for one in &all {
-        for entry in plane::marks(&mut scratch, &axes, one.trace, &one.excerpt, None) {
-            if entries.iter().all(|known| known.name != entry.name) {
-                entries.push(entry);
-            }
-        }
+        legend::add(&mut entries, plane::marks(&mut scratch, &axes, one.trace, &one.excerpt, None));
     }
     let room = WIDTH - LEFT;
     let top = above + legend::further_height(&entries, room);
@@ -106,6 +98,9 @@ pub fn comparison(runs: &[(&str, &Trace)], options: &Options) -> Result<Drawing,
     for (one, line) in all.iter().zip(LINES) {
         let shown = |row: &&yieldwall_record::Row| (one.excerpt.shown_time(row.time_s), shown_force_n(one.trace, row));
         upper.curve(&mut page, one.excerpt.rows.iter().map(shown), Kind::History, thinner(line));
+    }
+    for (one, line) in all.iter().zip(LINES) {
+        break_outs(&mut page, &upper, one.trace, &one.excerpt, Some(line.color));
     }
     let is_like_first = |one: &Overlaid<'_>| force_name(one.trace) == force_name(first);
     let name = if all.iter().all(is_like_first) { force_name(first) } else { "force along the normal (N)".to_owned() };

@@ -3,7 +3,7 @@
 use super::axes::{Axes, Kind, range_of};
 use super::legend::{self, Entry, Sample};
 use super::marks::{self, Mark};
-use super::page::{Anchor, BLACK, GREY, Page, Stroke, VERMILION, WIDTH};
+use super::page::{Anchor, BLACK, Color, GREY, Page, Stroke, VERMILION, WIDTH};
 use super::plane::{self, MM_PER_M, PROXY, SURFACE, SURFACE_BAND, TOOL};
 use super::{Drawing, Error, Excerpt, Options, heading};
 use yieldwall_record::{Row, Trace};
@@ -46,11 +46,16 @@ pub(super) fn force_panel(page: &mut Page, axes: &Axes, trace: &Trace, excerpt: 
     let values = || excerpt.rows.iter().map(|row| (excerpt.shown_time(row.time_s), shown_force_n(trace, row)));
     axes.curve(page, values(), Kind::History, FORCE);
     dots(page, axes, values(), FORCE);
+    break_outs(page, axes, trace, excerpt, None);
+}
+
+/// Marks where the surface gave way in the force along the normal.
+pub(super) fn break_outs(page: &mut Page, axes: &Axes, trace: &Trace, excerpt: &Excerpt<'_>, color: Option<Color>) {
     let places = excerpt.break_outs(trace).map(|row| {
         let (x, y) = (excerpt.shown_time(row.time_s), shown_force_n(trace, row));
         axes.place(x, y)
     });
-    marks::draw(page, axes.frame, Mark::BreakOut, None, places);
+    marks::draw(page, axes.frame, Mark::BreakOut, color, places);
 }
 
 /// Draws the power delivered to the hand.

@@ -70,6 +70,15 @@ pub(super) fn shortened(text: &str, room: f64) -> String {
     }
 }
 
+/// Adds entries, each name once.
+pub(super) fn add(entries: &mut Vec<Entry>, new: impl IntoIterator<Item = Entry>) {
+    for entry in new {
+        if entries.iter().all(|known| known.name != entry.name) {
+            entries.push(entry);
+        }
+    }
+}
+
 /// Returns the height of a legend beyond its first row.
 pub(super) fn further_height(entries: &[Entry], room: f64) -> f64 {
     places(entries, room).last().map_or(0.0, |(_, row)| ROW * *row as f64)

@@ -55,11 +55,7 @@ pub fn magnified(views: &[View<'_>], options: &Options) -> Result<Drawing, Error
             let places = Places::new(view.trace, excerpt);
             let sight = plane::ways(page, &axes, view.trace, excerpt, &places)?;
             let marks = plane::marks(page, &axes, view.trace, excerpt, None);
-            for entry in places.entries(view.trace, sight).into_iter().chain(marks) {
-                if entries.iter().all(|known| known.name != entry.name) {
-                    entries.push(entry);
-                }
-            }
+            legend::add(&mut entries, places.entries(view.trace, sight).into_iter().chain(marks));
             axes.draw(page, Some("x (mm)"), "y (mm)");
             super::panel_letter(page, (left, top - 52.0), number);
             if !heading::has_hold(&traces, options) {

@@ -25,7 +25,7 @@ const ARROW_SPACING: f64 = 80.0;
 /// Left edge of the panels over time, and their distance.
 pub(super) const BESIDE_PLANE: (f64, f64) = (950.0, 84.0);
 /// Least height of the panels.
-pub(super) const LEAST_HEIGHT: f64 = 540.0;
+pub(super) const LEAST_HEIGHT: f64 = 600.0;
 /// Distance of a phase's letter from the way: 3.4 mm.
 const BESIDE: f64 = 34.0;
 /// Least range of a way, in mm.
