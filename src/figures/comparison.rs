@@ -19,7 +19,7 @@ const LINES: [Stroke; 6] = [
     Stroke { color: Color(0xcc, 0x79, 0xa7), width: 3.0, dash: &[30.0, 10.0] },
 ];
 /// Room for a name in the legend.
-const NAME_ROOM: f64 = 900.0;
+const NAME_ROOM: f64 = 1400.0;
 
 /// Draws a comparison of several runs. The left panel has the ways of the tools of all runs with the surfaces of all, seen along z. The
 /// right panels have the force along the normal and the distance of the tools from the surface over time; they are left out where a run has
