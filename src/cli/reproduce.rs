@@ -143,7 +143,7 @@ fn table(rows: Vec<Vec<String>>) -> Vec<String> {
     let meanings = [
         "depth     deepest impact below R; the paper: \"a few millimeters\", or none",
         "force     largest normal force on the surface",
-        "R         3 N (impedance), 20 N (admittance)",
+        "R         3 N (impedance device), 20 N (torque and position mode)",
         "burst     largest energy burst into the hand",
     ];
     table.lines().into_iter().chain(meanings.map(str::to_owned)).collect()
@@ -232,12 +232,12 @@ mod tests {
     fn the_table_has_a_row_for_each_run_with_the_papers_values_in_eighty_columns() {
         let runs = |figure| reproduce(figure, HandScale::SAME, |_, _, _| ()).unwrap();
         let rows: Vec<Vec<String>> = runs("fig8").iter().chain(&runs("fig14")).map(row).collect();
-        assert_eq!(rows[0][..4], ["fig8    impedance", "0", "0.00", "none"]);
+        assert_eq!(rows[0][..4], ["fig8    impedance device", "0", "0.00", "none"]);
         assert_eq!((rows[1][1].as_str(), &rows[1][5]), ("0", &"-".to_owned()));
         assert_eq!((rows[2][1].as_str(), &rows[2][5]), ("5", &"> R".to_owned()));
         let force_n: f64 = rows[2][4].parse().unwrap();
         assert!(force_n > 3.0, "the hold makes the force rise above R: {force_n} N");
-        let widest = ["fig16   admittance csp", "15", "1.76", "a few", "19.97", "<= R", "4.4", "24.6"];
+        let widest = ["fig16   impedance device", "15", "1.76", "a few", "19.97", "<= R", "4.4", "24.6"];
         let lines = table(rows.into_iter().chain([widest.map(str::to_owned).to_vec()]).collect());
         assert!(lines.iter().all(|line| line.chars().count() <= 80), "{lines:#?}");
     }
