@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::axes::range_of;
-use super::{Error, Excerpt, SurfaceLine, TimeSpan, heading, surface_lines};
+use super::{Error, Excerpt, SurfaceLine, TimeSpan, heading, legend, surface_lines};
 use yieldwall_motion::elementary::hypot;
 use yieldwall_record::{Row, Trace};
 
@@ -18,6 +18,8 @@ const GAP: f64 = 16.0;
 /// Sizes of letters, px: 10 pt and 8 pt where the picture is 160 mm wide.
 const LARGE: f64 = 18.0;
 const SMALL: f64 = 15.0;
+/// Width of bold letters, in parts of the width of others.
+const BOLD: f64 = 1.15;
 /// Least way of the tools that fills a panel, m.
 const LEAST_WAY_M: f64 = 0.005;
 /// Length of an arrow for the greatest yield force of the runs, and room around the ways of the tools, px.
@@ -33,6 +35,7 @@ const HELD_SHARE: f64 = 0.025;
 const BAND: f64 = 14.0;
 /// Half of the width of the marks, and distance of the measure of a throw from the way, px.
 const MARK: f64 = 7.0;
+const RING: f64 = 10.0;
 const MEASURE: f64 = 30.0;
 /// Shorter throws have no measure but their number, px.
 const LEAST_MEASURE: f64 = 12.0;
@@ -72,13 +75,13 @@ pub fn animation(runs: &[(&str, &Trace)]) -> Result<String, Error> {
         let _ = writeln!(svg, "<g transform=\"translate({x} 0)\">{}</g>", view.panel(name, trace, rows, end_s));
     }
     let traces: Vec<&Trace> = runs.iter().map(|(_, trace)| *trace).collect();
-    legend(&mut svg, &traces);
+    draw_legend(&mut svg, &traces);
     svg.push_str("</svg>\n");
     Ok(svg)
 }
 
 /// Draws the legend, and below it the facts that are the same for all runs.
-fn legend(svg: &mut String, traces: &[&Trace]) {
+fn draw_legend(svg: &mut String, traces: &[&Trace]) {
     let y = HEAD + PANEL_HEIGHT + 24.0;
     let middle = y - 5.0;
     let mut x = 12.0;
@@ -98,7 +101,7 @@ fn legend(svg: &mut String, traces: &[&Trace]) {
     if traces.iter().any(|trace| trace.break_outs().next().is_some()) {
         entry(DIAMOND.to_owned(), MARK, "surface gives way");
     }
-    entry(ring(), MARK, "hand lets go");
+    entry(ring(), RING, "hand lets go");
     *svg += &text([4.0, y + 26.0], SMALL, false, &heading::in_common(traces));
 }
 
@@ -107,7 +110,7 @@ const DIAMOND: &str = "<path d=\"M0-8L8 0L0 8L-8 0Z\" fill=\"#f5b02e\" stroke=\"
 
 /// Mark where the hand lets go.
 fn ring() -> String {
-    format!("<circle r=\"{MARK}\" fill=\"none\" stroke=\"#000\" stroke-width=\"2\"/>")
+    format!("<circle r=\"{RING}\" fill=\"none\" stroke=\"#000\" stroke-width=\"2\"/>")
 }
 
 fn text([x, y]: [f64; 2], size: f64, is_bold: bool, content: &str) -> String {
@@ -146,7 +149,7 @@ impl Panel {
     fn panel(&self, name: &str, trace: &Trace, rows: &[&Row], end_s: f64) -> String {
         let frames = Frames::new(self, trace, rows, end_s);
         let throw = Throw::of(trace, rows);
-        let mut svg = texts(name, trace, rows, throw.as_ref());
+        let mut svg = texts(name, self.size[0], trace, rows, throw.as_ref());
         let _ = write!(svg, "<g transform=\"translate(0 {HEAD})\" clip-path=\"url(#panel)\">");
         surface_lines(&trace.references, self.window_m()).iter().for_each(|line| self.surface(&mut svg, line, trace));
         let _ = write!(svg, "<path d=\"{}\" fill=\"none\" stroke=\"#888\" stroke-width=\"2\"/>", path(&frames.tools));
@@ -204,7 +207,8 @@ impl Panel {
         let [x, y] = beside([from[0] + 0.75 * way[0], from[1] + 0.75 * way[1]], 1.7);
         let _ = write!(
             svg,
-            "<text x=\"{x:.1}\" y=\"{:.1}\" font-size=\"{LARGE}\" font-weight=\"700\" text-anchor=\"middle\">{}</text>",
+            "<text x=\"{x:.1}\" y=\"{:.1}\" font-size=\"{LARGE}\" font-weight=\"700\" text-anchor=\"middle\" \
+             stroke=\"#fff\" stroke-width=\"4\" paint-order=\"stroke\">{}</text>",
             y + 6.0,
             mm(throw.back_m)
         );
@@ -238,14 +242,16 @@ fn mm(length_m: f64) -> String {
 }
 
 /// Returns the texts above a panel.
-fn texts(name: &str, trace: &Trace, rows: &[&Row], throw: Option<&Throw>) -> String {
+fn texts(name: &str, width: f64, trace: &Trace, rows: &[&Row], throw: Option<&Throw>) -> String {
+    let fitted = |size: f64| legend::shortened(name, width, BOLD * size);
+    let size = if fitted(LARGE) == name { LARGE } else { SMALL };
     let most_n = rows.iter().map(|row| force_n(trace, row)).fold(0.0, f64::max);
     let push = format!("the hand pushes with up to {most_n:.0} N");
     let end = match throw {
-        Some(throw) => format!("and lets go: thrown back {}", mm(throw.back_m)),
-        None => "and does not let go".to_owned(),
+        Some(throw) => format!("lets go: thrown back {}", mm(throw.back_m)),
+        None => "does not let go".to_owned(),
     };
-    text([4.0, 20.0], LARGE, true, name)
+    text([4.0, 20.0], size, true, &fitted(size))
         + &text([4.0, 44.0], SMALL, false, &push)
         + &text([4.0, 66.0], SMALL, true, &end)
 }

@@ -162,9 +162,14 @@ impl Ticks {
     }
 }
 
-/// Returns a number with a true minus sign.
+/// Returns a number with a true minus sign, which a zero has not.
 pub(super) fn number(value: f64, decimals: usize) -> String {
-    format!("{value:.decimals$}").replace('-', "\u{2212}")
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(zero) if zero.chars().all(|digit| matches!(digit, '0' | '.')) => zero.to_owned(),
+        Some(digits) => format!("\u{2212}{digits}"),
+        None => text,
+    }
 }
 
 /// Returns the least range that holds all values; widened to `least` about its middle, and by a part of itself on both sides.
@@ -190,6 +195,13 @@ mod tests {
         assert_eq!(numbers([0.0, 12.0], 5.0), ["0", "2", "4", "6", "8", "10", "12"]);
         assert_eq!(numbers([0.0, 16.0], 5.0), ["0", "5", "10", "15"]);
         assert_eq!(numbers([99.98, 100.02], 4.0), ["99.98", "99.99", "100.00", "100.01", "100.02"]);
+    }
+
+    #[test]
+    fn numbers_are_plain() {
+        let texts =
+            [(-0.04, 1), (0.0, 0), (-0.0, 2), (-12.5, 1), (2e6, 0)].map(|(value, decimals)| number(value, decimals));
+        assert_eq!(texts, ["0.0", "0", "0.00", "\u{2212}12.5", "2000000"]);
     }
 
     #[test]

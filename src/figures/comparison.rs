@@ -3,7 +3,7 @@
 use super::axes::{Axes, Kind};
 use super::history::{Positions, break_outs, force_range, levels, right_of, shown_force_n, time_range};
 use super::legend::{self, Entry, Sample};
-use super::page::{Color, Page, SKY, Stroke, VERMILION, WIDTH};
+use super::page::{Color, LETTER, Page, SKY, Stroke, VERMILION, WIDTH};
 use super::plane::{self, Places, SURFACE, SURFACE_BAND};
 use super::trajectory::{BESIDE_PLANE, LEAST_HEIGHT, LEFT, LETTER_OFFSET, around, force_name};
 use super::{Drawing, Error, Excerpt, Options, heading};
@@ -152,5 +152,5 @@ fn thinner(line: Stroke) -> Stroke {
 }
 
 fn entry(name: &str, line: Stroke) -> Entry {
-    Entry::new(Sample::Lines(vec![line]), legend::shortened(name, NAME_ROOM))
+    Entry::new(Sample::Lines(vec![line]), legend::shortened(name, NAME_ROOM, LETTER.into()))
 }

@@ -73,7 +73,7 @@ pub fn differences(traces: &[&Trace]) -> Vec<String> {
 pub(super) fn lines(traces: &[&Trace], options: &Options) -> Vec<String> {
     let Some(title) = &options.heading else { return Vec::new() };
     let lines = [title.clone(), in_common(traces)].into_iter().filter(|line| !line.is_empty());
-    lines.map(|line| legend::shortened(&line, page::WIDTH)).collect()
+    lines.map(|line| legend::shortened(&line, page::WIDTH, page::LETTER.into())).collect()
 }
 
 /// Whether the lines above a figure have the hold of all its runs.

@@ -61,9 +61,9 @@ pub(super) fn text_width(text: &str) -> f64 {
     LETTER_WIDTH * f64::from(LETTER) * text.chars().count() as f64
 }
 
-/// Returns a text that is no wider than there is room for.
-pub(super) fn shortened(text: &str, room: f64) -> String {
-    let most = (room / text_width("m")) as usize;
+/// Returns a text in letters of this height that is no wider than there is room for.
+pub(super) fn shortened(text: &str, room: f64, height: f64) -> String {
+    let most = (room / (LETTER_WIDTH * height)) as usize;
     match text.chars().count() > most {
         true => text.chars().take(most.saturating_sub(1)).chain(['\u{2026}']).collect(),
         false => text.to_owned(),
