@@ -86,7 +86,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     });
     let moved = arguments.animation.as_deref().map_or(Ok(()), |path| {
         let named = names(&traces).into_iter().zip(&items).zip(&traces).map(|((name, item), trace)| {
-            // Letters are for items that nothing else tells apart.
+            // Letters name items without differences.
             (if name.is_empty() { item.label.to_string() } else { name }, *trace)
         });
         let named: Vec<(String, &Trace)> = named.collect();

@@ -170,8 +170,8 @@ fn dots(page: &mut Page, axes: &Axes, values: impl Iterator<Item = (f64, f64)>, 
 }
 
 /// Draws one column for each trace, with the same scales. The upper panel has the position of tool and proxy along the surface's normal.
-/// The lower panel has the force on the hand along it, with the levels `F` and `R`. Each column is headed by a letter, and by `N_wait` if that
-/// is not in the heading.
+/// The lower panel has the force on the hand along it, with the levels `F` and `R`. Each column is headed by a letter, and by `N_wait`
+/// if that is not in the heading.
 ///
 /// Positions are signed distances from the reference surface, which is the line at zero.
 ///

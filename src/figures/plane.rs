@@ -153,7 +153,8 @@ pub(super) fn ways(
     Ok(sight)
 }
 
-/// Draws start, end, break-outs and faults, in a colour or each in its own, and returns the entries of the legend for those within the frame.
+/// Draws start, end, break-outs and faults, in a colour or each in its own, and returns the entries of the legend for those within the
+/// frame.
 pub(super) fn marks(
     page: &mut Page,
     axes: &Axes,

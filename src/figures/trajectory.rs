@@ -36,9 +36,12 @@ const LEAST_WAY_MM: f64 = 0.01;
 /// normal (its magnitude if there is no surface), with `F` and `R`.
 ///
 /// Surfaces that move are drawn where they are at rest, where they are farthest and between. Surfaces in space are cut at the heights at
-/// which the proxy lay on them. Of all this the panel shows the part that the tool used. With either a third panel shows the distances of tool and proxy from the surface. The forbidden side of a
-/// wall is hatched. Marks stand at the start, at the end and where the surface gave way. Faults that held or stopped the rig are crosses beside the way, and lines with their names over time. The time after a
-/// stop is drawn without the proxy, which leads nothing then. Letters of the trace's phases stand below the force curve and beside the way.
+/// which the proxy lay on them. With either a third panel shows the distances of tool and proxy from the surface. The forbidden side of a
+/// wall is hatched. The left panel shows the part of the plane that the tool used.
+///
+/// Marks stand at the start, at the end and where the surface gave way. Faults that held or stopped the rig are crosses beside the way, and
+/// lines with their names over time. The time after a stop is drawn without the proxy, which leads nothing then. Letters of the trace's
+/// phases stand below the force curve and beside the way.
 /// An arrow that would leave the frame is left out: a force far above `R`, as at a hard impact, shows in the curve over time alone.
 ///
 /// # Errors

@@ -240,8 +240,8 @@ impl Trace {
         })
     }
 
-    /// Returns the rows in which the surface begins to give way: the hand presses with `R`, and the proxy leaves a guide on which it lay
-    /// in the two rows before, or moves into the forbidden side of a wall. The next begins when the push has been below `R` in between.
+    /// Returns the rows in which the surface begins to give way to a hand that presses with `R`. The proxy leaves a guide on which it lay
+    /// in the two rows before, or moves into the forbidden side of a wall. Between two of these rows the push was clearly below `R`.
     pub fn break_outs(&self) -> impl Iterator<Item = usize> + '_ {
         let mut is_giving_way = self.setup.is_unyielding;
         (2..self.rows.len()).filter(move |&at| {
