@@ -246,7 +246,7 @@ mod tests {
         let line = format!("yieldwall -q compare builtin:play.yaml {recording} --animation {picture}");
         assert_eq!((exit(&line), exit(&format!("{line} --force"))), (Exit::Ok, Exit::Ok));
         let svg = std::fs::read_to_string(picture).unwrap();
-        let moved = svg.split("lets go: thrown back ").skip(1).map(|rest| rest.split_once(" mm").unwrap().0);
+        let moved = svg.split("let go: thrown back ").skip(1).map(|rest| rest.split_once(" mm").unwrap().0);
         let moved_mm: Vec<f64> = moved.map(|text| text.parse().unwrap()).collect();
         assert_eq!(moved_mm.len(), 2);
         assert!(moved_mm[0] < 0.2 && moved_mm[1] > 10.0, "{moved_mm:?}");

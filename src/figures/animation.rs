@@ -246,10 +246,11 @@ fn texts(name: &str, width: f64, trace: &Trace, rows: &[&Row], throw: Option<&Th
     let fitted = |size: f64| legend::shortened(name, width, BOLD * size);
     let size = if fitted(LARGE) == name { LARGE } else { SMALL };
     let most_n = rows.iter().map(|row| force_n(trace, row)).fold(0.0, f64::max);
-    let push = format!("the hand pushes with up to {most_n:.0} N");
+    let yields = if trace.break_outs().next().is_some() { ": it yields" } else { "" };
+    let push = format!("a push of up to {most_n:.0} N{yields}");
     let end = match throw {
-        Some(throw) => format!("lets go: thrown back {}", mm(throw.back_m)),
-        None => "does not let go".to_owned(),
+        Some(throw) => format!("let go: thrown back {}", mm(throw.back_m)),
+        None => "not let go".to_owned(),
     };
     text([4.0, 20.0], size, true, &fitted(size))
         + &text([4.0, 44.0], SMALL, false, &push)
