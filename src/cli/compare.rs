@@ -76,21 +76,16 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let differences = differences(&documents);
     let traces: Vec<&Trace> = items.iter().map(|item| &item.trace).collect();
     let drawn = arguments.figure.as_deref().map_or(Ok(()), |path| {
-        let names: Vec<String> =
-            names(&traces).iter().zip(&items).map(|(name, item)| format!("{}: {name}", item.label)).collect();
-        let runs: Vec<(&str, &Trace)> =
-            names.iter().map(|name| name.trim_end_matches(": ")).zip(traces.iter().copied()).collect();
+        let names = labelled(&items, &names(&traces));
+        let runs: Vec<(&str, &Trace)> = names.iter().map(String::as_str).zip(traces.iter().copied()).collect();
         let options = Options { heading: Some(String::new()), ..Options::default() };
         let drawing = comparison(&runs, &options).map_err(|error| drawing_failure(&error))?;
         write_drawing(&drawing, path)
     });
     let moved = arguments.animation.as_deref().map_or(Ok(()), |path| {
-        let named = names(&traces).into_iter().zip(&items).zip(&traces).map(|((name, item), trace)| {
-            // Letters name items without differences.
-            (if name.is_empty() { item.label.to_string() } else { name }, *trace)
-        });
-        let named: Vec<(String, &Trace)> = named.collect();
-        let runs: Vec<(&str, &Trace)> = named.iter().map(|(name, trace)| (name.as_str(), *trace)).collect();
+        let names = names(&traces);
+        let names = if are_distinct(&names) { names } else { labelled(&items, &names) };
+        let runs: Vec<(&str, &Trace)> = names.iter().map(String::as_str).zip(traces.iter().copied()).collect();
         let picture = animation(&runs).map_err(|error| drawing_failure(&error))?;
         arguments.replace.write(path, picture.as_bytes())
     });
@@ -126,17 +121,28 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     drawn
 }
 
-/// Returns the names of items in drawings: law and numbers that differ, with the names of the machines if two items have the same. They
-/// are empty where two would be equal all the same.
+/// Returns the names of items in drawings: law and numbers that differ, with the names of the machines if that makes a difference.
 fn names(traces: &[&Trace]) -> Vec<String> {
-    let is_distinct = |names: &Vec<String>| names.iter().enumerate().all(|(at, name)| !names[..at].contains(name));
     let facts = differences_drawn(traces);
     let join = |(facts, trace): (&String, &&Trace)| match facts.is_empty() {
         true => trace.title.clone(),
         false => format!("{}, {facts}", trace.title),
     };
     let with_titles: Vec<String> = facts.iter().zip(traces).map(join).collect();
-    [facts, with_titles].into_iter().find(is_distinct).unwrap_or_else(|| vec![String::new(); traces.len()])
+    if !are_distinct(&facts) && are_distinct(&with_titles) { with_titles } else { facts }
+}
+
+fn are_distinct(names: &[String]) -> bool {
+    names.iter().enumerate().all(|(at, name)| !names[..at].contains(name))
+}
+
+/// Returns the letters of items with their names, which may be empty.
+fn labelled(items: &[Item], names: &[String]) -> Vec<String> {
+    let label = |(item, name): (&Item, &String)| match name.is_empty() {
+        true => item.label.to_string(),
+        false => format!("{}: {name}", item.label),
+    };
+    items.iter().zip(names).map(label).collect()
 }
 
 /// Returns the failure that a run's saved text cannot be read.
