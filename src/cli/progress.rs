@@ -10,19 +10,24 @@ use yieldwall_rig::report::Stage;
 /// Steps of the bar.
 const STEPS: u64 = 1000;
 
-/// The bar of one command; hidden with `--json`, with `--quiet`, and where standard error is no terminal.
+/// Returns a bar; hidden with `--json`, with `--quiet`, and where standard error is no terminal.
+pub(super) fn bar(output: &Output, steps: u64, template: &str) -> ProgressBar {
+    let bar = ProgressBar::new(steps);
+    if output.is_json() || output.is_quiet() || !io::stderr().is_terminal() {
+        bar.set_draw_target(ProgressDrawTarget::hidden());
+    }
+    if let Ok(style) = ProgressStyle::with_template(template) {
+        bar.set_style(style);
+    }
+    bar
+}
+
+/// The bar of one run.
 pub(super) struct Progress(ProgressBar);
 
 impl Progress {
     pub(super) fn new(output: &Output) -> Self {
-        let bar = ProgressBar::new(STEPS);
-        if output.is_json() || output.is_quiet() || !io::stderr().is_terminal() {
-            bar.set_draw_target(ProgressDrawTarget::hidden());
-        }
-        if let Ok(style) = ProgressStyle::with_template("{msg:16} {bar:40} {percent:>3} %  {elapsed}") {
-            bar.set_style(style);
-        }
-        Self(bar)
+        Self(bar(output, STEPS, "{msg:16} {bar:40} {percent:>3} %  {elapsed}"))
     }
 
     /// Returns a hidden progress display.

@@ -137,14 +137,14 @@ fn judge(runs: &[FigureRun]) -> Result<(), Failure> {
 
 /// Returns a line for each row, with the meaning of the columns.
 fn table(rows: Vec<Vec<String>>) -> Vec<String> {
-    let head = ["figure  machine", "N_wait", "depth mm", "paper", "force N", "paper", "burst mJ", "limit"];
+    let head = ["figure  machine", "N_wait", "depth", "paper", "force", "paper", "burst", "limit"];
     let mut table = Table::new(head.map(str::to_owned).to_vec());
     rows.into_iter().for_each(|row| table.push(row));
     let meanings = [
-        "depth     deepest impact below R; the paper: \"a few millimeters\", or none",
-        "force     largest normal force on the surface",
+        "depth     deepest impact below R in mm; the paper: \"a few millimeters\", or none",
+        "force     largest normal force on the surface in N",
         "R         3 N (impedance device), 20 N (torque and position mode)",
-        "burst     largest energy burst into the hand",
+        "burst     largest energy burst into the hand in mJ",
     ];
     table.lines().into_iter().chain(meanings.map(str::to_owned)).collect()
 }

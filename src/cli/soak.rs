@@ -1,19 +1,18 @@
 //! `yieldwall soak`: many rigs, hands and faults drawn from seeds, with an independent judgement of each cycle.
 
 use std::collections::BTreeMap;
-use std::io::{self, IsTerminal};
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::json;
 
 use super::failure::{self, Exit, Failure};
 use super::interrupt::on_interrupt;
 use super::output::Output;
 use super::parts::{Array, Parts, interrupted, nothing_to_merge, threads};
+use super::progress::bar;
 use super::replace::{Replace, Written, unwritten};
 use yieldwall_config::Report;
 use yieldwall_rig::batch::Shard;
@@ -107,7 +106,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
                 store.as_ref().map_or(0, |(_, known)| known.keys().filter(|seed| campaign.holds(**seed)).count());
             let missing =
                 store.as_ref().map_or_else(|| campaign.missing(&BTreeMap::new()), |(_, known)| campaign.missing(known));
-            let bar = bar(output, (known + missing.len()) as u64, known as u64);
+            let template = "{bar:40} {pos}/{len} seeds  {elapsed}, {eta} left  {msg}";
+            let bar = bar(output, (known + missing.len()) as u64, template).with_position(known as u64);
             let is_interrupted = on_interrupt()?;
             let mut failed = 0u64;
             let outcomes = soak::run(&shipped, &campaign, store, &is_interrupted, |outcome| {
@@ -254,17 +254,6 @@ fn judge(arguments: &Arguments, tally: &Tally, outcomes: &[SeedResult]) -> Resul
         return Err(Failure::new(Exit::OutOfTolerance, message, "run more seeds, or more cycles of each seed"));
     }
     Ok(())
-}
-
-fn bar(output: &Output, seeds: u64, known: u64) -> ProgressBar {
-    let bar = ProgressBar::new(seeds);
-    if output.is_json() || output.is_quiet() || !io::stderr().is_terminal() {
-        bar.set_draw_target(ProgressDrawTarget::hidden());
-    }
-    if let Ok(style) = ProgressStyle::with_template("{bar:40} {pos}/{len} seeds  {elapsed}, {eta} left  {msg}") {
-        bar.set_style(style);
-    }
-    bar.with_position(known)
 }
 
 fn store_failure(error: StoreError) -> Failure {

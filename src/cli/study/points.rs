@@ -1,18 +1,17 @@
 //! Points of a study: computed, kept, and drawn when all of them are there.
 
-use std::io::{self, IsTerminal};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Value, json};
 
 use super::document::{self, Pace};
 use crate::failure::{Exit, Failure};
 use crate::output::Output;
 use crate::parts::{Array, Parts, interrupted, line, nothing_to_merge, threads};
+use crate::progress::bar;
 use yieldwall_rig::batch;
 use yieldwall_study::sweep::{Store, StoreError, Study, Sweep, Table};
 
@@ -275,7 +274,8 @@ fn compute(
         return Ok((table, None));
     }
     let jobs = if sweep.is_timed() { 1 } else { threads(arguments.jobs) };
-    let bar = bar(output, sweep.name(), wanted.len() as u64);
+    let bar = bar(output, wanted.len() as u64, "{msg:16} {bar:40} {pos}/{len}  {elapsed}, {eta} left");
+    let bar = bar.with_message(sweep.name().to_owned());
     let started = Instant::now();
     let mut spent = Duration::ZERO;
     let work = |index| {
@@ -309,17 +309,6 @@ fn compute(
 fn build() -> String {
     let sum = std::env::current_exe().and_then(std::fs::read).map_or(0, |bytes| crc32fast::hash(&bytes));
     format!("{sum:08x}")
-}
-
-fn bar(output: &Output, name: &str, points: u64) -> ProgressBar {
-    let bar = ProgressBar::new(points);
-    if output.is_json() || output.is_quiet() || !io::stderr().is_terminal() {
-        bar.set_draw_target(ProgressDrawTarget::hidden());
-    }
-    if let Ok(style) = ProgressStyle::with_template("{msg:16} {bar:40} {pos}/{len}  {elapsed}, {eta} left") {
-        bar.set_style(style);
-    }
-    bar.with_message(name.to_owned())
 }
 
 /// Returns the time that this thread has had on a core; on a system without such a clock, the wall-clock time.
