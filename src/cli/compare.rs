@@ -39,10 +39,10 @@ pub(super) struct Arguments {
     #[command(flatten)]
     replace: Replace,
     /// Seconds to run; default: each scene's duration. Recordings keep theirs
-    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", value_parser = super::usage::seconds, allow_negative_numbers = true)]
     duration: Option<f64>,
     /// Seed of tremor and sensor noise; default: each scene's seed. Recordings keep theirs
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", value_parser = super::usage::whole::<u64>, allow_negative_numbers = true)]
     seed: Option<u64>,
 }
 
@@ -110,7 +110,13 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         let head =
             std::iter::once("key that differs".to_owned()).chain(items.iter().map(|item| item.label.to_string()));
         let mut table = Table::new(head.collect());
-        differences.iter().for_each(|one| table.push(one.cells()));
+        let laws: Vec<String> = traces.iter().map(|trace| trace.setup.law.clone()).collect();
+        for one in &differences {
+            // A law is a group of keys or none: words say more.
+            let is_law = one.key == "fixture.law" && laws.iter().any(|law| *law != laws[0]);
+            let cells = if is_law { [vec![one.key.clone()], laws.clone()].concat() } else { one.cells() };
+            table.push(cells);
+        }
         lines.extend(table.lines());
     }
     let pictures = [("figure   ", &arguments.figure), ("animation", &arguments.animation)];

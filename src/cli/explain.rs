@@ -65,7 +65,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         let document = |(word, meanings): &(&String, Vec<Meaning>)| {
             let each = meanings.iter().map(|Meaning { explanation, more }| {
                 let mut keys = document(explanation);
-                keys.extend(more.iter().map(|(key, text)| ((*key).to_owned(), Value::from(text.as_str()))));
+                keys.extend(more.iter().map(|(key, text)| ((*key).to_owned(), Value::from(text.replace('\n', "; ")))));
                 Value::Object(keys)
             });
             json!({ "word": word, "meanings": each.collect::<Vec<_>>() })
@@ -115,9 +115,9 @@ pub(super) fn document(explanation: &Explanation) -> Map<String, Value> {
         ("what", json!(what)),
         ("code", json!(code)),
         ("name", json!(name)),
-        ("meaning", json!(meaning)),
+        ("meaning", json!(meaning.replace('\n', "; "))),
         ("cause", json!(cause)),
-        ("next", json!(next)),
+        ("next", json!(next.replace('\n', "; "))),
         ("source", json!(source)),
     ];
     keys.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
@@ -234,7 +234,9 @@ fn named_objects(index: u16) -> Vec<Address> {
 fn code(word: &str) -> Option<u32> {
     let lower = word.to_ascii_lowercase();
     let digits = lower.strip_prefix("0x").unwrap_or_else(|| lower.strip_suffix('h').unwrap_or(&lower));
-    let is_code = (1..=8).contains(&digits.len()) && digits.bytes().all(|one| one.is_ascii_hexdigit());
+    // A bare digit or letter is rather a slip in a symbol.
+    let least = if digits.len() == lower.len() { 2 } else { 1 };
+    let is_code = (least..=8).contains(&digits.len()) && digits.bytes().all(|one| one.is_ascii_hexdigit());
     is_code.then(|| u32::from_str_radix(digits, 16).ok()).flatten()
 }
 
@@ -247,8 +249,9 @@ fn unknown(word: &str, codes: Option<&ErrorCodes>) -> Failure {
     names.extend(DEFECTS.iter().map(|row| row.name));
     names.extend(AbortCode::ALL.iter().map(|code| code.name()));
     names.extend(EmcyCode::listed().map(|code| code.name()));
-    let help = match config::nearest_word(word, names) {
-        Some(meant) => format!("did you mean {meant}?"),
+    let meant = config::nearest_word(word, names).map(|meant| format!("did you mean {meant}?"));
+    let help = match meant.or_else(|| program::similar(word)) {
+        Some(help) => help,
         None => {
             "`yieldwall faults` lists the faults that can be injected, docs/faults.md all; codes are hexadecimal, as 8130h; \
              objects have an address, as 1018h:2"

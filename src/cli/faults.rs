@@ -166,13 +166,13 @@ fn duration(row: &CatalogueRow) -> String {
 }
 
 fn ending(expected: &Expected) -> String {
-    let faults = fault_names(expected).join(" or ");
+    let faults = listed(&fault_names(expected));
     match expected.ending {
         Ending::GoesOn if faults.is_empty() => "the rig continues".to_owned(),
         Ending::GoesOn => format!("counted as {faults}; the rig continues"),
         Ending::Latched(states) => {
-            let states = states.iter().map(|state| format!("{state:?}")).collect::<Vec<_>>().join(" or ");
-            format!("{faults} stops the rig: {states}")
+            let states: Vec<String> = states.iter().map(|state| format!("{state:?}")).collect();
+            format!("{faults} stops the rig ({})", listed(&states))
         }
         Ending::NotEnabled if faults.is_empty() => "the boot refuses the device".to_owned(),
         Ending::NotEnabled => format!("{faults} prevents the rig from running"),
@@ -189,11 +189,22 @@ fn recovery(expected: &Expected) -> &'static str {
     }
 }
 
-/// Returns the consequence of the fault.
+/// Returns names as "a, b or c".
+fn listed<T: AsRef<str>>(names: &[T]) -> String {
+    let names: Vec<&str> = names.iter().map(AsRef::as_ref).collect();
+    match names.as_slice() {
+        [first @ .., before, last] => [first, &[&format!("{before} or {last}")]].concat().join(", "),
+        names => names.concat(),
+    }
+}
+
+/// Returns the consequence of the fault; if it differs between the buses, a line for each.
 pub(super) fn consequence(row: &CatalogueRow) -> String {
-    let told = |expected| format!("{}{}", ending(expected), recovery(expected));
-    let other = row.on_ethercat.map_or(String::new(), |other| format!("; on EtherCAT {}", told(other)));
-    format!("{}{other}", told(&row.expected))
+    let result = |expected| format!("{}{}", ending(expected), recovery(expected));
+    match &row.on_ethercat {
+        None => result(&row.expected),
+        Some(other) => format!("on CAN: {}\non EtherCAT: {}", result(&row.expected), result(other)),
+    }
 }
 
 fn text(row: &CatalogueRow) -> String {
@@ -207,8 +218,11 @@ fn text(row: &CatalogueRow) -> String {
         ("size", size),
         ("result", Some(consequence(row))),
     ];
-    let lines = facts.iter().filter_map(|(label, text)| {
-        Some(fit::filled(&format!("{label:9} "), "          ", text.as_deref()?, fit::USUAL))
+    let lines = facts.iter().filter_map(|(label, text)| Some((label, text.as_deref()?))).flat_map(|(label, text)| {
+        let labels = std::iter::once(*label).chain(std::iter::repeat(""));
+        labels
+            .zip(text.lines())
+            .map(|(label, line)| fit::filled(&format!("{label:9} "), "          ", line, fit::USUAL))
     });
     lines.collect::<Vec<_>>().join("\n")
 }

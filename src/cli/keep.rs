@@ -71,7 +71,7 @@ fn failure(error: &RecorderError) -> Failure {
     match error {
         RecorderError::Folder { path, error } => no_folder(path, error),
         RecorderError::Exists { path } => {
-            let help = "name another folder; a recording is never written over, also not with --force";
+            let help = "name another folder; recordings are never overwritten, not even with --force";
             Failure::about_file(Exit::Usage, path, format!("{error}: nothing was run"), help)
         }
         RecorderError::File { path, error } => unwritten(path, error),

@@ -32,7 +32,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "INTERFACE")]
     bus: Option<String>,
     /// Seconds to measure; the highest tier needs 100 000 at a cycle of 1 ms
-    #[arg(long, value_name = "S", default_value_t = 10.0)]
+    #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = super::usage::seconds)]
     duration: f64,
     /// Cycle time in us, 100 to 100 000
     #[arg(long, value_name = "US", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(100..=100_000))]

@@ -189,7 +189,7 @@ fn check_scene_values(values: &[config::SetValue], rig: &config::Rig, file: &str
             value.key(),
             value.value()
         );
-        let help = "leave this value away; --duration says how long the rig runs. For a scene write \
+        let help = "leave out this value; --duration sets how long the rig runs. For a scene write \
                     `simulation: FILE.yaml` into the rig";
         Err(Failure::about_file(Exit::ConfigInvalid, Path::new(file), message, help))
     })

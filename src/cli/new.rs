@@ -37,7 +37,7 @@ pub(super) struct Arguments {
     #[arg(long, value_enum)]
     mode: Option<Mode>,
     /// Cycle time in us, 500 to 10000; at most 2000 in torque mode
-    #[arg(long, value_name = "US", value_parser = clap::value_parser!(u32).range(500..=10_000))]
+    #[arg(long, value_name = "US", value_parser = choice::parse_period)]
     period_us: Option<u32>,
     /// Control law of torque mode
     #[arg(long, value_enum)]

@@ -12,7 +12,7 @@ use super::output::Output;
 use super::replace::{Replace, discard, unwritten};
 use super::replay::{damage, open, read_failure, recording_file, records};
 use yieldwall_link::{Whole, whole_blocks};
-use yieldwall_record::recording::{Reader, Recorded, Recording, Writer, csv_header, csv_row, definition};
+use yieldwall_record::recording::{Machine, Reader, Recorded, Recording, Writer, csv_header, csv_row, definition};
 use yieldwall_record::{CycleRecord, DeviceRecord};
 use yieldwall_run::recorder::{CAPTURE, LOG};
 
@@ -139,6 +139,10 @@ fn info(file: &Path, schema: bool, output: &mut Output) -> Result<(), Failure> {
     if !about.overrides.is_empty() {
         text.push_str(&format!(", {}", about.overrides.escape_debug()));
     }
+    let kind = if matches!(about.machine, Machine::Rig(_)) { "rig" } else { "device" };
+    if let Some(name) = about.machine.document().lines().find_map(|line| line.strip_prefix("  name: ")) {
+        text.push_str(&format!("\n{kind:9} {}", name.escape_debug()));
+    }
     text.push_str(&match content.ends() {
         Some([(first, from_s), (last, to_s)]) => format!(
             "\n{records:9} {}, number {first} to {last}, {from_s:.3} to {to_s:.3} s since {since}",
@@ -151,7 +155,7 @@ fn info(file: &Path, schema: bool, output: &mut Output) -> Result<(), Failure> {
         gaps => format!("\ngaps      {gaps}, {} {records} are missing", content.missing),
     });
     text.push_str(&match recording.damage_count() {
-        0 => "\nfile      whole".to_owned(),
+        0 => "\nfile      complete".to_owned(),
         1 => "\nfile      damaged at 1 place".to_owned(),
         count => format!("\nfile      damaged at {count} places"),
     });

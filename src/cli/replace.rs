@@ -81,7 +81,7 @@ impl Replace {
         if self.force || head.is_empty() || what.is(&head) {
             return Ok(());
         }
-        let message = format!("{} is there already, and is not {}: nothing was written", path.display(), what.name());
+        let message = format!("{} already exists, and is not {}: nothing was written", path.display(), what.name());
         Err(Failure::about_file(Exit::Usage, path, message, "name another file, or replace this one with --force"))
     }
 
@@ -95,7 +95,7 @@ impl Replace {
             check_recording(path, &head)?;
         }
         if is_there && !self.force {
-            let message = format!("{} is there already: nothing was written", path.display());
+            let message = format!("{} already exists: nothing was written", path.display());
             return Err(Failure::about_file(
                 Exit::Usage,
                 path,
@@ -170,7 +170,7 @@ fn check_recording(path: &Path, head: &[u8]) -> Result<(), Failure> {
         return Ok(());
     }
     let message = format!("{} is a recording: nothing was written", path.display());
-    Err(Failure::about_file(Exit::Usage, path, message, "name another file; a recording is never written over"))
+    Err(Failure::about_file(Exit::Usage, path, message, "name another file; recordings are never overwritten"))
 }
 
 /// Whether there is a regular file that writing would change.

@@ -112,6 +112,18 @@ pub(super) fn records(recording: &Recording<File>) -> &'static str {
 }
 
 pub(super) fn read_failure(path: &Path, error: &ReadError) -> Failure {
+    let name = path.display().to_string();
+    let is_configuration = match error {
+        ReadError::Io(_) => name.starts_with("builtin:"),
+        _ => name.ends_with(".yaml"),
+    };
+    if is_configuration {
+        return refuse(
+            path,
+            "is a configuration, not a recording",
+            &format!("record one with `yieldwall run {name} --record DIR`"),
+        );
+    }
     let help = match error {
         ReadError::Io(_) => "check the path",
         ReadError::NotMcap => "name a cycles.mcap or the file of a black box",

@@ -140,7 +140,7 @@ pub(crate) fn counted_json(counted: &[(Fault, u32)]) -> Value {
 /// Describes a command mode.
 pub(crate) fn mode_text(mode: config::CommandMode) -> &'static str {
     match mode {
-        config::CommandMode::Torque => "torque mode (CST), the loop closes here",
+        config::CommandMode::Torque => "torque mode (CST), the control loop closes in this program",
         config::CommandMode::Velocity => "velocity mode (CSV)",
         config::CommandMode::Position => "position mode (CSP), the loop closes in the drives",
     }
@@ -178,27 +178,42 @@ pub(crate) fn run_verdict(
 fn contact_text(measures: &Measures) -> Option<String> {
     match measures.on_surface_s {
         0.0 if measures.energy_bound_j.is_infinite() => None,
-        0.0 => Some("never on the surface".to_owned()),
+        0.0 => {
+            let broke_out = (releases(measures) > 0).then(|| format!(", {}", break_outs_text(measures)));
+            Some(place_text(measures) + &broke_out.unwrap_or_default())
+        }
         on_s => Some(format!("on the surface for {on_s:.1} s, {}", break_outs_text(measures))),
     }
 }
 
-/// Describes how often the proxy left the surface, and how often the hand asked for that by a push as strong as the yield force.
+/// Describes the place of a proxy that the fixture never held on the surface: without a hold, an impact stops beyond it.
+fn place_text(measures: &Measures) -> String {
+    match measures.penetration_mm {
+        0.0 => "never on the surface".to_owned(),
+        depth_mm => format!("stopped {depth_mm:.1} mm beyond the surface"),
+    }
+}
+
+/// Returns how often the proxy left the surface, with or without a push as strong as the yield force.
+fn releases(measures: &Measures) -> u32 {
+    measures.break_outs + measures.unintended_releases
+}
+
+/// Describes how often the proxy left the surface, and in how many cases the hand pushed with the yield force.
 fn break_outs_text(measures: &Measures) -> String {
     let (asked, others) = (measures.break_outs, measures.unintended_releases);
-    let times = match asked + others {
+    let times = match releases(measures) {
         0 => return "no break-out".to_owned(),
         1 => "once".to_owned(),
         2 => "twice".to_owned(),
         several => format!("{several} times"),
     };
     let which = match (asked, others) {
-        (1, 0) => "asked for".to_owned(),
-        (2, 0) => "both asked for".to_owned(),
-        (_, 0) => "all asked for".to_owned(),
-        (0, 1) => "not asked for".to_owned(),
-        (0, _) => "none asked for".to_owned(),
-        (_, others) => format!("{others} not asked for"),
+        (1, 0) => "the hand pushed with R".to_owned(),
+        (_, 0) => "each time the hand pushed with R".to_owned(),
+        (0, 1) => "without a push of R".to_owned(),
+        (0, _) => "each time without a push of R".to_owned(),
+        (_, others) => format!("{others} without a push of R"),
     };
     format!("broke out {times} ({which})")
 }
@@ -207,14 +222,19 @@ fn break_outs_text(measures: &Measures) -> String {
 pub(crate) fn measures_text(measures: &Measures) -> Vec<String> {
     let mut lines = Vec::new();
     lines.push(impacts_text(measures));
-    lines.extend(tool_text(measures));
+    if let Some([tracing, in_contact]) = tool_text(measures) {
+        lines.push(format!("tool      distance from the surface, {tracing}"));
+        lines.push(format!("          {in_contact}"));
+    }
     if let Some(share) = measures.on_surface_fraction_when_pressed {
         lines.push(format!(
-            "contact   on the surface for {:.1} s, and for {:.1} % of the time below R",
+            "contact   on the surface for {:.1} s; for {:.1} % of the time with a push of F to R",
             measures.on_surface_s,
             100.0 * share
         ));
         lines.push(format!("          {}", break_outs_text(measures)));
+    } else if let Some(contact) = contact_text(measures).filter(|_| releases(measures) > 0) {
+        lines.push(format!("contact   {contact}"));
     }
     let limit = if measures.energy_bound_j.is_infinite() {
         "no limit: a spring or a capture radius returns energy".to_owned()
@@ -229,9 +249,8 @@ pub(crate) fn measures_text(measures: &Measures) -> Vec<String> {
         1e3 * measures.energy_taken_j
     ));
     if let (Some(mean), Some(most)) = (measures.force_age_mean_ms, measures.force_age_max_ms) {
-        lines.push(format!(
-            "force     sample age: mean {mean:.2} ms, max {most:.2} ms (without the sensor's own delay)"
-        ));
+        lines.push(format!("force     sample age at the control step: mean {mean:.2} ms, max {most:.2} ms"));
+        lines.push("          the sensor's own delay is not included".to_owned());
     }
     if let (Some(torque), Some(limit_s), Some(apart_s)) =
         (measures.peak_torque_n_m, measures.torque_limit_s, measures.torque_limit_apart_s)
@@ -246,13 +265,11 @@ pub(crate) fn measures_text(measures: &Measures) -> Vec<String> {
     lines
 }
 
-/// Describes the distance of the tool from the surface, if it touched the surface.
-pub(crate) fn tool_text(measures: &Measures) -> Option<String> {
+/// Describes the tool's distance from the surface, when tracing and in contact, if it touched the surface.
+pub(crate) fn tool_text(measures: &Measures) -> Option<[String; 2]> {
     let (tracing, whole) = (measures.tool_rms_tracing_mm?, measures.tool_rms_on_surface_mm?);
     let most = measures.tool_max_on_surface_mm?;
-    Some(format!(
-        "tool      off the surface: {tracing:.3} mm RMS when tracing, {whole:.3} mm RMS and {most:.2} mm max in contact"
-    ))
+    Some([format!("tracing: {tracing:.3} mm RMS"), format!("in contact: {whole:.3} mm RMS, {most:.2} mm max")])
 }
 
 fn impacts_text(measures: &Measures) -> String {
@@ -297,12 +314,12 @@ mod tests {
     fn a_verdict_says_how_often_the_fixture_gave_way_and_who_asked_for_it() {
         for (counts, expected) in [
             ((0, 0), "no break-out"),
-            ((1, 0), "broke out once (asked for)"),
-            ((2, 0), "broke out twice (both asked for)"),
-            ((3, 0), "broke out 3 times (all asked for)"),
-            ((0, 1), "broke out once (not asked for)"),
-            ((0, 2), "broke out twice (none asked for)"),
-            ((2, 1), "broke out 3 times (1 not asked for)"),
+            ((1, 0), "broke out once (the hand pushed with R)"),
+            ((2, 0), "broke out twice (each time the hand pushed with R)"),
+            ((3, 0), "broke out 3 times (each time the hand pushed with R)"),
+            ((0, 1), "broke out once (without a push of R)"),
+            ((0, 2), "broke out twice (each time without a push of R)"),
+            ((2, 1), "broke out 3 times (1 without a push of R)"),
         ] {
             let verdict = run_verdict(&Ok(()), (27.2, None), &measures(counts.0, counts.1));
             let around = ["verdict   ok: ran for 27.2 s, on the surface for 12.3 s, ", ", energy within its limit"];
@@ -310,6 +327,10 @@ mod tests {
         }
         let free = Measures { on_surface_s: 0.0, ..measures(0, 0) };
         assert!(run_verdict(&Ok(()), (1.0, None), &free).contains("1.0 s, never on the surface, energy"));
+        let past = Measures { on_surface_s: 0.0, penetration_mm: 2.16, ..measures(1, 0) };
+        let text = "stopped 2.2 mm beyond the surface, broke out once (the hand pushed with R)";
+        assert!(run_verdict(&Ok(()), (1.0, None), &past).contains(&format!("1.0 s, {text}, energy")));
+        assert!(measures_text(&past).contains(&format!("contact   {text}")), "{:?}", measures_text(&past));
         let spring = Measures { energy_bound_j: f64::INFINITY, ..free };
         assert_eq!(run_verdict(&Ok(()), (1.0, None), &spring), "verdict   ok: ran for 1.0 s");
     }
@@ -320,7 +341,7 @@ mod tests {
         let end = Err(Failure::new(Exit::DeviceFault, "after 0.320 s the rig was stopped", ""));
         let stopped =
             |fault, devices| run_verdict(&end, (0.32, Some((Cause { fault, devices }, &rig))), &measures(1, 0));
-        let facts = "after 0.320 s (exit code 6); on the surface for 12.3 s, broke out once (asked for), energy within its limit";
+        let facts = "after 0.320 s (exit code 6); on the surface for 12.3 s, broke out once (the hand pushed with R), energy within its limit";
         assert_eq!(
             stopped(Fault::DriveFault, DeviceSet::SENSOR),
             format!("verdict   stopped: by drive-fault at {} {facts}", DeviceSet::SENSOR)

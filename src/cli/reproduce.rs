@@ -204,9 +204,9 @@ fn text(run: &FigureRun) -> String {
     let mut lines = vec![format!("{}, {}, N_wait {}", run.figure, run.mode.in_words(), run.hold_steps)];
     lines.extend(measures_text(run.measures()).into_iter().map(|line| format!("  {line}")));
     if let Some(bare) = &run.without_feed_forward
-        && let Some(line) = tool_text(bare)
+        && let Some([tracing, in_contact]) = tool_text(bare)
     {
-        lines.push(format!("  without feed-forward: {}", line.trim_start_matches("tool").trim_start()));
+        lines.push(format!("  without feed-forward: {tracing}; {in_contact}"));
     }
     lines.join("\n")
 }

@@ -28,7 +28,7 @@ use super::replace::{Replace, Written};
 use super::report_text::run_verdict;
 use super::tui::{Screen, View, check_terminal};
 use super::unsafe_drives::{NOTHING_ENABLED, judge};
-use yieldwall_config::injection::{Injection, Kind};
+use yieldwall_config::injection::{Injection, Kind, Lasts};
 use yieldwall_config::{self as config, Diagnostic, Document, Loaded, Severity, Source};
 use yieldwall_record::Trace;
 use yieldwall_rig::report::{Overrides, RunReport, Shortcoming, replay, run_rig};
@@ -66,10 +66,10 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "KEY=VALUE")]
     pub(super) set: Vec<config::SetValue>,
     /// Seconds to run; default: the scene's duration
-    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", value_parser = super::usage::seconds, allow_negative_numbers = true)]
     pub(super) duration: Option<f64>,
     /// Seed of tremor and sensor noise; default: the scene's seed
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", value_parser = super::usage::whole::<u64>, allow_negative_numbers = true)]
     seed: Option<u64>,
     /// Inject a fault during the run; repeatable, besides the scene's faults
     ///
@@ -143,7 +143,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
         Document::Rig(rig) => *rig,
         Document::Device(_) if arguments.dry_run => {
             let message = "an impedance device is on no bus: nothing is written to any device";
-            return Err(Failure::new(Exit::Usage, message, "leave --dry-run away, or name a rig"));
+            return Err(Failure::new(Exit::Usage, message, "leave out --dry-run, or name a rig"));
         }
         Document::Device(device) => return device::run(arguments, &device, output),
         // The error names the kind of the document.
@@ -164,6 +164,8 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
     let scene = rig.scene()?;
     let faults = arguments.fault.iter().map(|fault| fault.of_rig(&rig.value)).collect::<Result<_, _>>()?;
     let overrides = Overrides { fixture: None, duration_s: arguments.duration, seed: arguments.seed, faults };
+    let duration_s = overrides.duration_s.unwrap_or(scene.value.duration_s.get());
+    overrides.faults.iter().try_for_each(|injection| check_start(injection, duration_s))?;
     let about = described(replay::about(&rig.value, Some(&scene.value), &overrides))?;
     // Before anything is written: a rig that is refused leaves no record.
     let drilled = rig::drill(&rig.value, &scene.value, |_| ()).map_err(|error| rig_failure(&error))?;
@@ -171,7 +173,6 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
     page.open(&arguments.page, &rig.value, PageOf { command: "run", pace: Pace::Virtual })?;
     let interfaces = simulated_interfaces(&rig.value);
     let watched = Watched::Simulation(&interfaces);
-    let duration_s = overrides.duration_s.unwrap_or(scene.value.duration_s.get());
     let view = arguments.tui.then(|| view(&rig.value, "on the embedded simulation", duration_s));
     view.iter().for_each(|view| events.show_on(view));
     let (listening, heard) = Listening::start(events, watched, &rig.value)?;
@@ -223,6 +224,20 @@ fn run_and_tell(arguments: &Arguments, events: &Events, page: &mut Page, output:
         return end;
     }
     output.end(facts.json(arguments), end)
+}
+
+/// Refuses an injection that would begin after the end of the run.
+fn check_start(injection: &Injection, duration_s: f64) -> Result<(), Failure> {
+    let (row, start_s) = (injection.kind.row(), injection.start_s);
+    if row.lasts == Lasts::FromBoot || start_s < duration_s {
+        return Ok(());
+    }
+    let message = format!("--fault {}@{start_s}: the run ends at {duration_s} s", row.name);
+    let help = match start_s.floor() + 1.0 {
+        longer_s if longer_s <= config::MAX_DURATION_S => format!("begin earlier, or add --duration {longer_s}"),
+        _ => "begin earlier".to_owned(),
+    };
+    Err(Failure::new(Exit::Usage, message, help))
 }
 
 /// Refuses a log of CAN frames of a rig that has no CAN.

@@ -44,7 +44,7 @@ pub(super) struct Arguments {
     #[arg(long, value_enum, default_value_t = PaceArgument::Free)]
     pace: PaceArgument,
     /// Seed of tremor and sensor noise; default: the scene's seed
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = super::usage::whole::<u64>, allow_negative_numbers = true)]
     seed: Option<u64>,
     /// EtherCAT: inject a fault, TIME seconds after the start; repeatable. `yieldwall faults` lists names
     #[arg(long, value_name = "NAME@TIME[+DURATION][:TARGET]")]

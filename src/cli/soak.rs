@@ -14,6 +14,7 @@ use super::output::Output;
 use super::parts::{Array, Parts, interrupted, nothing_to_merge, threads};
 use super::progress::bar;
 use super::replace::{Replace, Written, unwritten};
+use super::usage::{at_least_one, whole};
 use yieldwall_config::Report;
 use yieldwall_rig::batch::Shard;
 use yieldwall_soak::{self as soak, Campaign, Script, SeedResult, Shipped, Store, StoreError, Tally};
@@ -29,10 +30,10 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "A..B", value_parser = parse_seeds, default_value = "0..200", conflicts_with = "seed")]
     seeds: Range<u64>,
     /// Run only this seed
-    #[arg(long, value_name = "N", conflicts_with_all = ["shard", "merge", "slurm", "missing"])]
+    #[arg(long, value_name = "N", value_parser = whole::<u64>, conflicts_with_all = ["shard", "merge", "slurm", "missing"])]
     seed: Option<u64>,
     /// Cycles of each seed
-    #[arg(long, value_name = "N", default_value = "10000")]
+    #[arg(long, value_name = "N", default_value = "10000", value_parser = at_least_one::<NonZeroU32>)]
     cycles: NonZeroU32,
     /// Faults instead of the seed's own, separated by commas: name:target@start+duration=size; empty for none
     #[arg(long, value_name = "FAULTS", requires = "seed", conflicts_with_all = ["out", "jobs"])]
@@ -43,7 +44,7 @@ pub(super) struct Arguments {
     /// Threads; default: Slurm's processors for the task, otherwise the number of cores
     ///
     /// SLURM_CPUS_PER_TASK has the processors that Slurm allots.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = at_least_one::<NonZeroUsize>)]
     jobs: Option<NonZeroUsize>,
     /// Keep each outcome in this folder, and skip those it already holds
     #[arg(long, value_name = "DIR")]
@@ -100,6 +101,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         }
         _ if parts.merge => merge(folder, &campaign)?,
         _ => {
+            let Range { start, end } = &campaign.seeds;
+            output.aside(&format!("seeds {start}..{end}: {} of {cycles} cycles each", end - start));
             let store = arguments.out.as_deref().map(|folder| Store::open(folder, cycles, campaign.shard)).transpose();
             let store = store.map_err(store_failure)?;
             let known =
@@ -150,10 +153,10 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     output.news(&failure::verdict(&end, || format!("no violation in {} seeds", tally.seeds)))?;
     output.news(&soak::text(&tally))?;
-    output.news(&format!("{:34} {wall_s:.1} s, {:.0} cycles/s", "run in", tally.cycles as f64 / wall_s))?;
+    output.news(&format!("{:40} {wall_s:.1} s, {:.0} cycles/s", "run in", tally.cycles as f64 / wall_s))?;
     for (what, missed) in [("injections", tally.missed_injections()), ("faults", tally.missed_faults())] {
         if !missed.is_empty() && tally.seeds > 1 {
-            output.news(&format!("{:34} {}", format!("{what} that never occurred"), missed.join(", ")))?;
+            output.news(&format!("{:40} {}", format!("{what} that never occurred"), missed.join(", ")))?;
         }
     }
     print_replays(&outcomes, output)?;
@@ -194,7 +197,7 @@ fn merge(folder: &Path, campaign: &Campaign) -> Result<Vec<SeedResult>, Failure>
     let mut known = Store::read(folder, campaign.cycles).map_err(store_failure)?;
     let missing = campaign.missing(&known);
     if known.is_empty() {
-        let Range { start, end } = campaign.seeds;
+        let Range { start, end } = &campaign.seeds;
         let command = format!("soak --seeds {start}..{end} --cycles {}", campaign.cycles);
         return Err(nothing_to_merge(&format!("{} holds no seeds", folder.display()), &command, folder, false));
     }

@@ -114,7 +114,7 @@ fn own(file: &str, arguments: &Arguments, output: &mut Output) -> Result<Arc<Sub
     let name = &arguments.name;
     if name != NEED {
         let message = format!("the study {name} takes no file, and {file} is given");
-        let help = format!("leave {file} away, or run `yieldwall study {NEED} {file}`");
+        let help = format!("leave out {file}, or run `yieldwall study {NEED} {file}`");
         return Err(Failure::new(Exit::Usage, message, help));
     }
     let parts = &arguments.points.parts;
@@ -132,7 +132,7 @@ fn own(file: &str, arguments: &Arguments, output: &mut Output) -> Result<Arc<Sub
         };
         let message = format!("`study {NEED} {file}` takes no {option}: {why}");
         let folder = arguments.points.out.join(format!("{NEED}-own"));
-        let help = format!("leave {option} away; the table is written to {}", folder.display());
+        let help = format!("leave out {option}; the table is written to {}", folder.display());
         return Err(Failure::new(Exit::Usage, message, help));
     }
     let subject = Subject::load(Source::named(file))?;
@@ -167,9 +167,9 @@ fn origin(name: &str, arguments: &Arguments, options: &Options) -> Origin {
 
 fn options_failure(error: &OptionsError) -> Failure {
     let help = match error {
-        OptionsError::WithoutMujoco { .. } => "leave --mujoco away; it is for `plant`",
+        OptionsError::WithoutMujoco { .. } => "leave out --mujoco; it is for `plant`",
         OptionsError::Mujoco { .. } => {
-            "give --mujoco what hil-tests/peers/mujoco prints, or leave it away: our methods alone"
+            "give --mujoco what hil-tests/peers/mujoco prints, or leave it out: our methods alone"
         }
     };
     Failure::new(Exit::Usage, error.to_string(), help)

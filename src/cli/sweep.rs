@@ -28,7 +28,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N", default_value = "1", value_parser = at_least_one::<NonZeroU32>)]
     seeds: NonZeroU32,
     /// Seconds to run; default: the scene's duration
-    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", value_parser = super::usage::seconds, allow_negative_numbers = true)]
     duration: Option<f64>,
     /// Measure to draw and to print; repeatable. The table has all measures
     #[arg(long, value_name = "MEASURE")]
@@ -79,10 +79,15 @@ fn text(values: &[SetValue]) -> String {
     format!("{key}={}", values.iter().map(SetValue::value).collect::<Vec<_>>().join(","))
 }
 
-/// Returns `KEY=A;B` or `KEY=A..B` as `KEY=A,B`; `None` if the value is no such list of numbers.
+/// Returns `KEY=A;B`, `KEY=A..B`, `KEY=A:B` or `KEY=A-B` as `KEY=A,B`; `None` if the value is no such list of numbers.
 fn with_commas(setting: &str) -> Option<String> {
     let (key, value) = setting.split_once('=')?;
-    let spaced = value.replace("..", " ").replace([';', '|'], " ");
+    let spaced = value.replace("..", " ").replace([';', '|', ':'], " ");
+    // A minus between two numbers separates them; one before a number, or in an exponent, is its sign.
+    let spaced = match spaced.split_once('-') {
+        Some((first, last)) if first.ends_with(|one: char| one.is_ascii_digit()) => format!("{first} {last}"),
+        _ => spaced,
+    };
     let numbers: Vec<&str> = spaced.split_whitespace().collect();
     let is_list = numbers.len() > 1 && numbers.iter().all(|number| number.parse::<f64>().is_ok());
     is_list.then(|| format!("{key}={}", numbers.join(",")))
@@ -114,7 +119,7 @@ mod tests {
 
     #[test]
     fn a_list_without_commas_is_shown_with_them() {
-        for value in ["5;10", "5..10", "5 10", "5; 10", "5|10"] {
+        for value in ["5;10", "5..10", "5 10", "5; 10", "5|10", "5:10", "5-10"] {
             let setting = format!("fixture.yield_n={value}");
             let values = SetValue::each(&setting).unwrap();
             let source = Source::named("builtin:play.yaml");

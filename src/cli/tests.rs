@@ -238,7 +238,7 @@ fn a_concise_dump_is_compared_and_restored() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// A run that was broken only by what was injected is fine; one that faults of its own held, or whose injection never came, is not.
+/// A run that was broken only by what was injected is fine; one that faults of its own held is not, and one that ends before its injection is refused.
 #[test]
 fn a_run_is_judged_by_what_was_not_injected() {
     let folder = std::env::temp_dir().join(format!("yieldwall-judged-{}", std::process::id()));
@@ -253,7 +253,7 @@ fn a_run_is_judged_by_what_was_not_injected() {
     };
     let shipped = "builtin:paper-admittance-csp.yaml";
     assert_eq!(exit(shipped, " --fault drive-warning@1"), Exit::Ok);
-    assert_eq!(exit(shipped, " --fault pdo-lost@99"), Exit::OutOfTolerance);
+    assert_eq!(exit(shipped, " --fault pdo-lost@99"), Exit::Usage);
     let nervous = rig.display().to_string();
     assert_eq!(exit(&nervous, ""), Exit::SafetyStop);
     // What holds this rig is not what was injected.

@@ -16,6 +16,13 @@ const LISTS: [(&str, &str); 3] =
 pub(super) fn with_tip(mut error: Error, program: &Command, arguments: &[OsString]) -> Error {
     let words: Vec<String> = arguments.iter().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
     let tips = tips(&error, program, &words).unwrap_or_default();
+    // The parser advises to pass an unknown option as a value, which no command wants.
+    if error.kind() == ErrorKind::UnknownArgument
+        && let Some(ContextValue::StyledStrs(several)) = error.remove(ContextKind::Suggested)
+    {
+        let kept: Vec<StyledStr> = several.into_iter().filter(|tip| !tip.to_string().contains("to pass '--")).collect();
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(kept));
+    }
     if !tips.is_empty() {
         let tips = tips.into_iter().map(StyledStr::from).collect();
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(tips));
@@ -32,6 +39,16 @@ fn reached<'a>(program: &'a Command, words: &[String]) -> (&'a Command, String) 
         names.push(word.as_str());
     }
     (command, names.join(" "))
+}
+
+/// Reads a time in seconds.
+pub(super) fn seconds(text: &str) -> Result<f64, &'static str> {
+    text.parse().map_err(|_| "write seconds without a unit, such as 3")
+}
+
+/// Reads a whole number from 0 on.
+pub(super) fn whole<T: FromStr>(text: &str) -> Result<T, &'static str> {
+    text.parse().map_err(|_| "write a whole number from 0 on")
 }
 
 /// Reads a whole number from 1 on, such as a `NonZeroU32`.
@@ -64,7 +81,19 @@ fn tips(error: &Error, program: &Command, words: &[String]) -> Option<Vec<String
         ErrorKind::UnknownArgument if has_rig && is_file(first) => {
             Some(vec![format!("a rig is named by an option here: '--rig {first}'")])
         }
+        ErrorKind::TooManyValues | ErrorKind::TooFewValues | ErrorKind::WrongNumberOfValues if name == "compare" => {
+            Some(vec!["'yieldwall compare' takes two to six items".to_owned()])
+        }
         ErrorKind::UnknownArgument => {
+            let set = words.windows(3).find_map(|three| match three {
+                [option, key, word] if option == "--set" && word == first && !key.contains('=') => {
+                    Some(vec![format!("write '--set {key}={word}'")])
+                }
+                _ => None,
+            });
+            if set.is_some() {
+                return set;
+            }
             let list = words.windows(3).find_map(|three| match three {
                 [option, value, word] if word == first && LISTS.iter().any(|(list, _)| list == option) => {
                     Some(format!("{option} {value},{word}"))
@@ -137,12 +166,18 @@ mod tests {
             ("yieldwall new a.yaml --nodes 1,2,300", "'--nodes 1,2,10' is taken"),
             ("yieldwall new a.yaml --links 0.3,x", "'--links 0.3,0.4' is taken"),
             ("yieldwall rnu", "did you mean 'run'?"),
+            ("yieldwall run my.yaml --set fixture.yield_n 25", "write '--set fixture.yield_n=25'"),
+            ("yieldwall compare a b c d e f g", "takes two to six items"),
         ] {
             let told = told(line);
             assert!(told.contains("tip: ") && told.contains(tip), "{line}: {told}");
             assert!(!told.contains("to pass '--rig' as a value"), "{told}");
             assert!(told.lines().all(|line| line.chars().count() <= 80), "{told}");
         }
+        for line in ["yieldwall run my.yaml --duration 3s", "yieldwall latency --duration 3s"] {
+            assert!(told(line).contains("write seconds without a unit"), "{}", told(line));
+        }
+        assert!(!told("yieldwall plot cycles.mcap --from 5").contains("tip: "));
         assert!(!told("yieldwall run").contains("tip: "), "{}", told("yieldwall run"));
     }
 }

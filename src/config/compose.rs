@@ -87,7 +87,7 @@ fn is_unprintable(character: char) -> bool {
 fn unprintable(file: &File, outline: &Outline, place: TextSpan, character: char) -> Diagnostic {
     let key = outline.path_at(place.offset).map(|(path, _)| path.escape_debug().to_string()).unwrap_or_default();
     let message = format!("`{key}` has the character U+{:04X}, which cannot be printed", u32::from(character));
-    let help = "leave it away: names and texts go to terminals, figures and recordings, on one line".to_owned();
+    let help = "leave it out: names and texts go to terminals, figures and recordings, on one line".to_owned();
     file.finding(place, &key, message, help)
 }
 

@@ -120,12 +120,14 @@ pub(super) fn explain(fault: Fault, locator: &Locator, guide: &Guide) -> Diagnos
             let Some(node) = found else {
                 return finding(fault.place, path, format!("{expected} was expected"), syntax_help(""));
             };
-            let is_infinite = matches!(&node.content, Content::Scalar(word) if overflows(word));
+            let is_infinite = matches!(&node.content, Content::Scalar(word) if overflows(word) || is_named(word));
             if is_infinite {
                 return not_finite(&finish, Some(node.place()), path, &node.describe());
             }
-            let message = format!("{} is {}", name_of(&path), node.describe());
             let wanted = guide.expectation(&path).unwrap_or(expected);
+            let is_number = matches!(node.content, Content::Scalar(_)) && wanted.contains("number");
+            let against = if is_number { format!(", not {wanted}") } else { String::new() };
+            let message = format!("{} is {}{against}", name_of(&path), node.describe());
             let help = match &node.content {
                 Content::Scalar(word) if has_unit(word) => {
                     format!("write the number alone, the unit stands in the key: {wanted}")
@@ -144,6 +146,12 @@ pub(super) fn explain(fault: Fault, locator: &Locator, guide: &Guide) -> Diagnos
             finding(fault.place, key, message, help.unwrap_or_default())
         }
     }
+}
+
+/// Whether a word names a number that is not finite, without the dot that YAML wants.
+fn is_named(word: &str) -> bool {
+    let name = word.trim_start_matches(['+', '-']);
+    ["nan", "inf", "infinity"].iter().any(|other| name.eq_ignore_ascii_case(other))
 }
 
 fn not_finite(

@@ -38,7 +38,7 @@ pub use load::{
     load_scene, load_simulation, to_yaml,
 };
 pub use number::{Finite, NotNegative, Positive};
-pub use schema::{key_description, schema};
+pub use schema::{key_description, nearest_key, schema};
 pub use set_value::{SetValue, SetValueError};
 pub use source::{MAX_FILE_BYTES, Source, builtin, builtin_names};
 pub use suggest::nearest as nearest_word;

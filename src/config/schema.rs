@@ -8,6 +8,7 @@ use serde_json::{Map, Value, json};
 use super::kind::Kind;
 use super::kind::LIKE;
 use super::outline::{Step, steps};
+use super::suggest::nearest;
 use super::tree::{Figure, ImpedanceDevice, Rig, Scene, Simulation};
 use yieldwall_drives::codes::ErrorCodes;
 use yieldwall_drives::profiles::DeviceProfile;
@@ -107,6 +108,15 @@ pub fn key_description(path: &str) -> Option<String> {
     Kind::ALL.into_iter().find_map(|kind| Guide::new(kind).description(path))
 }
 
+/// Returns the key most similar to this one: of a rig, else of another kind of file that has it. A word without a dot may be the last
+/// part of a key in a group of the rig.
+pub fn nearest_key(path: &str) -> Option<String> {
+    match path.contains('.') {
+        true => Kind::ALL.into_iter().find_map(|kind| Guide::new(kind).nearest(path)),
+        false => Guide::new(Kind::Rig).nearest_in_groups(path),
+    }
+}
+
 /// The schema of one kind of document, for questions about its keys.
 pub(super) struct Guide {
     root: &'static Value,
@@ -122,6 +132,33 @@ impl Guide {
     pub(super) fn description(&self, path: &str) -> Option<String> {
         let text = self.find(path)?.get("description")?.as_str()?;
         Some(text.replace('\n', " "))
+    }
+
+    /// Returns the key most similar to this one, part by part.
+    fn nearest(&self, path: &str) -> Option<String> {
+        let mut found = String::new();
+        for part in path.split('.') {
+            let keys = self.keys(&found);
+            let meant = if keys.contains(&part) { part } else { nearest(part, keys)? };
+            found = if found.is_empty() { meant.to_owned() } else { format!("{found}.{meant}") };
+        }
+        self.description(&found).map(|_| found)
+    }
+
+    /// Returns the key in a group of the file whose last part is most similar to this word.
+    fn nearest_in_groups(&self, word: &str) -> Option<String> {
+        self.keys("").into_iter().find_map(|group| {
+            let meant = format!("{group}.{}", nearest(word, self.keys(group))?);
+            self.description(&meant).map(|_| meant)
+        })
+    }
+
+    /// Returns the keys of the group at a path.
+    fn keys(&self, path: &str) -> Vec<&str> {
+        let Some(schema) = self.find(path).map(|schema| self.resolve(schema)) else { return Vec::new() };
+        let groups = std::iter::once(schema).chain(alternatives(schema).map(|choice| self.resolve(choice)));
+        let keys = groups.filter_map(|group| group.get("properties")?.as_object());
+        keys.flat_map(|keys| keys.keys().map(String::as_str)).collect()
     }
 
     /// Describes in words the values allowed at a path.
@@ -292,6 +329,20 @@ mod tests {
     use super::*;
 
     /// Prints the schema; the message of the test below says how it is refreshed.
+    #[test]
+    fn a_key_with_a_slip_is_known() {
+        for (slip, meant) in [
+            ("fixture.yeild_n", Some("fixture.yield_n")),
+            ("fixtrue.yield", Some("fixture.yield_n")),
+            ("fixture.coupling.admittance.mass", Some("fixture.coupling.admittance.mass_kg")),
+            ("yield", Some("fixture.yield_n")),
+            ("fixture.xyzzy", None),
+            ("xyzzy", None),
+        ] {
+            assert_eq!(nearest_key(slip).as_deref(), meant, "{slip}");
+        }
+    }
+
     #[test]
     fn committed_schema_is_current() {
         let committed: Value = serde_json::from_str(include_str!("../../config/schema.json")).unwrap();

@@ -23,11 +23,11 @@ pub struct SetValue {
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum SetValueError {
     /// There is no `=`.
-    #[error("{0} is no KEY=VALUE, such as fixture.yield_n=25")]
+    #[error("{0} is not KEY=VALUE, such as fixture.yield_n=25")]
     NoValue(String),
     /// A key is empty, has a character other than letters, digits, `_` and `-`, or names a whole drive.
     #[error(
-        "{0} is no key: write the keys from the outermost one on, such as fixture.yield_n or drives.left.direction"
+        "{0} is not a key: write the keys from the outermost one on, such as fixture.yield_n or drives.left.direction"
     )]
     NoKey(String),
     /// The value is longer than one line.
@@ -37,7 +37,7 @@ pub enum SetValueError {
     #[error("{0} has an empty value: write each one, such as {0}=1,2,3")]
     Empty(String),
     /// Two values set the same key, or one sets a group and the other a part of that group.
-    #[error("{0} is set twice: once as a whole or in part is enough")]
+    #[error("{0} is set twice")]
     Twice(String),
 }
 

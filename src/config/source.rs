@@ -295,6 +295,10 @@ impl Source {
             Err(error) => return Err(self.refuse(&format!("cannot be read: {error}"), "check the path")),
         };
         if metadata.is_dir() {
+            if self.path.join("cycles.mcap").is_file() {
+                let help = "use `yieldwall plot`, `replay`, `view` or `compare`, or name the rig that was recorded";
+                return Err(self.refuse("is a recording, not a rig", help));
+            }
             return Err(self.refuse("is a directory", "name a file in it"));
         }
         // A pipe or a device could block for ever.

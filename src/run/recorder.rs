@@ -109,8 +109,8 @@ pub enum RecorderError {
         /// Reason.
         error: io::Error,
     },
-    /// The folder of a recording holds another one already, which is never written over.
-    #[error("{} is there already", path.display())]
+    /// The folder of a recording holds another one already, which is never overwritten.
+    #[error("{} already exists", path.display())]
     Exists {
         /// A file of that recording.
         path: PathBuf,

@@ -110,7 +110,7 @@ fn facts(tally: &Tally) -> Vec<[String; 2]> {
         fact("cycles", tally.cycles.to_string()),
         fact("simulated time", format!("{hours:.2} h")),
         fact("runs with all cycles", ends("Complete").to_string()),
-        fact("runs without a boot", ends("NotBooted").to_string()),
+        fact("runs that never booted", ends("NotBooted").to_string()),
         fact("runs whose process ended", ends("MasterGone").to_string()),
         fact("runs stopped early", ends("Broken").to_string()),
         fact("network reboots", tally.restarts.to_string()),
@@ -118,11 +118,11 @@ fn facts(tally: &Tally) -> Vec<[String; 2]> {
         fact("largest tool speed", format!("{:.3} m/s", peaks.speed_m_per_s)),
         fact("largest proxy speed", format!("{:.3} m/s", peaks.proxy_m_per_s)),
         fact("largest sensed force while running", format!("{:.1} N", peaks.force_n)),
-        fact("largest energy beyond the held one", format!("{:.1} mJ", 1e3 * peaks.returned_j)),
+        fact("largest energy beyond the stored energy", format!("{:.1} mJ", 1e3 * peaks.returned_j)),
         fact("largest bus time of own frames", format!("{:.1} % of a cycle", 100.0 * peaks.bus_share)),
         fact("largest queue of one port", format!("{} frames", peaks.queue)),
         fact("wraps of position counters", peaks.wraps.to_string()),
-        fact("excused violations", tally.excused.values().sum::<u64>().to_string()),
+        fact("violations excused by a fault or a hand", tally.excused.values().sum::<u64>().to_string()),
         fact("hash of all runs", format!("{:016x}", tally.hash)),
     ]
 }
@@ -149,12 +149,12 @@ fn excuses(tally: &Tally) -> Table {
 pub fn text(tally: &Tally) -> String {
     let mut text = String::new();
     for [name, value] in facts(tally).into_iter().chain(violations(tally)) {
-        let _ = writeln!(text, "{name:34} {value}");
+        let _ = writeln!(text, "{name:40} {value}");
     }
     // Without the bounds of docs/faults.md; reactions, which may be long, come last.
     let faults = faults(tally).picked(&[0, 2, 4, 5, 6, 3]);
     for (about, table) in [
-        ("excused violations:\n", excuses(tally)),
+        ("violations excused by a fault or a hand:\n", excuses(tally)),
         ("cycles from a fault to its reaction:\n", faults),
         ("injections:\n", injections(tally)),
     ] {

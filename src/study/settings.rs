@@ -72,7 +72,7 @@ pub enum SettingsError {
     #[error("{0} is given twice")]
     Repeated(String),
     /// No measure has this name.
-    #[error("{0} is no measure of a run")]
+    #[error("{0} is not a measure of a run")]
     NoOutput(String),
 }
 
@@ -284,6 +284,14 @@ impl Setting<'_> {
     }
 }
 
+/// Leaves out the columns that have no value in any row below the head.
+fn with_values(rows: Vec<Vec<String>>) -> Vec<Vec<String>> {
+    let has_value = |column: &usize| rows.iter().skip(1).any(|row| row.get(*column).is_some_and(|cell| cell != "-"));
+    let kept: Vec<usize> = (0..rows.first().map_or(0, Vec::len)).filter(has_value).collect();
+    let of_row = |row: &Vec<String>| kept.iter().filter_map(|column| row.get(*column).cloned()).collect();
+    rows.iter().map(of_row).collect()
+}
+
 /// Lines of a table whose columns are aligned.
 fn aligned(rows: &[Vec<String>]) -> Vec<String> {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
@@ -323,7 +331,7 @@ impl Study for Settings {
         let heads = self.keys.iter().map(String::as_str).chain(["outcome"]).chain(self.drawn.iter().copied());
         let mut printed = vec![heads.map(str::to_owned).collect()];
         printed.extend(settings.iter().take(MOST_PRINTED).map(|setting| setting.cells(&self.keys, &self.drawn)));
-        let mut notes = aligned(&printed);
+        let mut notes = aligned(&with_values(printed));
         if settings.len() > MOST_PRINTED {
             notes.push(format!("{} more settings are in runs.csv", settings.len() - MOST_PRINTED));
         }

@@ -199,7 +199,7 @@ fn a_full_disk_costs_the_file_and_not_the_report() {
     folder.start(&program, &[&RUN[..], &["--record", "whole"]].concat());
     let whole = fs::read(folder.0.join("whole/cycles.mcap")).unwrap();
     let again = folder.start(&program, &[&RUN[..], &["--record", "whole", "--force"]].concat());
-    again.is_refused(USAGE).says("is there already").says("never written over");
+    again.is_refused(USAGE).says("already exists").says("never overwritten");
     let log = folder.start(&program, &[&RUN[..], &["--candump", "whole/cycles.mcap", "--force"]].concat());
     log.is_refused(USAGE).says("is a recording: nothing was written");
     let itself = folder.start(&program, &["record", "export", "whole", "--csv", "whole/cycles.mcap", "--force"]);

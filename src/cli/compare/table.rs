@@ -54,7 +54,7 @@ const ROWS: [(&str, Take); 25] = [
         item.measures.on_surface_fraction_when_pressed.map(|share| 100.0 * share)
     }),
     ("on the surface, s", |item| Some(item.measures.on_surface_s).filter(|on_s| *on_s > 0.0)),
-    ("break-outs asked for", |item| (item.measures.on_surface_s > 0.0).then_some(f64::from(item.measures.break_outs))),
+    ("break-outs with a push of R", |item| Some(f64::from(item.measures.break_outs))),
     ("unintended releases", |item| {
         item.measures.on_surface_fraction_when_pressed.map(|_| f64::from(item.measures.unintended_releases))
     }),

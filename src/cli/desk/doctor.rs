@@ -78,7 +78,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     if let Some(mut desk) = SegmentSession::open(&arguments.place, output)? {
         if arguments.listen || arguments.fault.is_some() {
             let message = "--listen and --fault are for nodes on CAN, and this place is on EtherCAT";
-            return Err(Failure::new(Exit::Usage, message, "leave them away"));
+            return Err(Failure::new(Exit::Usage, message, "leave them out"));
         }
         let sections = segment::doctor::sections(&mut desk, Some(&arguments.node))?;
         return finish(&sections, json!({ "node": arguments.node, "place": desk.place }), output);

@@ -16,7 +16,7 @@ use yieldwall_run::explanation;
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
     /// Seconds to listen; Ctrl-C ends earlier
-    #[arg(long = "for", value_name = "S", default_value_t = 3.0)]
+    #[arg(long = "for", value_name = "S", default_value_t = 3.0, value_parser = crate::usage::seconds)]
     seconds: f64,
     /// Hide SYNC and process data
     #[arg(long)]

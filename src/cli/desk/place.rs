@@ -234,7 +234,7 @@ impl DeviceSession {
 
     #[cfg(not(target_os = "linux"))]
     fn on_interface(_: &str, _: Option<&Rig>, _: Vec<Entry>, _: bool, _: Arc<AtomicBool>) -> Result<Self, Failure> {
-        Err(Failure::new(Exit::Usage, "this system has no CAN interfaces", "leave --bus away"))
+        Err(Failure::new(Exit::Usage, "this system has no CAN interfaces", "leave out --bus"))
     }
 
     /// Returns the node for a word: a node id, or the name of a device in the rig. Selects its bus.

@@ -182,7 +182,7 @@ pub(super) fn reset_fault(
     let is_fault = |word: u16| Statusword(word).state() == Some(State::Fault);
     if !is_fault(word) {
         let message = format!("{} is in {} and not in Fault; nothing was written", reached.words(), state_words(word));
-        return Err(Failure::new(Exit::Usage, message, "leave --reset-fault away"));
+        return Err(Failure::new(Exit::Usage, message, "leave out --reset-fault"));
     }
     // The edge of bit 7 counts.
     let words = [Command::DisableVoltage, Command::FaultReset, Command::DisableVoltage];
@@ -211,7 +211,7 @@ pub(super) fn disable_voltage(
             reached.words(),
             state_words(word)
         );
-        return Err(Failure::new(Exit::Usage, message, "leave --disable-voltage away"));
+        return Err(Failure::new(Exit::Usage, message, "leave out --disable-voltage"));
     }
     let words = [Command::DisableVoltage];
     let after = write_words(is_dry, reached, &words, "taking its torque away", is_on, output)?;

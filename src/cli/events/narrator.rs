@@ -123,7 +123,7 @@ impl Narrator {
                     self.fault("fault", cause, tell);
                 }
                 let text = match state {
-                    State::Stopped => "both drives have the quick stop",
+                    State::Stopped => "both drives are in quick stop",
                     State::Disabled => "both drives have no torque",
                     _ => "the master sends nothing; the drives stop by their watchdogs",
                 };

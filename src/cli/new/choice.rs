@@ -88,6 +88,10 @@ pub(super) fn parse_length(text: &str) -> Result<f64, String> {
     length.ok_or_else(|| "a length from 0.05 to 2 m".to_owned())
 }
 
+pub(super) fn parse_period(text: &str) -> Result<u32, &'static str> {
+    text.parse().ok().filter(|period| (500..=10_000).contains(period)).ok_or("write 500 to 10000")
+}
+
 pub(super) fn parse_encoder(text: &str) -> Result<EncoderKind, String> {
     match text {
         "multi_turn" => Ok(EncoderKind::MultiTurn),

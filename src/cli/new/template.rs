@@ -49,7 +49,7 @@ pub(super) fn rig(choice: &Choice, geometry: &Geometry, numbers: &Numbers, file:
             "    canopen:
       bit_rate_bit_per_s: 1000000
       node_id: {OWN_NODE}              # node id of this program
-      heartbeat_ms: {heartbeat_ms}          # period; a drive without a heartbeat for two periods stops by itself
+      heartbeat_ms: {heartbeat_ms}          # period of this program's heartbeat; a drive without it for two periods stops by itself
 "
         )
     } else {
@@ -59,7 +59,7 @@ pub(super) fn rig(choice: &Choice, geometry: &Geometry, numbers: &Numbers, file:
         true => format!(
             "      canopen:
         node_id: {node}
-        heartbeat_ms: {heartbeat_ms}       # period; the rig stops after two periods without a heartbeat
+        heartbeat_ms: {heartbeat_ms}       # period of the drive's heartbeat; without it for two periods the rig stops
 "
         ),
         false => format!(
@@ -150,10 +150,10 @@ linkage:
 fixture:
   coupling:
     admittance: {{mass_kg: {mass_kg:?}}}   # `yieldwall tune fixture` prints the stable masses
-  friction_n: 3.0               # F: sliding force along the surface
+  friction_n: 3.0               # F: force below which the tool does not move, off the surface and along it
   yield_n: {YIELD_N:?}                 # R: the surface yields above this force
   side: bilateral               # bilateral or unilateral
-  hold_steps: 0                 # N_wait: cycles for which the proxy stays on the surface after contact
+  hold_steps: 0                 # N_wait in cycles. 0: fast impacts stop up to 2 mm beyond the surface; otherwise 2 or more
   curvature: tangent            # tangent or exact
   surface:
     circle: {{center_m: [0.0, 0.0], radius_m: {circle_m:?}, forbidden: inside}}   # forbidden: side that `unilateral` blocks
@@ -189,7 +189,7 @@ fn sensor(choice: &Choice, heartbeat_ms: u32) -> String {
     canopen:                    # canopen, streaming or polled: see docs/force-sensors.md
       node_id: {}
       profile: simulated-force-sensor
-      heartbeat_ms: {heartbeat_ms}
+      heartbeat_ms: {heartbeat_ms}          # period of the sensor's heartbeat
   sample_rate_hz: {rate}
 ",
                 choice.nodes[2]
@@ -303,8 +303,9 @@ pub(super) fn scene(geometry: &Geometry, rig: &str) -> String {
     // The tool comes as far beyond the circle as the hand aims beyond the yield force.
     let out = circle_m + YIELD_N / HAND_N_PER_M + 0.1 * working_m;
     format!(
-        "# A hand on the rig of {rig}: it approaches the circle, presses, traces it, breaks out and comes back.
+        "# A hand on the rig of {rig}: it approaches the circle, presses, follows it, breaks out and comes back.
 #
+# With `hold_steps: 0` in the rig the tool follows the circle up to 2 mm beyond it. More cycles of hold keep it on the circle.
 # The target point of the hand moves along the path below; a spring of {HAND_N_PER_M} N/m pulls the tool after it.
 duration_s: 9.5
 seed: 1
@@ -315,6 +316,11 @@ model:
   force_sensor: noisy           # quantised or noisy
   force_noise_counts: 4.0       # standard deviation per axis; used with noisy only
   joint_elasticity: null        # or {{stiffness_n_m_per_rad: .., damping_n_m_s_per_rad: .., motor_share: ..}}
+tolerance:                      # for `study need`: a smaller change of an output does not matter
+  distance_mm: 0.05
+  force_n: 1.0
+  torque_n_m: 1.0
+  energy_mj: 2.0
 hand:
   mass_kg: 0.5
   stiffness_n_per_m: {HAND_N_PER_M:?}
@@ -325,7 +331,7 @@ hand:
   path:                         # of the hand's target point
     - to: {{point_m: {pressed}, in_s: 1.5}}      # approaches from inside, and presses outward with {PRESS_N} N, below R
     - wait: {{for_s: 0.3}}
-    - arc: {{center_m: [0.0, 0.0], by_rad: 0.8, in_s: 1.8, speed: constant}}   # traces the circle
+    - arc: {{center_m: [0.0, 0.0], by_rad: 0.8, in_s: 1.8, speed: constant}}   # follows the circle
     - to: {{point_m: {out}, in_s: 1.2}}      # pulls with more than R: breaks out
     - wait: {{for_s: 0.3}}
     - to: {{point_m: {back}, in_s: 2.0}}      # comes back, and presses inward from outside

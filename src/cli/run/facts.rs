@@ -95,7 +95,9 @@ impl Facts<'_> {
         let fixture = &self.rig.fixture;
         let contrast = fixture.law.filter(|law| law.guidance().is_some());
         if contrast.is_some() {
-            lines.push(format!("fixture   {}, F {} N, R {} N", trace.setup.law, trace.friction_n, trace.yield_n));
+            // A law that does not yield has no R.
+            let most = if trace.setup.is_unyielding { String::new() } else { format!(", R {} N", trace.yield_n) };
+            lines.push(format!("fixture   {}, F {} N{most}", trace.setup.law, trace.friction_n));
         } else if let config::Coupling::Admittance { mass_kg } = fixture.coupling {
             let capture = prediction::capture_speed_m_per_s(trace.yield_n, mass_kg.get(), self.report.period_s);
             let outward = trace.outward_yield_n.map_or(String::new(), |yield_n| format!(", {yield_n} N outward"));
@@ -104,12 +106,12 @@ impl Facts<'_> {
                 None => format!("N_wait {}", trace.hold_steps),
             };
             lines.push(format!(
-                "fixture   M {} kg, F {} N, R {} N{outward}, {hold}; without a hold it catches impacts up to {:.0} mm/s",
+                "fixture   M {} kg, F {} N, R {} N{outward}, {hold}",
                 mass_kg.get(),
                 trace.friction_n,
-                trace.yield_n,
-                1e3 * capture
+                trace.yield_n
             ));
+            lines.push(format!("catch     impacts up to {:.0} mm/s stop on the surface without a hold", 1e3 * capture));
         }
         lines.extend(measures_text(&self.report.measures));
         if let Some(counters) = self.report.bus {

@@ -37,10 +37,8 @@ impl Pace {
     pub(super) fn line(&self) -> String {
         let Self { table, runs, wall_s, jobs, .. } = self;
         let (rate, busy) = (self.runs_per_s(), 100.0 * self.busy_share());
-        let threads = if *jobs == 1 { "1 job, whose thread".to_owned() } else { format!("{jobs} jobs, whose threads") };
-        format!(
-            "{table}: {runs} runs in {wall_s:.1} s, {rate:.1} runs a second; {threads} had a core for {busy:.0} % of it"
-        )
+        let threads = if *jobs == 1 { "1 thread".to_owned() } else { format!("{jobs} threads") };
+        format!("{table}: {runs} in {wall_s:.1} s ({rate:.1}/s), {threads}, {busy:.0} % busy")
     }
 
     pub(super) fn json(&self) -> Value {

@@ -30,7 +30,7 @@ pub(crate) struct Points {
     /// Threads; default: Slurm's processors for the task, otherwise the number of cores
     ///
     /// SLURM_CPUS_PER_TASK has the processors that Slurm allots. Measurements of time use one thread.
-    #[arg(long, value_name = "J")]
+    #[arg(long, value_name = "J", value_parser = crate::usage::at_least_one::<NonZeroUsize>)]
     jobs: Option<NonZeroUsize>,
     #[command(flatten)]
     pub(super) parts: Parts,

@@ -30,7 +30,7 @@ pub(crate) fn check_terminal() -> Result<(), Failure> {
     if io::stdout().is_terminal() && io::stdin().is_terminal() {
         return Ok(());
     }
-    let help = "leave --tui away: events are then printed a line each, with --jsonl an object each";
+    let help = "leave out --tui: events are then printed a line each, with --jsonl an object each";
     Err(Failure::new(Exit::Usage, "--tui needs a terminal, for standard input and standard output", help))
 }
 
@@ -43,7 +43,7 @@ impl Screen {
         orders: Option<Arc<Orders>>,
     ) -> Result<Self, Failure> {
         let failed = |error: io::Error| {
-            Failure::new(Exit::Internal, format!("the terminal cannot be used: {error}"), "leave --tui away")
+            Failure::new(Exit::Internal, format!("the terminal cannot be used: {error}"), "leave out --tui")
         };
         // Restores the terminal when any thread panics, before the panic is printed.
         let mut terminal = ratatui::try_init().map_err(failed)?;

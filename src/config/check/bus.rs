@@ -22,7 +22,7 @@ pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {
         findings.error(
             &format!("buses.{name}"),
             format!("no device is on the bus `{name}`"),
-            "leave the bus away, or name it as the `bus` of a drive or of the sensor",
+            "leave out the bus, or name it as the `bus` of a drive or of the sensor",
         );
     }
     for (name, bus) in &rig.buses {

@@ -12,7 +12,7 @@ pub(crate) fn check_error_codes(findings: &mut Findings, table: &ErrorCodes) {
         if let Some(first) = table.codes.iter().take(index).position(|other| other.code == code.code) {
             let message = format!("`{key}.code` is {:04X}h, as that of `codes[{first}]` is", code.code);
             findings
-                .error(&format!("{key}.code"), message, "a code has one meaning: leave one away")
+                .error(&format!("{key}.code"), message, "a code has one meaning: leave out one")
                 .see(&format!("codes[{first}].code"), "the first one");
         }
         for (part, text) in

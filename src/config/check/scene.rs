@@ -384,7 +384,10 @@ fn check_step(findings: &mut Findings, scene: &Scene, period_us: u32) {
         findings.error(
             key,
             format!("`{key}` is {step} us, and the control period of {period_us} us {why}"),
-            "write a divisor of the period, such as 100",
+            match (1..=step.min(period_us)).rev().find(|shorter| period_us.is_multiple_of(*shorter)) {
+                Some(divisor) => format!("write a divisor of the period, such as {divisor}"),
+                None => "write a divisor of the period".to_owned(),
+            },
         );
     }
 }

@@ -17,7 +17,7 @@ pub struct Fixture {
     /// How force and proxy are coupled: `admittance` on a rig, `impedance` on an impedance device.
     #[garde(dive)]
     pub coupling: Coupling,
-    /// F in N: friction level, the force at which the proxy yields away from the surface. 0 or above.
+    /// F in N: force below which the tool does not move, off the surface and along it. 0 or above.
     #[garde(dive)]
     pub friction_n: NotNegative,
     /// R in N: force at which the surface yields. Above `friction_n`.

@@ -44,7 +44,7 @@ impl FromStr for Shard {
             Some(Self { number: number.parse().ok()?, of: of.parse().ok()? })
         };
         let shard = read().filter(|shard| (1..=shard.of.get()).contains(&shard.number));
-        shard.ok_or("a part and their number, such as 3/16, the first from 1")
+        shard.ok_or("write PART/PARTS, such as 3/16; parts count from 1")
     }
 }
 

@@ -77,14 +77,18 @@ pub fn fault(fault: Fault) -> Explanation {
 /// Explains a fault that can be injected: its effect, and the remedy for the faults that follow.
 pub fn injection(kind: Kind) -> Explanation {
     let row = kind.row();
-    let next: Vec<&str> = row.expected.faults.iter().map(|fault| fault.row().next).collect();
-    let next = if next.is_empty() { "nothing: the rig goes on".to_owned() } else { next.join("; or ") };
+    let next: Vec<FaultRow> = row.expected.faults.iter().map(|fault| *fault.row()).collect();
+    let next = match next.as_slice() {
+        [] => "nothing: the rig goes on".to_owned(),
+        [only] => only.next.to_owned(),
+        several => several.iter().map(|row| format!("{}: {}", row.name, row.next)).collect::<Vec<_>>().join("\n"),
+    };
     Explanation {
         what: "a fault to inject, `yieldwall run RIG.yaml --fault`",
         code: None,
         name: row.name.into(),
         meaning: row.meaning.into(),
-        cause: "somebody asked for it".into(),
+        cause: "requested with --fault or by the scene".into(),
         next: next.into(),
         source: None,
     }
@@ -98,7 +102,7 @@ pub fn defect(kind: DefectKind) -> Explanation {
         code: None,
         name: row.name.into(),
         meaning: row.meaning.into(),
-        cause: "somebody asked for it; on a bench, wiring, parameters or wear".into(),
+        cause: "requested with --defect; on a bench, wiring, parameters or wear".into(),
         next: match row.found_by {
             FoundBy::Step(_) => format!("commission the rig: {} finds it and says what to do", row.found_by).into(),
             FoundBy::Command(_) => format!("{} finds it", row.found_by).into(),

@@ -27,6 +27,21 @@ const OUTPUTS: [Output; COUNT] = [
 
 const COUNT: usize = 9;
 
+/// Returns the name of an output in the space that a line of the text has.
+pub(super) fn short(column: &str) -> &str {
+    match column {
+        "unintended_releases" => "releases",
+        "penetration_mm" => "proxy depth",
+        "tool_depth_mm" => "tool depth",
+        "tool_rms_on_surface_mm" => "tool RMS",
+        "tool_max_on_surface_mm" => "tool max",
+        "peak_force_on_surface_n" => "force",
+        "peak_torque_n_m" => "torque",
+        "energy_given_mj" => "energy",
+        other => other,
+    }
+}
+
 fn tool_depth_mm(measures: &Measures) -> Option<f64> {
     measures.impacts.iter().map(|impact| impact.tool_depth_mm).max_by(f64::total_cmp)
 }

@@ -1,6 +1,7 @@
 //! Chart and text of the tables.
 
 use super::models::LABELS;
+use super::outputs;
 use super::subject::Subject;
 use super::terms;
 use crate::chart::{Axis, Chart, Color, Mark, Panel, Series};
@@ -69,7 +70,7 @@ fn heading(rows: &Rows<'_>) -> Option<String> {
 fn lines(rows: &Rows<'_>) -> Vec<String> {
     let mut rows: Vec<&Row<'_>> = rows.iter().collect();
     rows.sort_by(|one, other| other.number("realtime_factor").total_cmp(&one.number("realtime_factor")));
-    let head = format!("  {:48} {:>11}  {:>16}  most changed output", "model", "x real time", "change/tolerance");
+    let head = format!("  {:43} {:>6}  {:>11}  largest in", "model", "x real", "change/tol.");
     let line = |row: &&Row<'_>| {
         let speed = match row.number("realtime_factor") {
             speed if speed.is_finite() => format!("{speed:.0}"),
@@ -80,9 +81,15 @@ fn lines(rows: &Rows<'_>) -> Vec<String> {
             outcome => format!("; {outcome}"),
         };
         let mark = if row.is("is_needed") { "*" } else { " " };
-        format!("{mark} {:48} {speed:>11}  {:>16}  {}{end}", row.word("model"), change(row), row.word("most_changed"))
+        let (model, output) = (short(row.word("model")), outputs::short(row.word("most_changed")));
+        format!("{mark} {model:43} {speed:>6}  {:>11}  {output}{end}", change(row))
     };
     std::iter::once(head).chain(rows.iter().map(line)).collect()
+}
+
+/// The name of a model in little space.
+fn short(model: &str) -> String {
+    model.replace("bus timing", "bus")
 }
 
 /// The greatest change over its tolerance, in words.
@@ -100,7 +107,7 @@ fn proposal(rows: &Rows<'_>) -> Option<String> {
     let dearest = rows.iter().last()?;
     let [speed, of_dearest] = [needed, dearest].map(|row| row.number("realtime_factor"));
     Some(format!(
-        "The scene needs: {}. It is {:.2} times as fast as the model with all terms and changes {} of a tolerance at most.",
+        "The scene needs: {}. It is {:.2} times as fast as the model with all terms. Its largest change is {} times the tolerance.",
         needed.word("model"),
         speed / of_dearest,
         change(needed)
@@ -145,8 +152,7 @@ fn panel(rows: &Rows<'_>, label: &str, across: [f64; 2]) -> Panel {
         points,
         ..Series::new("ring: the plainest fast model that is enough".to_owned(), Mark::Rings, Color::Black)
     });
-    let title =
-        needed.map_or_else(String::new, |row| format!("{label}: {}", row.word("model").replace("bus timing", "bus")));
+    let title = needed.map_or_else(String::new, |row| format!("{label}: {}", short(row.word("model"))));
     Panel {
         title,
         x: Axis::logarithmic("times real time").over(across[0], across[1]),

@@ -176,7 +176,7 @@ impl Subject {
 /// The tolerance of a scene.
 fn tolerance(scene: &Loaded<config::Scene>) -> Result<SceneTolerance, Report> {
     scene.value.tolerance.ok_or_else(|| {
-        let message = "the scene has no `tolerance`: without it no change of an output is small or large";
+        let message = "the scene has no `tolerance`: nothing states which changes of an output matter";
         let help = "write one, such as `tolerance: {distance_mm: 0.05, force_n: 1.0, torque_n_m: 1.0, energy_mj: 2.0}`: \
                     changes of depths, of the greatest force and torque, and of the energy given to the hand that do not matter to you";
         scene.finding(Severity::Error, "tolerance", message, help, &[]).into()

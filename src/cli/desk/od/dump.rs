@@ -50,7 +50,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let mut reached = DeviceHandle::open(&arguments.place, &arguments.node, output)?;
     if arguments.concise && !reached.is_on_can() {
         let message = "a concise DCF is what a CANopen manager takes, and this place is on EtherCAT";
-        return Err(Failure::new(Exit::Usage, message, "leave --concise away"));
+        return Err(Failure::new(Exit::Usage, message, "leave out --concise"));
     }
     let (found, missed) = objects(&mut reached, eds.as_ref(), output)?;
     let (text, count) = if arguments.concise {
@@ -115,7 +115,7 @@ fn certain(missed: &[UnreadObject], device: &str) -> Result<(), Failure> {
     let help = if is_padded {
         "give the data sheet of the device with --eds, which has the types of its objects"
     } else {
-        "correct the types of these objects in the data sheet, or leave --eds away"
+        "correct the types of these objects in the data sheet, or leave out --eds"
     };
     Err(Failure::new(Exit::OutOfTolerance, message, help))
 }
@@ -196,7 +196,7 @@ mod tests {
         assert!(certain(&[unread], "node 1").is_ok(), "the device gives no value");
         for (why, message, help) in [
             (Unread::Padded(4), "node 1: 1 value is not certain", "--eds, which"),
-            (Unread::Unfit(4), "node 1: 1 value is not certain", "leave --eds away"),
+            (Unread::Unfit(4), "node 1: 1 value is not certain", "leave out --eds"),
         ] {
             let failure = certain(&[unread, missed(why)], "node 1").unwrap_err();
             assert_eq!(failure.exit, Exit::OutOfTolerance);

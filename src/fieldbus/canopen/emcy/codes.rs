@@ -69,7 +69,7 @@ codes! {
     0x7310 "speed-limit", "speed above its limit", "the limit of the drive is below that of the rig, or the motor ran away", "compare `yieldwall info NODE` with the rig's speed limits; check the encoder's direction";
     0x7320 "position-limit", "position", "the position sensor is wrong, or the drive's position range is left", FEEDBACK;
     0x7500 "internal-communication", "communication inside the device", "a part of the device does not answer another one", DEFECT;
-    0x8110 "can-overrun", "CAN overrun, frames lost", "frames came faster than the device takes them", "`yieldwall bus budget RIG.yaml` tells the load; lengthen period_us or leave devices away";
+    0x8110 "can-overrun", "CAN overrun, frames lost", "frames came faster than the device takes them", "`yieldwall bus budget RIG.yaml` tells the load; lengthen period_us or leave out devices";
     0x8120 "can-error-passive", "CAN error passive", "many frames were damaged: cable, termination or bit rate", CHECK_BUS;
     0x8130 "heartbeat-lost", "heartbeat or life guarding lost", "the master went away, or its heartbeat came later than the device waits", "look why the master fell silent; compare heartbeat_ms with `yieldwall od read NODE 1016h:1`";
     0x8140 "bus-off-recovered", "recovered from bus-off", "the device left the bus for many damaged frames and came back", CHECK_BUS;

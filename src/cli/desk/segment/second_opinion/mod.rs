@@ -42,7 +42,7 @@ pub(crate) fn consent(interfaces: &[&str], is_given: bool) -> Result<Consent, Fa
     Err(Failure::new(
         Exit::Usage,
         "no device was asked or changed",
-        "answer yes, give --yes, or leave --second-opinion away",
+        "answer yes, give --yes, or leave out --second-opinion",
     ))
 }
 
