@@ -44,6 +44,10 @@ pub(super) fn own(models: &Table, subject: &Subject) -> Report {
     match place.and_then(|place| subject.models.get(place)).map(|model| subject.lines(model)) {
         Some(lines) if lines.is_empty() => notes.push("The files have this model.".to_owned()),
         Some(lines) => {
+            if lines.iter().any(|lines| lines.place.starts_with("builtin:")) {
+                notes.push("Files inside the program cannot be edited. Change copies of them:".to_owned());
+                notes.push("  yieldwall config show builtin:FILE > my-FILE".to_owned());
+            }
             for lines in lines {
                 notes.push(format!("{}:", lines.place));
                 notes.extend(lines.yaml.lines().map(|line| format!("  {line}")));
