@@ -260,6 +260,14 @@ mod tests {
     }
 
     #[test]
+    fn a_consequence_has_a_line_for_each_bus() {
+        assert_eq!([listed::<&str>(&[]), listed(&["a"]), listed(&["a", "b"])], ["", "a", "a or b"]);
+        assert_eq!(listed(&["a", "b", "c"]), "a, b or c");
+        let text = consequence(Kind::NodeReset.row());
+        assert!(text.starts_with("on CAN: node-reset, ") && text.contains("\non EtherCAT: "), "{text}");
+    }
+
+    #[test]
     fn a_target_may_be_a_device_of_the_rig() {
         let rig = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap().value;
         let of_rig = |text: &str| text.parse::<FaultArgument>().unwrap().of_rig(&rig);

@@ -474,6 +474,13 @@ mod tests {
     }
 
     #[test]
+    fn columns_without_a_value_are_not_printed() {
+        let rows = [["key", "a", "b"], ["1", "-", "2"], ["3", "-", "-"]];
+        let kept = with_values(rows.iter().map(|row| row.map(str::to_owned).to_vec()).collect());
+        assert_eq!(kept, [["key", "b"], ["1", "2"], ["3", "-"]]);
+    }
+
+    #[test]
     fn every_output_is_a_measure_of_a_run() {
         let study = settings(&["fixture.law=null"], 1).unwrap();
         let (machine, scene) = load(config::builtin("play.yaml")).unwrap().unwrap();

@@ -139,6 +139,9 @@ fn what_is_no_text_is_refused_by_name() {
         assert!(message.contains(wanted), "{message}");
     };
     says(folder.0.clone(), "is a directory");
+    let recording = Folder::new("recording");
+    recording.file("cycles.mcap", b"");
+    says(recording.0.clone(), "is a recording, not a rig");
     says(folder.0.join("absent.yaml"), "does not exist");
     says(folder.file("binary.yaml", b"rig:\0\x01\x02"), "is a binary file");
     says(folder.file("elf.yaml", b"\x7fELF\x02\x01\x01\0\0"), "is a binary file");
