@@ -228,7 +228,7 @@ pub(crate) fn measures_text(measures: &Measures) -> Vec<String> {
     }
     if let Some(share) = measures.on_surface_fraction_when_pressed {
         lines.push(format!(
-            "contact   on the surface for {:.1} s; for {:.1} % of the time with a push of F to R",
+            "contact   on the surface for {:.1} s; {:.1} % of the time with a push of F to R",
             measures.on_surface_s,
             100.0 * share
         ));
