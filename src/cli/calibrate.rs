@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use serde_json::json;
@@ -146,7 +147,15 @@ fn table(path: &Path) -> Result<Rows, Failure> {
         let help = "write the columns x_m and y_m, and left_rad and right_rad if the angles were measured, separated by commas";
         Failure::about_file(Exit::ConfigInvalid, path, message, help)
     };
-    let text = fs::read_to_string(path).map_err(|error| about(format!("{}: {error}", path.display())))?;
+    let text = fs::read_to_string(path).map_err(|error| match error.kind() {
+        ErrorKind::NotFound => Failure::about_file(
+            Exit::ConfigInvalid,
+            path,
+            format!("{} does not exist", path.display()),
+            "check the path",
+        ),
+        _ => Failure::about_file(Exit::ConfigInvalid, path, format!("{}: {error}", path.display()), ""),
+    })?;
     let mut lines = (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty());
     let names: Vec<&str> = lines.next().map_or(Vec::new(), |(_, line)| line.split(',').map(str::trim).collect());
     let place = |column: &str| names.iter().position(|name| *name == column);
@@ -310,5 +319,8 @@ mod tests {
         fs::write(&path, written(&visited)).unwrap();
         assert!(matches!(table(&path), Ok(Rows::Visited(read)) if read == visited));
         fs::remove_file(&path).unwrap();
+        let missing = table(&path).err().unwrap().report.diagnostics.remove(0);
+        assert!(missing.message.ends_with(".csv does not exist"), "{missing:?}");
+        assert_eq!(missing.help.as_deref(), Some("check the path"));
     }
 }

@@ -139,14 +139,14 @@ fn failure(sections: &[Section], exit: Exit) -> Failure {
         [only] => format!("{}: {}", only.subject, only.found),
         several => format!("{} checks failed: {}", several.len(), subjects.join(", ")),
     };
-    let help = match wrong.iter().filter(|check| check.fix.is_some()).count() {
-        0 => String::new(),
-        1 => match wrong.iter().find_map(|check| check.fix.as_ref()) {
+    let help = match (wrong.len(), wrong.iter().filter(|check| check.fix.is_some()).count()) {
+        (_, 0) => String::new(),
+        (1, _) => match wrong.iter().find_map(|check| check.fix.as_ref()) {
             Some(command) if command_lines(command).count() == 1 => format!("`{command}`"),
             // What is drawn around a message would be copied with it.
             _ => "run the command above".to_owned(),
         },
-        _ => "run the command under each failed check, in this order, and check again".to_owned(),
+        _ => "resolve each failed check above, in this order: where a command stands under it, run the command; then check again".to_owned(),
     };
     Failure::new(exit, message, help)
 }

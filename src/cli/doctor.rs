@@ -221,6 +221,9 @@ fn timing(rig: &Rig, limits: &Limits) -> Check {
                 .follows("`run --bus` requires this measurement, except in lockstep")
                 .fix(measure)
         }
+        Err(error @ Untimely::Short { .. }) => {
+            Check::wrong(subject, error.to_string()).follows("measure again").fix(measure)
+        }
         Err(error) => Check::wrong(subject, error.to_string())
             .follows("fix the findings above, or use a slower cycle; then measure again")
             .fix(measure),

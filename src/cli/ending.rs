@@ -46,7 +46,7 @@ pub(super) fn stopped(report: &RunReport, rig: &config::Rig) -> Failure {
 pub(super) fn at_limit_too_long(at_limit_s: f64, simulated_s: f64) -> Failure {
     let message = format!(
         "a joint was at its torque limit for {at_limit_s:.3} s of {simulated_s:.3} s other than after impacts: the loop \
-         swings, or the arm is too weak for what it is led to"
+         oscillates, or the arm is too weak for this motion"
     );
     let help = "soften control.gains, or raise guard.torque_limit_n_m as far as the drives allow";
     Failure::new(Exit::OutOfTolerance, message, help)

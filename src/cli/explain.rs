@@ -260,7 +260,9 @@ fn unknown(word: &str, codes: Option<&ErrorCodes>) -> Failure {
     };
     Failure::new(
         Exit::Usage,
-        format!("{word} is no code, symbol, key, exit code or command, and no name of a fault, a defect or an object"),
+        format!(
+            "{word} is not a known code, symbol, key, exit code or command, nor the name of a fault, a defect or an object"
+        ),
         help,
     )
 }

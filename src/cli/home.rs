@@ -99,6 +99,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     output.configuration(&rig.warnings)?;
     check_buses(&rig, None, output)?;
     let plan = Plan::of(arguments, &rig.value)?;
+    super::jog::note_lowered(&rig.value, arguments.torque, output);
     #[cfg(target_os = "linux")]
     if arguments.on_bus.is_asked() {
         return on_bus(arguments, &plan, &rig, output);

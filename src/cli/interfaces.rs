@@ -34,8 +34,11 @@ impl Interfaces {
                 return Err(usage(message, "give each bus an interface of its own".to_owned()));
             }
             let place = interfaces.get_mut(at).filter(|place| place.is_none());
-            *place.ok_or_else(|| usage(format!("--bus {argument}: the bus has an interface already"), all()))? =
-                Some(interface);
+            let again = || match names.as_slice() {
+                [_] => usage("the rig has one bus".to_owned(), "give --bus once".to_owned()),
+                _ => usage(format!("--bus {argument}: the bus has an interface already"), format!("write {}", all())),
+            };
+            *place.ok_or_else(again)? = Some(interface);
         }
         let each = names.iter().zip(interfaces).map(|(name, interface)| {
             let missing = || usage(format!("the rig's bus `{name}` has no interface"), format!("write {}", all()));
@@ -114,7 +117,7 @@ mod tests {
         let two = "paper-admittance-two-buses.yaml";
         for (rig, arguments, says) in [
             ("paper-admittance.yaml", &["mian=can0"][..], "names the bus `mian`"),
-            ("paper-admittance.yaml", &["can0", "can1"], "has an interface already"),
+            ("paper-admittance.yaml", &["can0", "can1"], "the rig has one bus"),
             (two, &["can0"], "does not say which of the rig's 2 buses"),
             (two, &["main=can0"], "the rig's bus `sensor` has no interface"),
             (two, &["main=can0", "sensor=can0"], "can0 is given twice"),

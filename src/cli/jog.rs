@@ -15,6 +15,7 @@ use super::faults::FaultArgument;
 use super::interrupt::{interrupted, on_interrupt};
 use super::on_bus::live_failure;
 use super::output::Output;
+use super::report_text::stopped_verdict;
 use keys::{KEYS, Reader, Shown};
 use yieldwall_config::{self as config, Positive, Source};
 use yieldwall_motion::cycle::LeadLimits;
@@ -96,6 +97,19 @@ pub(super) fn torque(text: &str) -> Result<Positive, String> {
     value.ok_or_else(|| format!("write a torque in N m above 0, such as 2.5, not `{text}`"))
 }
 
+/// Returns the notice for a torque limit above the rig's own one, which stays in force.
+fn lowered(rig: &config::Rig, torque: Option<Positive>) -> Option<String> {
+    let (torque, most) = (torque?.get(), rig.guard.torque_limit_n_m.get());
+    (torque > most).then(|| {
+        format!("--torque {torque} N m is above `guard.torque_limit_n_m`: the limit of each drive is {most} N m")
+    })
+}
+
+/// Prints a notice if the rig's own torque limit is below the one of --torque.
+pub(super) fn note_lowered(rig: &config::Rig, torque: Option<Positive>, output: &Output) {
+    lowered(rig, torque).iter().for_each(|notice| output.aside(notice));
+}
+
 /// Plan of the motion, with its bounds.
 struct Plan<'a> {
     /// Index of the joint, 0 the left one.
@@ -109,9 +123,14 @@ impl<'a> Plan<'a> {
         let usage = |message: String, help: &str| Failure::new(Exit::Usage, message, help);
         let joint = joint(rig, &arguments.joint)?;
         let (option, way) = arguments.by.map_or(("--within", arguments.within), |by| ("--by", by));
-        if way == 0.0 || way.abs() > PI {
+        let refused = match way.abs() {
+            0.0 => Some("the angle is 0".to_owned()),
+            size if size > PI => Some(format!("{:.1}deg is more than half a turn", way.to_degrees())),
+            _ => None,
+        };
+        if let Some(refused) = refused {
             let help = format!("write, for example, {option} 5deg");
-            return Err(usage(format!("{option}: the angle is 0, or more than half a turn"), &help));
+            return Err(usage(format!("{option}: {refused}"), &help));
         }
         if !(arguments.rate > 0.0 && arguments.rate <= MOST_RATE) {
             return Err(usage(
@@ -221,7 +240,10 @@ impl<'a> Plan<'a> {
             );
         }
         let name = rig.drives.get(self.joint).map_or("", |drive| drive.name.as_str());
-        let mut text = failure::verdict(&end, || format!("{name} was jogged, the other joint held"));
+        let mut text = match (&end, jogged.cause.filter(|_| jogged.ended == Ended::Stopped)) {
+            (Err(failure), Some(cause)) => stopped_verdict(failure, jogged.time_s, cause, rig),
+            _ => failure::verdict(&end, || format!("{name} was jogged, the other joint held")),
+        };
         text.push('\n');
         let each =
             rig.drives.iter().zip(jogged.from.to_array()).zip(jogged.to.to_array()).zip(jogged.deviation.to_array());
@@ -248,6 +270,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     check_buses(&rig, None, output)?;
     let (keys, shown) = (Arc::<Keys>::default(), Arc::<Shown>::default());
     let plan = Plan::of(arguments, &rig.value, &keys)?;
+    note_lowered(&rig.value, arguments.torque, output);
     let name = rig.value.drives.get(plan.joint).map(|drive| drive.name.clone()).unwrap_or_default();
     let read = |output: &Output| {
         arguments
@@ -365,6 +388,15 @@ mod tests {
         for text in ["5", "deg", "5 grad", "NaNdeg", "infrad", "", "1e400rad"] {
             assert!(angle(text).unwrap_err().contains("5deg or -0.1rad"), "{text}");
         }
+    }
+
+    #[test]
+    fn a_torque_above_the_limit_of_the_rig_is_noted() {
+        let rig = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap().value;
+        let note = |torque| lowered(&rig, Positive::new(torque));
+        assert_eq!(note(60.0), None);
+        let text = note(500.0).unwrap();
+        assert!(text.starts_with("--torque 500 N m is above") && text.ends_with("is 60 N m"), "{text}");
     }
 
     #[test]

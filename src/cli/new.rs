@@ -112,13 +112,17 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 /// Returns the next steps for a new rig, a paragraph each.
 fn next(name: &str, checked: &Checked) -> Vec<String> {
     let edit = format!("next      edit these files, then `yieldwall config check {name}`");
-    let servos: Vec<&DeviceProfile> = match &checked.result {
-        Ok(Document::Rig(rig)) => rig.value.drives.iter().filter_map(|drive| Some(&**drive.profile.get()?)).collect(),
-        _ => Vec::new(),
+    let rig = match &checked.result {
+        Ok(Document::Rig(rig)) => Some(&rig.value),
+        _ => None,
     };
+    let drives = rig.iter().flat_map(|rig| &rig.drives);
+    let servos: Vec<&DeviceProfile> = drives.filter_map(|drive| Some(&**drive.profile.get()?)).collect();
+    let is_on_ethercat = rig.is_some_and(Rig::has_drives_on_ethercat);
     let (mut paragraphs, mut is_open) = (vec![edit], false);
     for (index, profile) in servos.iter().enumerate() {
-        let gaps = profile.servo().map(gaps).unwrap_or_default();
+        // SYNC and set-points are watched on CAN alone.
+        let gaps = profile.servo().filter(|_| !is_on_ethercat).map(gaps).unwrap_or_default();
         if !gaps.is_empty() && !servos.iter().take(index).any(|other| other.name() == profile.name()) {
             is_open = true;
             paragraphs.push(format!("open      missing in the profile `{}`: {}", profile.name(), gaps.join("; ")));
@@ -131,10 +135,14 @@ fn next(name: &str, checked: &Checked) -> Vec<String> {
         paragraphs.push(format!("run       `yieldwall run {name}` refuses it, for the reason above{why}"));
     }
     if servos.iter().any(|profile| profile.profile.tried != Tried::Simulation) {
+        let (interface, signals) = match is_on_ethercat {
+            true => ("eth0", "stops the outputs and leaves OP"),
+            false => ("can0", "stops SYNC, set-points and heartbeat"),
+        };
         paragraphs.push(format!(
-            "bus       with the drives on a bus: `yieldwall doctor {name} --bus can0`, then `yieldwall drill {name} --bus can0`. The drill \
-             stops SYNC, set-points and heartbeat while the rig rests, and measures whether the drives stop. It refuses drives that \
-             continue, and prints the lines for the profile. Then `yieldwall run {name} --bus can0`"
+            "bus       with the drives on a bus: `yieldwall doctor {name} --bus {interface}`, then `yieldwall drill {name} --bus {interface}`. \
+             The drill {signals} while the rig rests, and measures whether the drives stop. It refuses drives that continue, and prints the \
+             lines for the profile. Then `yieldwall run {name} --bus {interface}`"
         ));
     }
     paragraphs

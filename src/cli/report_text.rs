@@ -146,6 +146,16 @@ pub(crate) fn mode_text(mode: config::CommandMode) -> &'static str {
     }
 }
 
+/// Returns the first line of the report on a rig that a fault stopped after this time in s.
+pub(crate) fn stopped_verdict(failure: &Failure, time_s: f64, cause: Cause, rig: &config::Rig) -> String {
+    let at = match cause.devices.is_empty() {
+        true => format!(" ({})", describe(cause, &[])),
+        false => format!(" at {}", devices_text(cause.devices, &bus_names(rig))),
+    };
+    let (name, code) = (cause.fault.row().name, failure.exit.code());
+    format!("verdict   stopped: by {name}{at} after {time_s:.3} s (exit code {code})")
+}
+
 /// Returns the first line of the report of a run of this length in s. A run that a fault stopped has the fault.
 pub(crate) fn run_verdict(
     end: &Result<(), Failure>,
@@ -159,13 +169,7 @@ pub(crate) fn run_verdict(
     }
     match (end, stopped_by) {
         (Err(failure), Some((cause, rig))) => {
-            let at = match cause.devices.is_empty() {
-                true => format!(" ({})", describe(cause, &[])),
-                false => format!(" at {}", devices_text(cause.devices, &bus_names(rig))),
-            };
-            let (name, code) = (cause.fault.row().name, failure.exit.code());
-            let facts = facts.join(", ");
-            format!("verdict   stopped: by {name}{at} after {time_s:.3} s (exit code {code}); {facts}")
+            format!("{}; {}", stopped_verdict(failure, time_s, cause, rig), facts.join(", "))
         }
         _ => {
             facts.insert(0, format!("ran for {time_s:.1} s"));

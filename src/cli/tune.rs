@@ -37,7 +37,7 @@ pub(super) enum Command {
     /// The command identifies inertia, friction and delay of each joint, and the age of the force. It prints the gains that leave
     /// margins of 6 dB and 45 degrees.
     ///
-    /// One joint after the other moves back and forth by 12 degrees while the other one holds. The motions are slow ones at three
+    /// One joint after the other moves back and forth by 12 degrees while the other one holds. The motions are slow ones at five
     /// rates, small vibrations (a sum of sines instead of a chirp), and small steps. In torque mode this program sets the torque.
     /// It also identifies the delay from an angle to the torque that was computed from it. In the other modes the drive closes the
     /// loop and reports its torque (6077h), which shows friction and no inertia. Meanwhile the force sensor feels the mass of the
@@ -62,12 +62,15 @@ pub(super) struct Arguments {
 }
 
 fn parse_reserve(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|factor| (1.0..=1e3).contains(factor)).ok_or_else(|| "a factor from 1 to 1000".to_owned())
+    text.parse()
+        .ok()
+        .filter(|factor| (1.0..=1e3).contains(factor))
+        .ok_or_else(|| "write a factor from 1 to 1000".to_owned())
 }
 
 fn parse_stiffness(text: &str) -> Result<f64, String> {
     let stiffness = text.parse().ok().filter(|stiffness| (1e-3..=1e7).contains(stiffness));
-    stiffness.ok_or_else(|| "a stiffness from 0.001 to 10000000 N/m".to_owned())
+    stiffness.ok_or_else(|| "write a stiffness from 0.001 to 10000000 N/m, without the unit".to_owned())
 }
 
 pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {

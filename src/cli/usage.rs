@@ -105,7 +105,7 @@ fn tips(error: &Error, program: &Command, words: &[String]) -> Option<Vec<String
         ErrorKind::InvalidValue | ErrorKind::ValueValidation => {
             let option = first.split(' ').next()?;
             let (_, list) = LISTS.iter().find(|(list, _)| *list == option)?;
-            Some(vec![format!("'{option} {list}' is taken")])
+            Some(vec![format!("for example '{option} {list}'")])
         }
         ErrorKind::MissingRequiredArgument if invalid.iter().any(|word| word.starts_with("--bus")) => {
             let rig = words.iter().find(|word| is_file(word)).map_or("RIG.yaml", String::as_str);
@@ -163,8 +163,8 @@ mod tests {
             ("yieldwall sim my.yaml", "'yieldwall run my.yaml' has the same devices"),
             ("yieldwall new a.yaml --nodes 5 6", "'--nodes 5,6'"),
             ("yieldwall new a.yaml --nodes 5 5", "'--nodes 5,5'"),
-            ("yieldwall new a.yaml --nodes 1,2,300", "'--nodes 1,2,10' is taken"),
-            ("yieldwall new a.yaml --links 0.3,x", "'--links 0.3,0.4' is taken"),
+            ("yieldwall new a.yaml --nodes 1,2,300", "for example '--nodes 1,2,10'"),
+            ("yieldwall new a.yaml --links 0.3,x", "for example '--links 0.3,0.4'"),
             ("yieldwall rnu", "did you mean 'run'?"),
             ("yieldwall run my.yaml --set fixture.yield_n 25", "write '--set fixture.yield_n=25'"),
             ("yieldwall compare a b c d e f g", "takes two to six items"),

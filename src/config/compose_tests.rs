@@ -18,6 +18,27 @@ fn is(keys: &str) -> Rig {
     variant(keys).unwrap_or_else(|report| panic!("{keys}: {report}")).value
 }
 
+/// The errors of the rig with a text replaced everywhere, each with its help.
+fn errors(from: &str, to: &str) -> Vec<(String, String)> {
+    let text = base_text("rig.yaml");
+    assert!(text.contains(from), "{from}");
+    let report = load_rig(with("rig.yaml", "rig.yaml", &text.replace(from, to))).unwrap_err();
+    let errors = report.diagnostics.into_iter().filter(|finding| finding.severity == Severity::Error);
+    errors.map(|finding| (finding.message, finding.help.unwrap_or_default())).collect()
+}
+
+#[test]
+fn an_error_names_the_cause_and_not_a_consequence() {
+    let buses = errors("bus: main", "bus: mian");
+    assert_eq!(buses.len(), 3, "{buses:?}");
+    assert!(buses.iter().all(|(_, help)| help == "did you mean `main`?"), "{buses:?}");
+    let [(message, help), ..] = &errors("proximal_m: [0.30, 0.30]", "proximal_m: [300, 300]")[..] else { panic!() };
+    assert_eq!((message.as_str(), help.as_str()), ("`linkage.proximal_m` is 300 m", "write metres, such as 0.3"));
+    let [(message, help)] = &errors("cycle:", "period_us: 100\ncycle:")[..] else { panic!() };
+    assert_eq!(message, "there is no top-level key `period_us`");
+    assert!(help.starts_with("did you mean `cycle.period_us`?"), "{help}");
+}
+
 /// The rig with some of its text replaced.
 fn changed(changes: &[(&str, &str)]) -> Rig {
     let text = changes.iter().fold(base_text("rig.yaml").to_owned(), |text, (from, to)| {

@@ -73,12 +73,21 @@ pub(super) fn explain(fault: Fault, locator: &Locator, guide: &Guide) -> Diagnos
     };
     match fault.cause {
         Cause::UnknownKey { key, known } => {
+            let is_top = parent(&path).is_empty();
+            // A map of names has every key.
+            let has_it = |group: &&&str| guide.has(&join(group, &key)) && !guide.has(&join(group, "?"));
+            let below = known.iter().filter(|_| is_top).find(has_it);
             let help = match nearest(&key, known.iter().copied()) {
                 Some(meant) => format!("did you mean `{meant}`?"),
+                None if below.is_some() => format!("did you mean `{}`?", join(below.unwrap_or(&""), &key)),
                 None if known.is_empty() => format!("{} has no keys: write `{{}}`", name_of(parent(&path))),
                 None => format!("{} has the keys {}", name_of(parent(&path)), shorten(&known)),
             };
-            finding(fault.place, path.clone(), format!("{} has no key `{key}`", name_of(parent(&path))), help)
+            let message = match is_top {
+                true => format!("there is no top-level key `{key}`"),
+                false => format!("{} has no key `{key}`", name_of(parent(&path))),
+            };
+            finding(fault.place, path.clone(), message, help)
         }
         Cause::MissingKey { key } => {
             let place = found.map(|node| node.key.unwrap_or(node.place())).or(fault.place);

@@ -94,7 +94,7 @@ pub(super) fn odd_value(text: &str, data_type: u16) -> Option<(Value, &'static s
 /// A value of this type; `Err` says what is wrong with it.
 pub(super) fn value(text: &str, data_type: u16) -> Result<Value, String> {
     if let Some((bits, is_signed)) = integer(data_type) {
-        let (number, is_of_node) = of_node(text).ok_or_else(|| format!("`{text}` is no whole number"))?;
+        let (number, is_of_node) = of_node(text).ok_or_else(|| format!("`{text}` is not a whole number"))?;
         let number = fit(number, bits, is_signed).ok_or_else(|| {
             format!("`{text}` has no place in {bits} bits{}", if is_signed { " with a sign" } else { "" })
         })?;

@@ -129,7 +129,12 @@ fn each_oddity_is_told_with_its_line_and_the_rest_is_read() {
         "has no place in 8 bits",
     );
     one("[2000]\nParameterName=x\nDataType=2\nAccessType=rw\nDefaultValue=0xF00\n", 5, Level::Error, "with a sign");
-    one("[2000]\nParameterName=x\nDataType=5\nAccessType=rw\nDefaultValue=1.5\n", 5, Level::Error, "no whole number");
+    one(
+        "[2000]\nParameterName=x\nDataType=5\nAccessType=rw\nDefaultValue=1.5\n",
+        5,
+        Level::Error,
+        "not a whole number",
+    );
     one("[2000]\nParameterName=x\nDataType=8\nAccessType=rw\nDefaultValue=nan\n", 5, Level::Error, "no finite number");
     one("[2000]\nParameterName=x\nDataType=10\nAccessType=rw\nDefaultValue=abc\n", 5, Level::Error, "row of bytes");
     one(

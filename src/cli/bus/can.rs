@@ -73,6 +73,8 @@ impl CanPlan<'_> {
             ),
         ];
         lines.extend(budget.frames.iter().map(|frame| row(frame, budget.conditions.is_plain())));
+        lines.push("from: moment from which the times count: SYNC, the control step, or the queue".to_owned());
+        lines.push("in the sender".to_owned());
         lines.push(String::new());
         lines.extend(self.verdict());
         lines.push(String::new());
@@ -111,7 +113,7 @@ impl CanPlan<'_> {
         let step = if earliest == latest {
             format!("`compute_at_us` {earliest}")
         } else {
-            format!("`compute_at_us` {earliest} to {latest}")
+            format!("`compute_at_us` {}, the middle of {earliest} to {latest}", earliest.midpoint(latest))
         };
         if advice.bit_rate != self.budget.conditions.bit_rate {
             format!("raise `bit_rate_bit_per_s` to {}, with {step}", advice.bit_rate)

@@ -254,7 +254,7 @@ impl Description {
 
 /// Returns the device in a device description that matches the drive's identity.
 fn described<'a>(esi: &'a Esi, path: &Path, reached: &mut DeviceHandle) -> Result<&'a EsiDevice, Failure> {
-    let mut identity = |sub| reached.number_of(Address::new(VENDOR_ID.index, sub), "asking who it is");
+    let mut identity = |sub| reached.number_of(Address::new(VENDOR_ID.index, sub), "reading its identity (1018h)");
     let [vendor, product, revision] = [identity(1)?, identity(2)?, identity(3)?];
     let of_product = || esi.devices.iter().filter(|device| Some(device.product_code) == product);
     let of_revision = of_product().find(|device| Some(device.revision) == revision);

@@ -36,7 +36,7 @@ const OBJECTS: [(u16, u8, &str); 14] = [
     (0x1017, 0, "heartbeat, ms"),
     (HEARTBEAT_CONSUMER, 1, "watches heartbeat of"),
     (0x6502, 0, "modes"),
-    (0x6061, 0, "mode in force"),
+    (0x6061, 0, "mode display"),
     (0x6041, 0, "state"),
     (0x603f, 0, "error code"),
     (0x6064, 0, "position"),
@@ -51,7 +51,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     let mut desk = DeviceSession::open(&arguments.place, output)?;
     let node = desk.node(&arguments.node)?;
-    let failed = |desk: &DeviceSession, error| desk.failure(&node, "reading who it is", error);
+    let failed = |desk: &DeviceSession, error| desk.failure(&node, "reading its identity (1018h)", error);
     let device_type = match desk.service.read(node.id, Address::new(0x1000, 0)) {
         Ok(bytes) => Some(number(&bytes)),
         Err(Error::Refused(_)) => None,

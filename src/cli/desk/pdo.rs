@@ -92,9 +92,11 @@ fn when(transmission_type: u8) -> String {
     match transmission_type {
         0 => "at SYNC after a change".to_owned(),
         1 => "every SYNC".to_owned(),
-        number @ 2..=240 => format!("every {number} SYNC"),
+        2 => "every 2nd SYNC".to_owned(),
+        3 => "every 3rd SYNC".to_owned(),
+        number @ 4..=240 => format!("every {number}th SYNC"),
         252 | 253 => "on request".to_owned(),
-        254 | 255 => "on a change".to_owned(),
+        number @ (254 | 255) => format!("event-driven (type {number})"),
         other => format!("type {other}, reserved"),
     }
 }

@@ -129,9 +129,9 @@ pub(crate) fn run(rig: &Loaded<Rig>, buses: &[String], sender: Sender, output: &
     let asked = if is_simulated { format!("simulated devices of {}", rig.value.rig.name) } else { place };
     let other = if is_simulated { " (--bus INTERFACE reads a real bus)" } else { "" };
     // Only CAN is reset.
-    let unless = if desks.is_empty() { "" } else { ", unless the reset changes them" };
+    let again = if desks.is_empty() { "" } else { " `x -> x`: written again, because the reset may change it." };
     let mut text = words::wrapped(&format!(
-        "Dry run: nothing written. Old values: read from the {asked}{other}. Unchanged objects are not written{unless}."
+        "Dry run: nothing written. Old values: read from the {asked}{other}. `unchanged`: not written.{again}"
     ));
     let (mut part, mut of) = ("", None);
     for (number, line) in lines.iter().enumerate() {
@@ -326,7 +326,12 @@ impl Line {
             }
             What::Write(write) => {
                 let name = words::name(write.at, None);
-                let name = if name.is_empty() { write.doing.to_owned() } else { name };
+                let is_unknown = name.is_empty();
+                let name = match write.doing.strip_prefix("set the ").filter(|_| is_unknown) {
+                    Some(of_profile) => of_profile.replace(' ', "-"),
+                    None if is_unknown => write.doing.to_owned(),
+                    None => name,
+                };
                 let (old, new) = (short(write.at, write.old.as_deref()), short(write.at, write.new.as_deref()));
                 let before = if self.part == CONFIGURE { String::new() } else { format!("{bus}{who}: ") };
                 // Behind the name of a node less is left of the line.
@@ -338,6 +343,8 @@ impl Line {
                     .new
                     .as_ref()
                     .and_then(|new| words::value(write.at, data_type(write.at, new), new, scaling).means);
+                let means =
+                    means.or_else(|| torque_words(rig, scaling.filter(|_| is_unknown && name == TORQUE_LIMIT)?));
                 match means.filter(|means| 6 + line.chars().count() + means.chars().count() + 3 <= COLUMNS) {
                     Some(means) => format!("{line} ({means})"),
                     None => line,
@@ -402,6 +409,16 @@ fn scalings(segment: &Option<SegmentSession>, desks: &[DeviceSession]) -> Scalin
 
 fn data_type(at: Address, bytes: &[u8]) -> Option<u16> {
     known(at, None).map(|known| known.data_type).or_else(|| type_by_length(bytes.len()))
+}
+
+/// Name of an object of a profile that limits the torque in a unit of its own.
+const TORQUE_LIMIT: &str = "torque-limit";
+
+/// Describes the torque at the joint to which the rig limits a drive, as 6072h has it.
+fn torque_words(rig: &Rig, scaling: &AxisScaling) -> Option<String> {
+    let raw = scaling.torque_per_mille(rig.guard.torque_limit_n_m.get()).ok()?.value.unsigned_abs().to_le_bytes();
+    let at = Address::new(0x6072, 0);
+    words::value(at, data_type(at, &raw), &raw, Some(scaling)).means
 }
 
 /// Objects that hold the indices of other objects.

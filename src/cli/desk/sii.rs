@@ -272,7 +272,8 @@ fn refuse_another_kind(device: &Device, present: &Present, image: &Sii) -> Resul
     }
     let words = identity_words(of_image).unwrap_or_default();
     let message = format!("{}: the image is of another device ({words}); nothing was written", device.words());
-    let help = "name the image of this device; `yieldwall scan` shows who it is. --force writes the image all the same";
+    let help =
+        "name the image of this device; `yieldwall scan` shows its identity. --force writes the image all the same";
     Err(Failure::new(Exit::DeviceMismatch, message, help))
 }
 

@@ -206,7 +206,7 @@ pub(super) fn spaced(name: &str) -> String {
 pub(super) fn mode_code_words(code: i8) -> String {
     match (OperationMode::from_code(code), code) {
         (Some(mode), _) => mode_words(mode).to_owned(),
-        (None, 0) => "none chosen".to_owned(),
+        (None, 0) => "no mode".to_owned(),
         (None, ..0) => "the vendor's own".to_owned(),
         (None, _) => "reserved by CiA 402".to_owned(),
     }
@@ -313,7 +313,7 @@ mod tests {
         assert_eq!(means(0x1a00, 7, &[0x10, 0, 0x41, 0x60]).means.as_deref(), Some("6041h:0 statusword, 16 bits"));
         assert_eq!(means(0x1800, 7, &[1, 1, 0, 0x80]).means.as_deref(), Some("not used"));
         assert_eq!(means(0x6061, 2, &[8]).means.as_deref(), Some("CSP"));
-        assert_eq!(means(0x6061, 2, &[0]).means.as_deref(), Some("none chosen"));
+        assert_eq!(means(0x6061, 2, &[0]).means.as_deref(), Some("no mode"));
         assert_eq!(means(0x6061, 2, &[0xff]).means.as_deref(), Some("the vendor's own"));
         assert_eq!(means(0x6080, 7, &[0xb8, 0x0b, 0, 0]).means.as_deref(), Some("3000 r/min"));
         assert_eq!(means(0x6064, 4, &[0xff; 4]), Shown { raw: "-1 (FFFFFFFFh)".into(), means: None });

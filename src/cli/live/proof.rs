@@ -53,7 +53,7 @@ pub(super) fn untimely(error: &Untimely, rig: &config::Rig) -> Failure {
     let duration_s = (10 * period_us).div_ceil(1000).max(60);
     let measure = format!("`yieldwall latency --period-us {period_us} --duration {duration_s}` measures it");
     let next = match error {
-        Untimely::Missing { .. } | Untimely::Unbelieved { .. } => measure,
+        Untimely::Missing { .. } | Untimely::Unbelieved { .. } | Untimely::Short { .. } => measure,
         Untimely::Late { .. } => {
             format!(
                 "reduce the load of this computer, grant the permissions in docs/realtime.md, or choose a longer cycle; {measure}"

@@ -155,7 +155,7 @@ pub(super) fn ask(arguments: &Arguments, person: Option<Person<'_>>) -> Result<C
             if drives.len() > 2 {
                 return Err("one profile, or two, separated by a comma".to_owned());
             }
-            drives.iter().try_for_each(|name| known_profile(name, &names))?;
+            drives.iter().try_for_each(|name| known_profile(name, &names, fieldbus))?;
             Ok(drives)
         },
     )?;
@@ -166,7 +166,8 @@ pub(super) fn ask(arguments: &Arguments, person: Option<Person<'_>>) -> Result<C
         return Err(Failure::new(Exit::Usage, message, help));
     }
     for name in &drives {
-        known_profile(name, &names).map_err(|message| Failure::new(Exit::Usage, format!("--drives: {message}"), ""))?;
+        known_profile(name, &names, fieldbus)
+            .map_err(|message| Failure::new(Exit::Usage, format!("--drives: {message}"), ""))?;
     }
     let (profiles, profile_files) = profiles(&drives, &arguments.rig)?;
     let count = if sensor == Protocol::Canopen { 3 } else { 2 };
@@ -241,8 +242,8 @@ fn is_file(name: &str) -> bool {
     name.ends_with(".yaml") || name.ends_with(".yml")
 }
 
-/// Checks that a name is that of a drive profile.
-fn known_profile(name: &str, names: &[&str]) -> Result<(), String> {
+/// Checks that a name is that of a drive profile for a bus. `names` are the shipped ones.
+fn known_profile(name: &str, names: &[&str], bus: Fieldbus) -> Result<(), String> {
     if is_file(name) {
         let profile = load_profile(Source::disk(name));
         let profile =
@@ -255,6 +256,11 @@ fn known_profile(name: &str, names: &[&str]) -> Result<(), String> {
     }
     if names.contains(&name) {
         return Ok(());
+    }
+    let mut shipped = ProfileName::shipped().filter(|(shipped, profile)| *shipped == name && profile.servo().is_some());
+    if let Some((_, profile)) = shipped.next() {
+        let own = profile.profile.buses.first().map_or("", |bus| bus.name());
+        return Err(format!("{name} is a profile for {own}; the profiles for {} are {}", bus.name(), names.join(", ")));
     }
     Err(match nearest_word(name, names.iter().copied()) {
         Some(meant) => format!("there is no profile {name}; did you mean {meant}?"),

@@ -34,7 +34,8 @@ impl Geometry {
     /// Returns the place of the base line at which the working disc is largest.
     pub(super) fn of(links_m: [f64; 2], base_m: f64) -> Result<Self, Failure> {
         let [proximal_m, distal_m] = links_m;
-        let half_base_m = base_m / 2.0;
+        // In whole micrometres, as the rig file has it.
+        let half_base_m = (base_m / 2.0 * 1e6).round() / 1e6;
         let reach_m = proximal_m + distal_m;
         let places = (1..PLACES).map(|place| two_digits(reach_m * place as f64 / PLACES as f64));
         let greatest = places

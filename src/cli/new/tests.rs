@@ -124,6 +124,8 @@ fn what_does_not_go_together_is_refused_before_anything_is_written() {
         &["--drives", "simulated-serv"],
         &["--drives", "no-such.yaml"],
         &["--drives", "simulated-force-sensor"],
+        &["--bus", "ethercat", "--drives", "maxon-epos4", "--encoder", "multi_turn"],
+        &["--drives", "inovance-sv660n", "--encoder", "multi_turn"],
         &["--links", "0.5,0.05"],
         &["--links", "0.5"],
         &["--links", "NaN,0.4"],
@@ -225,4 +227,7 @@ fn what_comes_next_is_what_the_profile_allows() {
         assert!(real.contains(wanted), "{wanted}: {real}");
     }
     assert!(!real.contains("runs it on the embedded simulation"), "{real}");
+    let segment = next(&["--bus", "ethercat", "--drives", "inovance-sv660n", "--encoder", "multi_turn"]);
+    assert!(segment.contains("`yieldwall drill rig.yaml --bus eth0`"), "{segment}");
+    assert!(!segment.contains("can0") && !segment.contains("SYNC"), "{segment}");
 }

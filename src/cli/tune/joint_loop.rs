@@ -83,6 +83,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     if arguments.write {
         file::check_can_write(&rig)?;
     }
+    crate::jog::note_lowered(&rig.value, arguments.torque, output);
     let plans = [0, 1].map(|joint| LoopPlan { joint, torque_n_m: arguments.torque });
     #[cfg(target_os = "linux")]
     if arguments.on_bus.is_asked() {

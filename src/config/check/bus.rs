@@ -18,18 +18,20 @@ const AXIS_OR_NODE: &str = "give each node of a bus its own node-ID from 1 to 12
 pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {
     let [left, right] = &rig.drives;
     let used = [&left.bus, &right.bus, &rig.sensor.bus];
-    for name in rig.buses.keys().filter(|name| !used.contains(name)) {
+    // An unknown name is reported below. It is then the cause of a bus without devices.
+    let are_known = used.iter().all(|name| rig.buses.contains_key(*name));
+    for name in rig.buses.keys().filter(|name| are_known && !used.contains(name)) {
         findings.error(
             &format!("buses.{name}"),
             format!("no device is on the bus `{name}`"),
-            "leave out the bus, or name it as the `bus` of a drive or of the sensor",
+            "remove the bus, or name it as the `bus` of a drive or of the sensor",
         );
     }
     for (name, bus) in &rig.buses {
         let Some(bus) = bus.canopen() else { continue };
         if !BIT_RATES.contains(&bus.bit_rate_bit_per_s) {
             let key = format!("buses.{name}.canopen.bit_rate_bit_per_s");
-            let message = format!("`{key}` is {}, which is no bit rate of CiA 301", bus.bit_rate_bit_per_s);
+            let message = format!("`{key}` is {}, which is not a bit rate of CiA 301", bus.bit_rate_bit_per_s);
             findings.error(
                 &key,
                 message,

@@ -5,18 +5,29 @@ use yieldwall_motion::elementary;
 
 use super::Findings;
 use super::words::{round, shorten_numbers};
+use crate::number::Positive;
 use crate::tree::{Fixture, Rig, Surface};
 use yieldwall_motion::fixture::Shape2;
-use yieldwall_motion::linkage::FiveBar;
+use yieldwall_motion::linkage::{FiveBar, LinkageError};
 use yieldwall_motion::quantity::TipPoint;
 
 /// Largest disc that the advice names, mm.
 const MOST_MM: f64 = 1e5;
+/// Smallest number that is a length of a link in mm, as no arm has such a length in m.
+const MILLIMETRES_FROM: f64 = 20.0;
 /// Points of a circle for the check of reach.
 const CIRCLE_SAMPLES: u32 = 96;
 
 /// Checks that the arm exists and reaches its working disc and the surface of its fixture.
 pub(super) fn check_linkage(findings: &mut Findings, rig: &Rig) {
+    let lengths = [("linkage.proximal_m", rig.linkage.proximal_m), ("linkage.distal_m", rig.linkage.distal_m)];
+    let longest = |(key, [left, right]): (&'static str, [Positive; 2])| (key, left.get().max(right.get()));
+    if let Some((key, length_m)) = lengths.map(longest).into_iter().find(|(_, length_m)| *length_m >= MILLIMETRES_FROM)
+    {
+        let help = format!("write metres, such as {}", length_m / 1e3);
+        findings.error(key, format!("`{key}` is {length_m} m"), help);
+        return;
+    }
     let five_bar = match FiveBar::new(rig.linkage.geometry()) {
         Ok(five_bar) => five_bar,
         Err(error) => {
@@ -39,7 +50,7 @@ pub(super) fn check_linkage(findings: &mut Findings, rig: &Rig) {
                     point(error.tip),
                     shorten_numbers(&error.cause.to_string())
                 ),
-                reach_help(&five_bar, radius_m, margin_m),
+                reach_help(&five_bar, radius_m, margin_m, &error.cause),
             )
             .see("linkage.base_m", "base_m")
             .see("guard.singularity_margin_m", "margin");
@@ -48,17 +59,21 @@ pub(super) fn check_linkage(findings: &mut Findings, rig: &Rig) {
     check_surface_reach(findings, "fixture", &rig.fixture, rig);
 }
 
-/// Advice on a disc out of reach: the largest disc within reach, in whole millimetres.
-fn reach_help(five_bar: &FiveBar, radius_m: f64, margin_m: f64) -> String {
+/// Advice on a disc out of reach: the largest disc within reach, in whole millimetres, and the change of the arm.
+fn reach_help(five_bar: &FiveBar, radius_m: f64, margin_m: f64, cause: &LinkageError) -> String {
     let is_reached = |mm: u32| five_bar.reaches_disc(TipPoint::new(0.0, 0.0), 1e-3 * f64::from(mm), margin_m).is_ok();
     let (mut reached, mut missed) = (0, (1e3 * radius_m).min(MOST_MM).ceil() as u32);
     while missed - reached > 1 {
         let middle = (reached + missed) / 2;
         if is_reached(middle) { reached = middle } else { missed = middle }
     }
-    let others = "lengthen the links, or move `base_m`: the origin is the middle of the disc";
+    let links = match cause {
+        LinkageError::TooClose { .. } => "shorten the longer links, make the links more equal",
+        _ => "lengthen the links",
+    };
+    let others = format!("{links}, or move `base_m`: the origin is the middle of the disc");
     match reached {
-        0 => others.to_owned(),
+        0 => others,
         mm => format!("write {}, which it reaches; or {others}", f64::from(mm) / 1e3),
     }
 }

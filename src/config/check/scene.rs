@@ -427,6 +427,6 @@ fn check_start(findings: &mut Findings, scene: &Scene, rig: &Rig) {
     let Ok(five_bar) = FiveBar::new(rig.linkage.geometry()) else { return };
     if let Err(error) = five_bar.inverse(tip) {
         let message = format!("the arm does not reach `hand.start_m`: {}", shorten_numbers(&error.to_string()));
-        findings.error("hand.start_m", message, "start inside of the working disc of the rig");
+        findings.error("hand.start_m", message, "start inside the working disc of the rig");
     }
 }

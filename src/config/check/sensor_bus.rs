@@ -54,7 +54,7 @@ pub(super) fn check_plain_can(findings: &mut Findings, rig: &Rig, cycle_hz: f64)
 pub(super) fn check_rate(findings: &mut Findings, rig: &Rig, cycle_hz: f64) {
     let (key, rate) = ("sensor.sample_rate_hz", *rig.sensor.sample_rate_hz);
     if rate.fract() != 0.0 || !(1.0..=MOST_HZ).contains(&rate) {
-        let message = format!("`{key}` is {rate}, which is no whole number from 1 to {MOST_HZ}");
+        let message = format!("`{key}` is {rate}, which is not a whole number from 1 to {MOST_HZ}");
         findings.error(key, message, "write the rate that the sensor is set to, in Hz");
     } else if rate > cycle_hz * 1.001 && matches!(rig.sensor.protocol, SensorProtocol::Streaming { .. }) {
         let message = format!("`{key}` is {rate} Hz, and the cycle has {} Hz", round(cycle_hz));

@@ -53,7 +53,7 @@ abort_codes! {
     0x0601_0003 SUB_ZERO_NOT_ZERO "sub-0-not-0", "sub-index 0 has to be 0 before this one is written", "write 0 to sub-index 0 first, then the others, then their number", "write 0 to sub-index 0 first, then the others, then their number";
     0x0601_0004 NO_COMPLETE_ACCESS "no-complete-access", "the object has no complete access", "it is one value, or of variable length: use its sub-indices", "read and write its sub-indices one by one";
     0x0601_0006 MAPPED_OUTPUT "mapped-output", "the object is mapped into outputs that are exchanged", "process data would overwrite it: leave OP first", "end the run, then write it";
-    0x0602_0000 NO_OBJECT "no-object", "the dictionary has no such object", "device profile lacks this option; compare with the EDS", DUMP;
+    0x0602_0000 NO_OBJECT "no-object", "the dictionary has no such object", "this device has no such object; see its EDS", DUMP;
     0x0604_0041 NOT_MAPPABLE "not-mappable", "the object cannot be mapped into this PDO", "object not PDO mappable, wrong direction or wrong bit length", "compare the profile's process data with the drive's data sheet; `yieldwall pdo show NODE` shows what is mapped";
     0x0604_0042 PDO_LENGTH "pdo-length", "mapped objects exceed the PDO length", "more than 64 bits or more entries than the device allows", "map fewer objects: at most 8 bytes a PDO, and mapping_entries of the profile as the device has them";
     0x0604_0043 PARAMETER_INCOMPATIBLE "incompatible", "parameters contradict each other", "e.g. one node id entered twice in 1016h", "`yieldwall od read NODE OBJECT` shows what stands there already; take that out first";

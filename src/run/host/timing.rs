@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::latency::{Lateness, Tier};
+use super::latency::{Lateness, STOCK_CYCLES, Tier};
 use crate::fnv1a;
 use yieldwall_config as config;
 use yieldwall_record::trusted;
@@ -169,6 +169,20 @@ pub enum Untimely {
         /// Description of the measurement, with its age.
         shown: String,
     },
+    /// The cycle was kept in too few cycles for a proof.
+    #[error(
+        "too few cycles at the rig's cycle of {period_us} us: {cycles} of the {STOCK_CYCLES} that tier B needs (99.9 % at most {} us \
+         late): {shown}",
+        .period_us / 2
+    )]
+    Short {
+        /// The rig's cycle in us.
+        period_us: u32,
+        /// Measured cycles.
+        cycles: u64,
+        /// Description of the measurement, with its age.
+        shown: String,
+    },
     /// The limits are those of a higher tier.
     #[error(
         "the rig's {key} of {has} {unit} requires tier A, but this computer has proved tier B (limit {most} {unit}): {shown}"
@@ -223,6 +237,9 @@ impl Computer {
                 Some((key, has, most, unit)) => Err(Untimely::Limit { key, has, most, unit, shown }),
                 None => Ok(ProvenTiming { tier, shown }),
             },
+            Tier::C if found.lateness.tier(period_us) != Tier::C => {
+                Err(Untimely::Short { period_us, cycles: found.lateness.cycles, shown })
+            }
             Tier::C => Err(Untimely::Late { period_us, shown }),
         }
     }
@@ -248,7 +265,7 @@ fn ago(seconds: u64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::host::{PROVING_CYCLES, STOCK_CYCLES};
+    use crate::host::PROVING_CYCLES;
 
     const ENDED_S: u64 = 1_795_000_000;
     const NOW_S: u64 = ENDED_S + 150;
@@ -343,6 +360,12 @@ mod tests {
         // The same of tier B, which takes 3000 cycles.
         let reduced = rig("paper-admittance-5ms.yaml");
         let look = |p999_us| measured(computer(), 1000, Lateness { cycles: 200, p999_us, ..STOCK });
+        look(499.0).store(&folder).unwrap();
+        let short = computer().check(&reduced, &folder, NOW_S).unwrap_err();
+        assert!(
+            short.to_string().contains("too few cycles") && short.to_string().contains("200 of the 3000"),
+            "{short}"
+        );
         let stored = measured(computer(), 1000, STOCK).store(&folder).unwrap();
         assert!(!stored.is_earlier && computer().check(&reduced, &folder, NOW_S).is_ok());
         assert_eq!(look(499.0).store(&folder).unwrap(), Stored { is_earlier: true, ..stored.clone() });

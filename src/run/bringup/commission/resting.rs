@@ -6,6 +6,7 @@ use crate::assembly::torque_limits_per_mille;
 use crate::proof::{DriveIdentity, DriveLimit};
 use yieldwall_config::Positive;
 use yieldwall_drives::objects::{self, DEVICE_TYPE, Object};
+use yieldwall_drives::profiles::TorqueLimit;
 use yieldwall_fieldbus::objects::{Address, sign_extend};
 use yieldwall_motion::guard::Device;
 use yieldwall_motion::quantity::Force;
@@ -148,7 +149,12 @@ impl Bench<'_> {
         for joint in 0..2 {
             let limits = [before, first, later].map(|limits| limits.get(joint).copied().flatten());
             if let [Some(before), Some(first), Some(later)] = limits {
-                let text = format!("{before} before, {first} written, {later} later (object units)");
+                let servo = self.rig.drives.get(joint).and_then(|drive| drive.profile.get()?.servo());
+                let unit = match servo.and_then(|servo| servo.limits.of_torque()) {
+                    Some(TorqueLimit::PerMille(_)) => "per mille of rated torque",
+                    _ => "object units",
+                };
+                let text = format!("{before} before, {first} written, {later} later ({unit})");
                 found.note(format!("{}: torque limit", self.name(joint)), text);
             }
         }

@@ -241,8 +241,8 @@ impl Bench<'_> {
         if farthest.farthest_mm > WAY_MM {
             let lead = if settling_s > 0.0 { ", or move the arm by hand nearer to its fixture" } else { "" };
             return Err(Halt::Failed(format!(
-                "the arm drifted by {:.1} mm within {time_s:.1} s without a hand, while {} shows {:.1} N: its zero is wrong, or something hangs at \
-                 the handle; set the zero at the sensor, or tare it (`sensor.tare_up_to_n`){lead}{beside}",
+                "the arm drifted by {:.1} mm within {time_s:.1} s without a hand, while {} shows {:.1} N: its zero is wrong, or a weight is \
+                 attached to the handle; set the zero at the sensor, or tare it (`sensor.tare_up_to_n`){lead}{beside}",
                 farthest.farthest_mm,
                 self.rig.sensor.name,
                 mean.norm()
