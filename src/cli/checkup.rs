@@ -156,6 +156,18 @@ mod tests {
     use super::*;
 
     #[test]
+    fn several_failures_are_resolved_in_their_order() {
+        let help = |checks| {
+            let failure = failure(&[Section::new("can0", Exit::Ok, checks)], Exit::BusUnavailable);
+            failure.report.diagnostics[0].help.clone().unwrap_or_default()
+        };
+        let with_command = || Check::wrong("bus state", "down").fix("ip link set can0 up");
+        assert_eq!(help(vec![with_command()]), "`ip link set can0 up`");
+        let several = help(vec![with_command(), Check::wrong("supply", "off")]);
+        assert!(several.starts_with("resolve each failed check above, in this order"), "{several}");
+    }
+
+    #[test]
     fn nothing_is_wider_than_a_terminal_and_commands_can_be_copied() {
         let rates = "for rate in 1000000 500000; do sudo ip link set can0 down; sudo ip link set can0 up type can bitrate $rate \
                      listen-only on; done; sudo ip link set can0 down; sudo ip link set can0 up";

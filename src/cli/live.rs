@@ -237,7 +237,7 @@ pub(super) fn not_run<T>(
             let told = told_before(error, &outcome.emergencies, rig);
             point_to_resets(with_told(failure, &told, &outcome.errors, rig), &outcome.errors, rig, file, interfaces)
         }
-        NotRun::Unproven(error) => unproven(error, &interfaces.arguments(rig), file),
+        NotRun::Unproven(error) => unproven(error, rig, &interfaces.arguments(rig), file),
         NotRun::Untimely(error) => untimely(error, rig),
         // Said with the line of the file before anything was opened.
         NotRun::Overfull { .. } => Failure::new(Exit::ConfigInvalid, error.to_string(), ""),

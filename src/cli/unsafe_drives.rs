@@ -14,13 +14,17 @@ pub(crate) const NOTHING_ENABLED: &str = "nothing was enabled";
 /// Refuses drives that would continue after the death of their master; `before` names the actions on the rig until then.
 pub(crate) fn judge(drilled: &Drilled, rig: &Rig, before: &str) -> Result<(), Failure> {
     drilled.judge(Demands::of(rig)).map_err(|error| {
-        let [left, right] = &rig.drives;
-        let advice = match &error {
-            Unsafe::GoesOn { side, watchdog } => goes_on(if *side == "left" { left } else { right }, *watchdog, rig),
-            Unsafe::TooSlow { .. } => too_slow(rig),
-        };
-        Failure::new(Exit::OutOfTolerance, error.to_string(), format!("{before}; {advice}"))
+        Failure::new(Exit::OutOfTolerance, error.to_string(), format!("{before}; {}", advice(&error, rig)))
     })
+}
+
+/// Returns the remedy for drives that a rig must not enable.
+pub(crate) fn advice(error: &Unsafe, rig: &Rig) -> String {
+    let [left, right] = &rig.drives;
+    match error {
+        Unsafe::GoesOn { side, watchdog } => goes_on(if *side == "left" { left } else { right }, *watchdog, rig),
+        Unsafe::TooSlow { .. } => too_slow(rig),
+    }
 }
 
 /// A drive on a segment that continues without outputs.

@@ -92,9 +92,16 @@ fn when(transmission_type: u8) -> String {
     match transmission_type {
         0 => "at SYNC after a change".to_owned(),
         1 => "every SYNC".to_owned(),
-        2 => "every 2nd SYNC".to_owned(),
-        3 => "every 3rd SYNC".to_owned(),
-        number @ 4..=240 => format!("every {number}th SYNC"),
+        number @ 2..=240 => {
+            let ending = match (number % 100, number % 10) {
+                (11..=13, _) => "th",
+                (_, 1) => "st",
+                (_, 2) => "nd",
+                (_, 3) => "rd",
+                _ => "th",
+            };
+            format!("every {number}{ending} SYNC")
+        }
         252 | 253 => "on request".to_owned(),
         number @ (254 | 255) => format!("event-driven (type {number})"),
         other => format!("type {other}, reserved"),
@@ -127,4 +134,22 @@ fn document(pdo: &Pdo) -> Value {
         "inhibit_100_us": pdo.inhibit_100_us,
         "maps": pdo.maps.iter().map(|entry| mapped(*entry)).collect::<Vec<_>>(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_transmission_type_is_described() {
+        for (number, text) in [
+            (1, "every SYNC"),
+            (3, "every 3rd SYNC"),
+            (12, "every 12th SYNC"),
+            (22, "every 22nd SYNC"),
+            (255, "event-driven (type 255)"),
+        ] {
+            assert_eq!(when(number), text);
+        }
+    }
 }

@@ -8,7 +8,7 @@ use crate::failure::{Exit, Failure};
 use crate::keep::state_folder;
 use crate::masses::Masses;
 use crate::pace::PaceArgument;
-use crate::unsafe_drives::{NOTHING_ENABLED, judge};
+use crate::unsafe_drives::{NOTHING_ENABLED, advice, judge};
 use crate::{drill, latency};
 use yieldwall_config::{self as config, Diagnostic};
 use yieldwall_rig as rig;
@@ -37,13 +37,15 @@ pub(crate) fn evidence(
 }
 
 /// Returns the failure for drives whose watchdogs nobody has tested, or that failed.
-pub(super) fn unproven(error: &Unproven, buses: &str, file: &str) -> Failure {
-    let help = format!("nothing was enabled; `yieldwall drill {file} {buses}` tests them");
-    let exit = match error {
-        Unproven::Missing { .. } | Unproven::Unreadable { .. } => Exit::DeviceMismatch,
-        Unproven::Unsafe(_) => Exit::OutOfTolerance,
+pub(super) fn unproven(error: &Unproven, rig: &config::Rig, buses: &str, file: &str) -> Failure {
+    let drill = format!("`yieldwall drill {file} {buses}`");
+    let (exit, remedy) = match error {
+        Unproven::Missing { .. } | Unproven::Unreadable { .. } => (Exit::DeviceMismatch, format!("{drill} tests them")),
+        Unproven::Unsafe(error) => {
+            (Exit::OutOfTolerance, format!("{}\nAfter a change {drill} tests the drives again", advice(error, rig)))
+        }
     };
-    Failure::new(exit, error.to_string(), help)
+    Failure::new(exit, error.to_string(), format!("{NOTHING_ENABLED}; {remedy}"))
 }
 
 /// Returns the failure for a computer that has not proved the timing that the rig requires.
