@@ -11,6 +11,7 @@ use super::failure::{self, Exit, Failure, both};
 use super::interrupt::{interrupted, on_interrupt};
 use super::on_bus::live_failure;
 use super::output::Output;
+use super::report_text::stopped_verdict;
 use yieldwall_config::{self as config, Positive, Source};
 use yieldwall_motion::guard::Cause;
 use yieldwall_rig::EmbeddedRig;
@@ -187,7 +188,11 @@ fn end(
     }
     let asked = joints.clone().filter(|(_, is_asked)| *is_asked).map(|((drive, _), _)| drive.name.as_str());
     let asked = asked.collect::<Vec<_>>().join(" and ");
-    let mut text = failure::verdict(&end, || format!("{asked} homed"));
+    let (how, cause, time_s) = ending(repeated);
+    let mut text = match (&end, cause.filter(|_| how == Ended::Stopped && homed.failed.is_none())) {
+        (Err(failure), Some(cause)) => stopped_verdict(failure, time_s, cause, rig),
+        _ => failure::verdict(&end, || format!("{asked} homed")),
+    };
     text.push('\n');
     for ((drive, joint), is_asked) in joints {
         let word = match (joint.is_homed, is_asked) {

@@ -51,7 +51,7 @@ pub(crate) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     let mut desk = DeviceSession::open(&arguments.place, output)?;
     let node = desk.node(&arguments.node)?;
-    let failed = |desk: &DeviceSession, error| desk.failure(&node, "reading its identity (1018h)", error);
+    let failed = |desk: &DeviceSession, error| desk.failure(&node, "reading its identity", error);
     let device_type = match desk.service.read(node.id, Address::new(0x1000, 0)) {
         Ok(bytes) => Some(number(&bytes)),
         Err(Error::Refused(_)) => None,

@@ -104,7 +104,7 @@ fn set_id(arguments: &SetId, output: &mut Output) -> Result<(), Failure> {
         let node = desk.node(&arguments.device)?;
         // A device that refuses to identify itself is there.
         if let Err(error @ Error::NoAnswer) = desk.service.read(node.id, Address::new(0x1000, 0)) {
-            let mut failure = desk.failure(&node, "reading its identity (1018h)", error);
+            let mut failure = desk.failure(&node, "reading its identity", error);
             if let Some(help) = failure.report.diagnostics.first_mut().and_then(|finding| finding.help.as_mut()) {
                 help.push_str(&format!("; `yieldwall lss find{more}` finds a device without a node id"));
             }

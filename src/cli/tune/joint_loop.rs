@@ -18,6 +18,7 @@ use crate::margins::Margins;
 use crate::masses::Masses;
 use crate::output::Output;
 use crate::replace::Replace;
+use crate::report_text::stopped_verdict;
 use yieldwall_config::{self as config, CommandMode, ControlLaw, Loaded, Positive, Rig, Source};
 use yieldwall_motion::control::Grip;
 use yieldwall_motion::guard::Fault;
@@ -211,10 +212,16 @@ fn end(
         }
     }
     if !output.is_json() {
-        let mut text = failure::verdict(&judged, || match &proposal {
-            Some(_) => "both joints identified, gains proposed".to_owned(),
-            None => "friction of both joints identified".to_owned(),
-        });
+        let stop =
+            traced.iter().find(|traced| traced.found.is_none() && !traced.ran_away && traced.ended == Ended::Stopped);
+        let stop = stop.and_then(|traced| Some((traced.time_s, traced.cause?)));
+        let mut text = match (&judged, stop) {
+            (Err(failure), Some((time_s, cause))) => stopped_verdict(failure, time_s, cause, &rig.value),
+            _ => failure::verdict(&judged, || match &proposal {
+                Some(_) => "both joints identified, gains proposed".to_owned(),
+                None => "friction of both joints identified".to_owned(),
+            }),
+        };
         text += "\n";
         text += &found.iter().map(|joint| joint_text(joint, &rig.value)).collect::<String>();
         for advice in advice(&found, &rig.value) {

@@ -158,7 +158,7 @@ fn on_segment(
     output: &Output,
 ) -> Result<(Eds, Vec<UnreadObject>), Failure> {
     let present = desk.service.present(device.position);
-    let present = present.map_err(|error| desk.failure(device, "reading its identity (1018h)", error))?;
+    let present = present.map_err(|error| desk.failure(device, "reading its identity", error))?;
     let [vendor_number, product_number, revision_number, _] = present.identity;
     let product = name(&present).unwrap_or_default();
     let who = DeviceInfo { vendor_number, product_number, revision_number, product, ..DeviceInfo::default() };

@@ -36,7 +36,7 @@ pub(in crate::desk) fn run(word: &str, mut desk: SegmentSession, output: &mut Ou
         }
         Err(failure) => (Vec::new(), failure.report.diagnostics.into_iter().next().map(|finding| finding.message)),
     };
-    let failed = |desk: &SegmentSession, error| desk.failure(&device, "reading its identity (1018h)", error);
+    let failed = |desk: &SegmentSession, error| desk.failure(&device, "reading its identity", error);
     let present = desk.service.present(position).map_err(|error| failed(&desk, error))?;
     let mut read = |register, len| desk.service.read(position, register, len).map_err(|error| failed(&desk, error));
     let controller = read(register::TYPE, CONTROLLER_LEN)?;

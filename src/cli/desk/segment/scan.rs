@@ -18,7 +18,7 @@ pub(in crate::desk) fn run(is_listening: bool, mut desk: SegmentSession, output:
         for position in 0..desk.devices()? {
             let device = desk.at(position);
             let present = desk.service.present(position);
-            found.push(present.map_err(|error| desk.failure(&device, "reading its identity (1018h)", error))?);
+            found.push(present.map_err(|error| desk.failure(&device, "reading its identity", error))?);
         }
     }
     if output.is_json() {
