@@ -113,7 +113,7 @@ impl CanPlan<'_> {
         let step = if earliest == latest {
             format!("`compute_at_us` {earliest}")
         } else {
-            format!("`compute_at_us` {}, the middle of {earliest} to {latest}", earliest.midpoint(latest))
+            format!("`compute_at_us` {} ({earliest} to {latest})", earliest.midpoint(latest))
         };
         if advice.bit_rate != self.budget.conditions.bit_rate {
             format!("raise `bit_rate_bit_per_s` to {}, with {step}", advice.bit_rate)

@@ -69,7 +69,7 @@ impl<'a> SegmentPlan<'a> {
         let Some(Advice { period, compute_at_us: [earliest, latest] }) = self.advice() else {
             return "no period suffices: map less process data".to_owned();
         };
-        let step = format!("`compute_at_us` {}, the middle of {earliest} to {latest}", earliest.midpoint(latest));
+        let step = format!("`compute_at_us` {} ({earliest} to {latest})", earliest.midpoint(latest));
         if period == self.budget.period {
             format!("write {step}")
         } else {
