@@ -3,14 +3,14 @@
 use std::f64::consts::PI;
 use std::time::Duration;
 
-use yieldwall_drives::profiles::{BrakeHolder, DeviceProfile, EncoderKind, EncoderSide, Known, Role, Servo, Tried};
+use yieldwall_drives::profiles::{BrakeHolder, DeviceProfile, EncoderKind, EncoderSide, Known, Servo, Tried};
 use yieldwall_drives::watchdog::{HEARTBEAT_PERIODS, TORQUE_LIMIT, WATCHED_CYCLES, Watchdog};
 
 use super::Findings;
 use super::words::round;
 use crate::number::Positive;
 use crate::suggest::nearest;
-use crate::tree::{CommandMode, Drive, ProfileName, Rig, Simulation};
+use crate::tree::{CommandMode, Drive, Fitting, ProfileName, Rig, Simulation};
 
 use yieldwall_motion::linkage::FiveBar;
 use yieldwall_motion::quantity::{JointAngles, TipPoint};
@@ -35,7 +35,13 @@ pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
         let key = format!("drives[{index}].profile");
         let Some(profile) = drive.profile.get() else { continue };
         let Some(servo) = profile.servo() else {
-            refuse_profile(findings, &key, drive.profile.as_str(), "is not one of a drive", is_servo);
+            refuse_profile(
+                findings,
+                &key,
+                drive.profile.as_str(),
+                "is not one of a drive",
+                Fitting::on(true, drive.address.position().is_some()),
+            );
             continue;
         };
         if servo.process_data.of(mode).is_none() {
@@ -84,7 +90,7 @@ pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
 pub(crate) fn check_drive_model(findings: &mut Findings, key: &str, simulation: &Simulation) {
     let Some(model) = &simulation.drive_model else { return };
     if model.profile.get().is_some_and(|profile| profile.servo().is_none()) {
-        refuse_profile(findings, key, model.profile.as_str(), "is not one of a drive", is_servo);
+        refuse_profile(findings, key, model.profile.as_str(), "is not one of a drive", Fitting::SERVO);
     }
 }
 
@@ -276,14 +282,9 @@ fn check_both_home(findings: &mut Findings, rig: &Rig) {
     }
 }
 
-pub(super) fn is_servo(role: &Role) -> bool {
-    matches!(role, Role::Servo(_))
-}
-
 /// Refuses a profile that cannot stand at a key.
-pub(crate) fn refuse_profile(findings: &mut Findings, key: &str, name: &str, why: &str, fits: fn(&Role) -> bool) {
-    let known: Vec<&str> =
-        ProfileName::shipped().filter(|(_, profile)| fits(&profile.device)).map(|(name, _)| name).collect();
+pub(crate) fn refuse_profile(findings: &mut Findings, key: &str, name: &str, why: &str, fits: Fitting) {
+    let known = fits.shipped();
     let help = match nearest(name, known.iter().copied()) {
         Some(meant) => format!("did you mean `{meant}`?"),
         None => format!("the profiles that fit are {}; or name a file that ends in .yaml", known.join(", ")),

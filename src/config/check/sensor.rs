@@ -1,14 +1,14 @@
 //! Relations between the keys of the force sensor, and to the rest of the rig.
 
 use nalgebra::Matrix6;
-use yieldwall_drives::profiles::{ForceSensor, Role, Scaling};
+use yieldwall_drives::profiles::{ForceSensor, Scaling};
 
 use super::Findings;
 use super::models::refuse_profile;
 use super::sensor_bus::{check_plain_can, check_rate};
 use super::words::{round, shorten_numbers};
 use crate::number::{Finite, Positive};
-use crate::tree::{ProfileName, Rig, SensorProtocol};
+use crate::tree::{Fitting, ProfileName, Rig, SensorProtocol};
 use yieldwall_motion::sensing::{Calibration, SensingError};
 
 /// Smallest squared sine of the angle between the rows Fx and Fy of a calibration; below it the rows are equivalent.
@@ -95,7 +95,7 @@ fn check_profile(findings: &mut Findings, rig: &Rig, name: &ProfileName, cycle_h
     let key = &format!("{protocol}.profile");
     let (Some(profile), name) = (name.get(), name.as_str()) else { return };
     let Some(model) = profile.force_sensor() else {
-        return refuse_profile(findings, key, name, "is not one of a force sensor", is_sensor);
+        return refuse_profile(findings, key, name, "is not one of a force sensor", Fitting::on(false, !is_on_can));
     };
     check_counter(findings, rig, key, name, model);
     check_scaling(findings, rig, key, name, model);
@@ -151,10 +151,6 @@ fn check_scaling(findings: &mut Findings, rig: &Rig, key: &str, name: &str, mode
             findings.error("sensor.calibration", message, help).see(key, "profile");
         }
     }
-}
-
-fn is_sensor(role: &Role) -> bool {
-    matches!(role, Role::ForceSensor(_))
 }
 
 /// Checks that a sensor samples as often as possible, without samples that no cycle sees.

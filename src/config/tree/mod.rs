@@ -20,7 +20,7 @@ pub use device::{DeviceCycle, DeviceIdentity, DevicePlant, ImpedanceDevice};
 pub use figure::{Figure, MagnifiedWindow};
 pub use fixture::{AutomaticHold, Coupling, Curvature, Fixture, FixtureLaw, Motion, Passivity, Side};
 pub use injection::{DefectName, DriveSide, FaultName, FaultTarget, SceneDefect, SceneFault};
-pub(crate) use profile::is_yaml;
+pub(crate) use profile::{Fitting, is_yaml};
 pub use profile::{ProfileName, shipped_error_codes, shipped_profile};
 pub(crate) use rig::NamedProfile;
 pub use rig::{

@@ -6,7 +6,7 @@ use std::sync::{Arc, LazyLock};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use yieldwall_drives::codes::{self, ErrorCodes};
-use yieldwall_drives::profiles::{DeviceProfile, SHIPPED};
+use yieldwall_drives::profiles::{DeviceProfile, Fieldbus, SHIPPED};
 
 use crate::reader;
 
@@ -46,6 +46,34 @@ pub(crate) fn is_yaml(name: &str) -> bool {
 /// If no model has this name.
 pub fn shipped_profile(name: &str) -> Arc<DeviceProfile> {
     PROFILES.get(name).cloned().unwrap_or_else(|| panic!("no profile {name} comes with the program"))
+}
+
+/// Kind of the profiles that fit a place of a document.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Fitting {
+    /// Whether they are drives; if not, they are force sensors.
+    is_servo: bool,
+    /// Bus of the place, if it has one.
+    bus: Option<Fieldbus>,
+}
+
+impl Fitting {
+    /// A drive of any bus.
+    pub(crate) const SERVO: Self = Self { is_servo: true, bus: None };
+
+    /// Creates the kind of a drive, or of a force sensor, on this bus.
+    pub(crate) fn on(is_servo: bool, is_on_ethercat: bool) -> Self {
+        let bus = if is_on_ethercat { Fieldbus::Ethercat } else { Fieldbus::Canopen };
+        Self { is_servo, bus: Some(bus) }
+    }
+
+    /// Returns the names of the shipped profiles of this kind.
+    pub(crate) fn shipped(self) -> Vec<&'static str> {
+        let fits = |profile: &DeviceProfile| {
+            profile.servo().is_some() == self.is_servo && self.bus.is_none_or(|bus| profile.is_for(bus))
+        };
+        ProfileName::shipped().filter(|(_, profile)| fits(profile)).map(|(name, _)| name).collect()
+    }
 }
 
 impl ProfileName {

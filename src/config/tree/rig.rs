@@ -7,12 +7,11 @@ use garde::{Path, Report, Validate};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use yieldwall_drives::cia402::CommandMode;
-use yieldwall_drives::profiles::{DeviceProfile, EncoderKind, Fieldbus, Role};
+use yieldwall_drives::profiles::{DeviceProfile, EncoderKind, Fieldbus};
 
 use super::arm::{ArmInertia, Linkage};
 use super::fixture::Fixture;
-use super::profile::ProfileName;
-use super::profile::is_yaml;
+use super::profile::{Fitting, ProfileName, is_yaml};
 use super::sensor::Sensor;
 use super::simulation::{BusTiming, NotSimulated, Simulation, named_simulation};
 use super::waits::{Waits, enabling_ms};
@@ -156,8 +155,8 @@ impl Rig {
 /// The device profile that a file named by a rig holds.
 type NamedFile = std::sync::Arc<yieldwall_drives::profiles::DeviceProfile>;
 
-/// A place where a document names a device model: the key, the name, and whether a model is of the kind wanted there.
-pub(crate) type NamedProfile<'a> = (&'static str, &'a mut ProfileName, fn(&Role) -> bool);
+/// A place where a document names a device model: the key, the name, and the kind of the models that fit there.
+pub(crate) type NamedProfile<'a> = (&'static str, &'a mut ProfileName, Fitting);
 
 impl Rig {
     /// Gives new names to device profiles that are files, so that they can lie beside this document. Returns names and profiles.
@@ -196,18 +195,18 @@ impl Rig {
 
     /// Returns the device models that it names.
     pub(crate) fn profiles_mut(&mut self) -> Vec<NamedProfile<'_>> {
-        let is_servo: fn(&Role) -> bool = |role| matches!(role, Role::Servo(_));
-        let is_sensor: fn(&Role) -> bool = |role| matches!(role, Role::ForceSensor(_));
         let [left, right] = &mut self.drives;
+        let of_drive = |address: &Address| Fitting::on(true, address.position().is_some());
+        let of_sensor = Fitting::on(false, self.sensor.protocol.position().is_some());
         let mut named = vec![
-            ("drives[0].profile", &mut left.profile, is_servo),
-            ("drives[1].profile", &mut right.profile, is_servo),
+            ("drives[0].profile", &mut left.profile, of_drive(&left.address)),
+            ("drives[1].profile", &mut right.profile, of_drive(&right.address)),
         ];
         if let Some((key, profile)) = self.sensor.protocol.profile_mut() {
-            named.push((key, profile, is_sensor));
+            named.push((key, profile, of_sensor));
         }
         if let Some(model) = self.simulation.as_mut().and_then(|simulation| simulation.drive_model.as_mut()) {
-            named.push(("simulation.drive_model.profile", &mut model.profile, is_servo));
+            named.push(("simulation.drive_model.profile", &mut model.profile, Fitting::SERVO));
         }
         named
     }

@@ -4,10 +4,9 @@ use garde::Validate;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
-use yieldwall_drives::profiles::Role;
 
 use super::arm::ArmModel;
-use super::profile::ProfileName;
+use super::profile::{Fitting, ProfileName};
 use super::rig::NamedProfile;
 use crate::number::{NotNegative, Positive};
 
@@ -219,9 +218,8 @@ impl Simulation {
 
     /// Returns the device model that it names.
     pub(crate) fn profiles_mut(&mut self) -> Vec<NamedProfile<'_>> {
-        let is_servo: fn(&Role) -> bool = |role| matches!(role, Role::Servo(_));
         let model = self.drive_model.as_mut();
-        model.map(|model| ("drive_model.profile", &mut model.profile, is_servo)).into_iter().collect()
+        model.map(|model| ("drive_model.profile", &mut model.profile, Fitting::SERVO)).into_iter().collect()
     }
 }
 

@@ -220,3 +220,18 @@ fn a_device_that_the_boot_refuses_is_told_after_the_list() {
     assert_eq!(failure.exit, Exit::DeviceMismatch);
     assert!(failure.report.diagnostics[0].message.contains("check the vendor"), "{failure:?}");
 }
+
+#[test]
+fn a_torque_limit_in_a_unit_of_its_own_is_shown_in_newton_metres() {
+    let drive = |side: &str| format!("{{name: {side}, profile: maxon-epos4, encoder: multi_turn}}");
+    let text = format!("like: builtin:paper-admittance.yaml\ndrives: [{}, {}]\n", drive("left"), drive("right"));
+    let rig = load_rig(Source::memory("rig.yaml", text)).unwrap();
+    let plan = master(&rig.value, &rig.value.fixture).unwrap().networks().plan().unwrap();
+    let mut desks = [DeviceSession::of_rig(&rig, None).unwrap()];
+    let (lines, end) = lines(&rig.value, &plan, &mut desks).unwrap();
+    end.unwrap();
+    let scalings = scalings(&None, &desks);
+    let limit = lines.iter().map(|line| line.words(&rig.value, &scalings)).find(|words| words.contains("3001h:2"));
+    let limit = limit.unwrap();
+    assert!(limit.contains("torque-limit") && limit.ends_with("(60 N m)"), "{limit}");
+}
