@@ -44,10 +44,6 @@ pub(super) struct Arguments {
     pub(super) stream: Stream,
 }
 
-fn parse_seconds(text: &str) -> Result<f64, String> {
-    text.parse().map_err(|_| format!("write seconds above 0, such as 60, not `{text}`"))
-}
-
 /// Interval between updates of a running measurement.
 const REFRESH: Duration = Duration::from_millis(50);
 
