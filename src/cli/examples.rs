@@ -143,7 +143,7 @@ mod tests {
     /// Returns the words of each command of the program.
     fn commands(command: &Command, words: &str, found: &mut Vec<String>) {
         found.push(words.to_owned());
-        for one in command.get_subcommands() {
+        for one in command.get_subcommands().filter(|one| !one.is_hide_set()) {
             commands(one, format!("{words} {}", one.get_name()).trim_start(), found);
         }
     }

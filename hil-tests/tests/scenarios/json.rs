@@ -347,7 +347,7 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
     // What is typed ahead is echoed before the questions, which then follow each other in one line.
     let of_answers = lines.iter().filter(|line| !line.contains('['));
     assert!(of_answers.clone().all(|line| line.chars().count() <= 80), "{}", lines.join("\n"));
-    assert_eq!(lines.iter().filter(|line| line.contains("wrote asked")).count(), 3, "{}", lines.join("\n"));
+    assert_eq!(lines.iter().filter(|line| line.starts_with("written   asked")).count(), 3, "{}", lines.join("\n"));
 }
 
 /// A `yes` that was typed before the question was there is no answer to it, and neither is `y`: the program writes nothing to a chip.
@@ -366,7 +366,7 @@ fn only_a_yes_that_answers_the_question_counts() {
         // It ends with an error once nobody has the other side open.
         while let Ok(count @ 1..) = master.read(&mut bytes) {
             seen += &String::from_utf8_lossy(&bytes[..count]);
-            if seen.matches("ends: ").count() > answered {
+            if seen.matches("stops here: ").count() > answered {
                 answered += 1;
                 // An answer that comes at once does not count; the question comes again then.
                 std::thread::sleep(std::time::Duration::from_secs(1));

@@ -54,7 +54,7 @@ fn source(rig: &Value, scene: &Value) -> Source {
 /// Returns the key and value that a finding advises to write: the text after `write`, or in backquotes as `key: value`.
 fn advised(finding: &Diagnostic) -> Option<(String, Value)> {
     let help = finding.help.as_deref()?;
-    if let Some((_, after)) = help.split_once("write ") {
+    if let Some((_, after)) = help.split_once("write ").filter(|(_, after)| !after.starts_with('`')) {
         let number = after.split([' ', ',', ';']).next()?;
         return Some((finding.key.clone(), serde_json::from_str(number).ok()?));
     }

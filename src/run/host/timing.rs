@@ -360,8 +360,10 @@ mod tests {
         // The same of tier B, which takes 3000 cycles.
         let reduced = rig("paper-admittance-5ms.yaml");
         let look = |p999_us| measured(computer(), 1000, Lateness { cycles: 200, p999_us, ..STOCK });
-        look(499.0).store(&folder).unwrap();
-        let short = computer().check(&reduced, &folder, NOW_S).unwrap_err();
+        let few = self::folder("few");
+        look(499.0).store(&few).unwrap();
+        let short = computer().check(&reduced, &few, NOW_S).unwrap_err();
+        fs::remove_dir_all(&few).unwrap();
         assert!(
             short.to_string().contains("too few cycles") && short.to_string().contains("200 of the 3000"),
             "{short}"

@@ -68,7 +68,7 @@ fn window(impacts: &Table, pushes: &Table) -> Chart {
         }
         Panel {
             title: format!("{} grips", grips.name),
-            x: Axis::linear("median delay of a push begun 100 ms later (ms)").over(-10.0, 330.0),
+            x: Axis::linear("median delay of a push (ms)").over(-10.0, 330.0),
             y: Axis::logarithmic("hands that break through (%)").over(LEAST, 100.0),
             series,
         }

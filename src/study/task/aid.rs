@@ -84,7 +84,7 @@ impl Aid {
         let n_per_mm = hardness / 1000.0;
         match self.law {
             Law::None | Law::Plastic => self.law.name().to_owned(),
-            Law::Saturated => format!("spring of {n_per_mm} N/mm, at most R"),
+            Law::Saturated => format!("saturated spring of {n_per_mm} N/mm"),
             Law::Spring => format!("spring of {n_per_mm} N/mm"),
             Law::Viscous => format!("viscous, R at {} m/s", self.yield_n.unwrap_or(f64::NAN) / hardness),
         }

@@ -284,6 +284,6 @@ mod tests {
         let loud = Readiness { interrupt_threads: vec![("irq/16-can0".to_owned(), 90)], ..found.clone() };
         assert!(loud.told(MS, Some("can0"))[2].contains("sudo chrt -f -p 50 $(pgrep -x irq/16-can0)"));
         let bare = Readiness { interrupt_threads: Vec::new(), ..found };
-        assert!(bare.told(MS, Some("can0"))[2].contains("without a thread"));
+        assert!(bare.told(MS, Some("can0"))[2].contains("has no thread"));
     }
 }
