@@ -347,7 +347,7 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
     // What is typed ahead is echoed before the questions, which then follow each other in one line.
     let of_answers = lines.iter().filter(|line| !line.contains('['));
     assert!(of_answers.clone().all(|line| line.chars().count() <= 80), "{}", lines.join("\n"));
-    assert_eq!(lines.iter().filter(|line| line.starts_with("written   asked")).count(), 3, "{}", lines.join("\n"));
+    assert_eq!(lines.iter().filter(|line| line.contains("written   asked")).count(), 3, "{}", lines.join("\n"));
 }
 
 /// A `yes` that was typed before the question was there is no answer to it, and neither is `y`: the program writes nothing to a chip.
