@@ -43,7 +43,7 @@ pub(super) fn a_power_cycle_is_seen_and_no_word_is_taken_for_it(rig: &str, bus: 
     answers.write_all(b"yes\n").expect("it reads");
     let mut lines = BufReader::with_capacity(1, commission.stdout()).lines().map(|line| line.expect("text"));
     assert!(lines.any(|line| line.starts_with("pass      parameters")));
-    assert!(lines.by_ref().take(3).any(|line| line.trim() == "after a power cycle: the same"));
+    assert!(lines.by_ref().take(3).any(|line| line.trim() == "after a power cycle: unchanged"));
     drop(lines);
     commission.signal("INT");
     drop(second);
