@@ -156,9 +156,8 @@ fn panel(rows: &Rows<'_>, label: &str, across: [f64; 2]) -> Panel {
         points,
         ..Series::new("ring: the plainest fast model that is enough".to_owned(), Mark::Rings, Color::Black)
     });
-    let title = needed.map_or_else(String::new, |row| format!("{label}: {}", short(row.word("model"))));
     Panel {
-        title,
+        title: label.to_owned(),
         x: Axis::logarithmic("times real time").over(across[0], across[1]),
         y: Axis::logarithmic("greatest change / tolerance").over(SHOWN[0], SHOWN[1]),
         series,
