@@ -165,8 +165,8 @@ pub enum BootFailure {
     },
     /// The torque limit that a drive keeps by itself allows more than the rig.
     #[error(
-        "object {index:04X}h:{sub} holds a torque limit of {held}, which the drive keeps by itself, and the rig's limit is {most} in that unit: \
-         lower it by the maker's tool and store it there, or raise `guard.torque_limit_n_m`"
+        "object {index:04X}h:{sub} holds a torque limit of {held}, and the rig allows {most}: lower it with the vendor's tool and \
+         store it, or raise `guard.torque_limit_n_m`"
     )]
     KeepsMore {
         /// Index.
@@ -180,8 +180,8 @@ pub enum BootFailure {
     },
     /// A force sensor has other counts per unit than the rig.
     #[error(
-        "object {index:04X}h:{sub} holds {counts} counts per unit, and `sensor.calibration` of the rig has {wanted}: write a calibration for \
-         {counts} counts per N or N m, or set the unit of the sensor with its vendor's tool"
+        "object {index:04X}h:{sub} holds {counts} counts per unit, and `sensor.calibration` has {wanted}: calibrate for {counts}, or \
+         set the unit with the vendor's tool"
     )]
     Scaling {
         /// Index.
@@ -195,8 +195,8 @@ pub enum BootFailure {
     },
     /// The power of ten of the cycle time cannot be changed, and the cycle time is no multiple of it.
     #[error(
-        "object {index:04X}h:{sub} holds {exponent} and does not take another power of ten of a second: {code}; a cycle time of \
-         {period_us} us is not 1 to 255 times 10^{exponent} s: set `cycle.period_us` to one that is"
+        "object {index:04X}h:{sub} holds {exponent} and takes no other power of ten of a second: {code}. `cycle.period_us` of \
+         {period_us} has to be 1 to 255 times 10^{exponent} s"
     )]
     FixedExponent {
         /// Index.
@@ -212,8 +212,8 @@ pub enum BootFailure {
     },
     /// In SAFE-OP a device on EtherCAT is synchronised in another way than the rig says.
     #[error(
-        "object {index:04X}h:{sub} is {received} ({}) in SAFE-OP, and the rig wants {wanted} ({}): set the synchronisation of the device \
-         with its vendor's tool, or give the rig's bus the `outputs` that the device has",
+        "object {index:04X}h:{sub} is {received} ({}) in SAFE-OP, and the rig needs {wanted} ({}): set it with the vendor's tool, or \
+         give the rig's bus the `outputs` of the device",
         synchronisation(*.received),
         synchronisation(*.wanted)
     )]

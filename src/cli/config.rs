@@ -56,7 +56,8 @@ fn check(files: &[String], output: &mut Output) -> Result<(), Failure> {
         match &checked.result {
             Ok(document) if is_ok => {
                 output.warnings(&checked.findings);
-                output.news(&format!("ok  {file}: {}", summary(document, checked.findings.len())))?;
+                let word = if checked.findings.is_empty() { "ok  " } else { "warn" };
+                output.news(&format!("{word} {file}: {}", summary(document, checked.findings.len())))?;
                 checked.lines().try_for_each(|line| output.news(&format!("    {line}")))?;
             }
             _ => refused.extend(checked.findings),

@@ -45,7 +45,7 @@ pub(super) fn stopped(report: &RunReport, rig: &config::Rig) -> Failure {
 /// Returns the failure of a run in which joints were at their torque limit for long.
 pub(super) fn at_limit_too_long(at_limit_s: f64, simulated_s: f64) -> Failure {
     let message = format!(
-        "a joint was at its torque limit for {at_limit_s:.3} s of {simulated_s:.3} s other than after impacts: the loop \
+        "a joint was at its torque limit for {at_limit_s:.3} s of {simulated_s:.3} s, impacts apart: the loop \
          oscillates, or the arm is too weak for this motion"
     );
     let help = "soften control.gains, or raise guard.torque_limit_n_m as far as the drives allow";
@@ -230,9 +230,9 @@ fn boot_help(failure: &BootFailure) -> &'static str {
             "fix what its emergency names, and try again"
         }
         BootFailure::NotStarted { said, .. } if said.sends_no_heartbeat() => {
-            "the master knows the state by heartbeats alone: `yieldwall od read NODE 1017h` shows their period in ms, 0 for none, and `yieldwall \
-             monitor` whether they come; a device that takes a new period only when it starts needs `yieldwall od write NODE 1017h 100 --save`, and to \
-             be switched off and on"
+            "the master knows the state by heartbeats alone: `yieldwall od read NODE 1017h` shows their period in ms, 0 for none, \
+             and `yieldwall monitor` whether they come. If the device takes a new period only when it starts, run `yieldwall od \
+             write NODE 1017h 100 --save` and switch it off and on"
         }
         BootFailure::NotStarted { .. } => {
             "`yieldwall info NODE` shows the device's error register, `yieldwall emcy NODE` its last errors"

@@ -87,8 +87,8 @@ pub(super) const EXITS: [Meaning; 11] = [
     meaning(
         Exit::OutOfTolerance,
         "check out of tolerance",
-        "run: energy, or torque at its limit; commission, drill, home: a failed step; od diff, sii, replay: a difference; \
-         soak: a violated invariant; od dump: a value that is not certain",
+        "run: energy or torque limit; commission, drill, home: a step; od diff, sii, replay: a difference; soak: an invariant; od \
+         dump: an uncertain value",
         "the message names measure and limit",
     ),
     meaning(

@@ -232,8 +232,8 @@ fn end(
 fn not_begun(error: &RunError) -> Failure {
     let mut failure = live_failure(error);
     if let RunError::WayBlocked { .. } = error {
-        let help = "nothing was enabled: both joints may travel twice `within_rad`, and the arm has no room for it; write a smaller `within_rad` and move \
-                    the arm nearer to home by hand, or home where the arm has more room";
+        let help = "nothing was enabled: both joints may travel twice `within_rad`, and the arm has no room for it. Write a smaller \
+                    `within_rad` and move the arm nearer to home by hand, or home where the arm has more room";
         failure.report.diagnostics.iter_mut().for_each(|finding| finding.help = Some(help.to_owned()));
     }
     failure
@@ -306,8 +306,8 @@ fn not_home(rig: &config::Rig, joint: usize, why: NotHome) -> Failure {
                 gone_rad.to_degrees(),
                 HOMING_BEYOND_RAD.to_degrees()
             ),
-            "move the joint to where home lies ahead in the direction of homing, by hand or with `yieldwall jog`, and try again: after a homing it \
-             is beyond its home; check `homing.method` and the wires of the switch"
+            "by hand or with `yieldwall jog`, move the joint to where home lies ahead in the direction of homing, and try again. \
+             After a homing it is beyond its home. Check `homing.method` and the wires of the switch"
                 .to_owned(),
         ),
     };

@@ -55,8 +55,8 @@ impl Margins {
         let (gain_db, phase_deg) = LEAST_MARGINS;
         let message = if worst.stable {
             format!(
-                "the gains in `{key}` leave a gain margin of +{:.1}/-{:.1} dB and a phase margin of {:.0} degrees at the worst pose \
-                 along the surface; the limits are {gain_db} dB and {phase_deg} degrees",
+                "the gains in `{key}` leave +{:.1}/-{:.1} dB of gain margin and {:.0} degrees of phase margin at the worst pose; the \
+                 limits are {gain_db} dB and {phase_deg} degrees",
                 worst.gain_db, worst.gain_reduction_db, worst.phase_deg
             )
         } else {

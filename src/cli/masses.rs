@@ -24,10 +24,10 @@ const UNKNOWN: &str = "least virtual mass: not measurable, since the loop closes
 const LEFT_OUT: &str = "not in the model: dry friction, torque limits, encoder counts; test in a run";
 
 /// Effects of a bus where the sensor has its own clock.
-const SYNC_WAITS: &str = "not in the model: SYNC waits for frames that the sensor sends by its own clock; at some phases of this clock the rig \
-                          may need more mass, and without dry friction it may swing slowly at every mass";
-const SAMPLE_MISSED: &str = "not in the model: heartbeats that delay SYNC can decide whether a sample of the sensor's own clock is in time; at \
-                             some phases of this clock the rig may need more mass (1.5 times the least in the worst of 60 drawn rigs)";
+const SYNC_WAITS: &str = "not in the model: SYNC waits for frames of the sensor's own clock. At some phases of this clock the rig \
+                          may need more mass. Without dry friction it may swing slowly at every mass";
+const SAMPLE_MISSED: &str = "not in the model: heartbeats that delay SYNC can make a sample of the sensor's own clock late. At some \
+                             phases of this clock the rig may need more mass (1.5 times the least in the worst of 60 drawn rigs)";
 
 /// Smallest stable virtual masses of a rig, by hands; the first hand is the scene's, if it has a spring.
 pub(crate) struct Masses {
@@ -280,8 +280,8 @@ pub(crate) fn advice(rig: &Rig, scene: &Scene) -> String {
     let hand = hand_of(scene);
     match held_masses(rig, scene, &[hand], mass_kg.get()).ok().flatten().as_deref() {
         Some([holding, ..]) if !holding.is_configured_stable => remedy_words(rig, scene, &hand, mass_kg.get()),
-        Some(_) => "in the rig's linear model this mass is stable with this hand; check dry friction, torque limits and encoders, which the \
-                    model leaves out, and the figure of the run (`--figure`)"
+        Some(_) => "in the rig's linear model this mass is stable with this hand. Check dry friction, torque limits and encoders, \
+                    which the model leaves out, and the figure of the run (`--figure`)"
             .to_owned(),
         None => "the loop of the rig is not known; try a heavier virtual mass and a softer hand".to_owned(),
     }
@@ -564,7 +564,7 @@ mod tests {
         for (name, words) in [
             ("paper-admittance.yaml", None),
             ("paper-admittance-streaming.yaml", Some("SYNC waits")),
-            ("paper-admittance-polled.yaml", Some("in time")),
+            ("paper-admittance-polled.yaml", Some("own clock late")),
         ] {
             let masses = Masses::of(&load_rig(builtin(name)).unwrap(), &[]).unwrap();
             let note = masses.to_json(2.0)["note"].as_str().map(str::to_owned);

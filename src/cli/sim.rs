@@ -192,8 +192,8 @@ fn named(arguments: &Arguments, rig: &config::Rig) -> Result<[bool; 3], Failure>
     let is_meant = |node: &String, (name, position): (&String, Option<u16>)| {
         node == name || position.is_some_and(|position| *node == position.to_string())
     };
-    if let Some(stranger) = arguments.nodes.iter().find(|node| !devices.iter().any(|device| is_meant(node, *device))) {
-        let message = format!("--nodes names {stranger}, which the rig does not have");
+    if let Some(unknown) = arguments.nodes.iter().find(|node| !devices.iter().any(|device| is_meant(node, *device))) {
+        let message = format!("--nodes names {unknown}, which the rig does not have");
         let known = names(rig, [true; 3]).join(", ");
         return Err(Failure::new(Exit::Usage, message, format!("its devices are {known}")));
     }

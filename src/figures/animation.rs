@@ -257,7 +257,7 @@ fn texts(name: &str, width: f64, trace: &Trace, rows: &[&Row], throw: Option<&Th
         + &text([4.0, 66.0], SMALL, true, &end)
 }
 
-/// How the tool went on after the hand had let go for good.
+/// Motion of the tool after the hand has let go for good.
 struct Throw {
     from_m: [f64; 2],
     to_m: [f64; 2],

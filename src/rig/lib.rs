@@ -4,7 +4,7 @@
 //! config -> assembly -> run::Runner [ Master [ Cycle ] ] <-> place in virtual time [ VirtualBus <-> Drive x2, ForceSensor <-> World (arm, hand) ]
 //! ```
 //! The place of [`EmbeddedRig`] processes events in order of virtual time: frames that arrive, and moments for which devices
-//! or the loop wait. [`DeviceServer`] puts the same devices on any other CAN bus, [`SegmentServer`] those of a rig on EtherCAT.
+//! or the loop wait. The [`DeviceServer`] puts the same devices on any other CAN bus, [`SegmentServer`] those of a rig on EtherCAT.
 //! [`ImpedanceRig`] is the device without a bus.
 
 pub mod analysis;

@@ -18,9 +18,9 @@ pub enum Excuse {
     /// A broken link had kept the set-point.
     Kept,
     /// The drive reported nothing in the cycle.
-    Untold,
+    Unreported,
     /// The drive reported twice in the cycle.
-    ToldTwice,
+    ReportedTwice,
     /// The drives are not enabled, and the target follows the joint.
     Follows,
     /// The joint turned so far between the two moments that are compared.
@@ -59,8 +59,8 @@ impl Excuse {
         Self::EarlierInjection,
         Self::SmallJump,
         Self::Kept,
-        Self::Untold,
-        Self::ToldTwice,
+        Self::Unreported,
+        Self::ReportedTwice,
         Self::Follows,
         Self::Turned,
         Self::Start,
@@ -85,8 +85,8 @@ impl Excuse {
             Self::EarlierInjection => "earlier-injection",
             Self::SmallJump => "small-jump",
             Self::Kept => "kept",
-            Self::Untold => "untold",
-            Self::ToldTwice => "told-twice",
+            Self::Unreported => "unreported",
+            Self::ReportedTwice => "reported-twice",
             Self::Follows => "follows",
             Self::Turned => "turned",
             Self::Start => "start",
@@ -112,8 +112,8 @@ impl Excuse {
             Self::EarlierInjection => "the fault counts over a window of cycles, which an earlier injection has filled",
             Self::SmallJump => "the encoder's jump is within what a joint may turn in three cycles",
             Self::Kept => "a broken link had kept the set-point, and nobody knows of which cycle it is",
-            Self::Untold => "the drive reported nothing in this cycle: its angle is predicted",
-            Self::ToldTwice => {
+            Self::Unreported => "the drive reported nothing in this cycle: its angle is predicted",
+            Self::ReportedTwice => {
                 "the drive reported twice in one cycle after a cycle without a report, and either may be late"
             }
             Self::Follows => "the drives are not enabled yet: the target moves nothing and follows the joint",
@@ -131,8 +131,7 @@ impl Excuse {
                 "the drives were enabled, or being enabled, on an arm that a hand carried outward: it takes way to stop"
             }
             Self::TorqueLimit => {
-                "a drive gives all it may, or did so within the cycles over which the guard takes a mean: the arm goes where the \
-                 hand pushes it, not with the reference"
+                "a drive is at its torque limit, or was so just before: the arm follows the hand, not the reference"
             }
             Self::Noiseless => "without noise a hand at rest looks like a converter that hangs",
             Self::TooFew => "the run broke off after so few reactions that they are no rate",

@@ -61,7 +61,7 @@ pub(super) fn add(findings: &mut Vec<Finding>, finding: Finding) {
     match findings.len() {
         len if len < MAX_FINDINGS => findings.push(finding),
         MAX_FINDINGS => findings.push(Finding {
-            message: "there are more oddities than are told".to_owned(),
+            message: "there are more oddities than are shown".to_owned(),
             help: "fix the others first; is this a data sheet?",
             ..finding
         }),

@@ -229,7 +229,7 @@ fn oddities_of_a_hostile_file_are_told_up_to_a_number() {
     let junk = format!("{SMALL}{}", "what is this\n".repeat(5 * MAX_FINDINGS));
     let findings = read(&junk).findings;
     assert_eq!(findings.len(), MAX_FINDINGS + 1);
-    assert!(findings.last().unwrap().message.contains("more oddities than are told"), "{:?}", findings.last());
+    assert!(findings.last().unwrap().message.contains("more oddities than are shown"), "{:?}", findings.last());
 }
 
 #[test]

@@ -58,8 +58,8 @@ pub enum SegmentFailure {
     },
     /// Frames come back, and no device has passed them on.
     #[error(
-        "{tries} frames were sent and came back as they were sent: no device has processed them, so take out the plug that leads them back, or \
-         name the interface that the devices are at"
+        "{tries} frames came back, and no device has processed them: unplug the cable that leads them back, or name the interface of \
+         the devices"
     )]
     CameBack {
         /// Frames that were sent.
@@ -180,7 +180,7 @@ pub enum SegmentFailure {
     NoClock,
     /// SYNC0 was not set up in time.
     #[error(
-        "SYNC0 was set up {tries} times and each time too late: frames are lost or this computer stands still, so look at the cable and run on a \
+        "SYNC0 was set up too late {tries} times, since frames are lost or this computer stands still: check the cable, or run on a \
          computer that wakes up in time"
     )]
     Sync0Late {
@@ -200,8 +200,8 @@ pub enum SegmentFailure {
     },
     /// The clocks did not come together.
     #[error(
-        "the clocks are {error_ns} ns apart after {waited_ms} ms: raise the cycle time, or run on a computer that wakes up in time; simulated \
-         devices want the same `--pace` as this program"
+        "the clocks are {error_ns} ns apart after {waited_ms} ms: raise the cycle time, or run on a computer that wakes up in time. \
+         Simulated devices need the same `--pace` as this program"
     )]
     Unsettled {
         /// The greatest difference, in ns.

@@ -60,7 +60,7 @@ struct Change {
 struct ChangeEffect {
     is_refused: bool,
     /// The keys of the warnings that are made without a run.
-    told: Vec<String>,
+    reported: Vec<String>,
     /// Whether one of those says that the rig is unstable.
     is_unstable: bool,
     /// Failure of the run, if it did not end well.
@@ -145,7 +145,7 @@ fn attempt(bases: &[Base], change: &Change) -> ChangeEffect {
     *number = changed(number, change.what).unwrap();
     let mut checked = Checked::of(files(&machine, &scene));
     let is_refused = checked.findings.iter().any(|finding| finding.severity == Severity::Error);
-    let told: Vec<String> = checked.findings.iter().map(|finding| finding.key.clone()).collect();
+    let reported: Vec<String> = checked.findings.iter().map(|finding| finding.key.clone()).collect();
     let is_unstable = checked.findings.iter().any(|finding| {
         finding.severity == Severity::Warning
             && (finding.message.contains("is unstable") || finding.message.contains("loop unstable"))
@@ -160,7 +160,7 @@ fn attempt(bases: &[Base], change: &Change) -> ChangeEffect {
         traces_as(&before, &after)
     };
     let ends = rehearsal.finding.map(|finding| format!("{}: {}", finding.key, finding.message));
-    ChangeEffect { is_refused, told, is_unstable, ends, is_as_before, is_false }
+    ChangeEffect { is_refused, reported, is_unstable, ends, is_as_before, is_false }
 }
 
 /// Whether nothing ended or held a run, and the tool traces as in the other run.
@@ -228,7 +228,7 @@ fn wanted(all: usize) -> (usize, u64) {
 }
 
 #[test]
-fn every_change_that_ends_a_run_is_told() {
+fn every_change_that_ends_a_run_is_reported() {
     let bases = bases();
     let mut tried = changes(&bases);
     let (count, seed) = wanted(tried.len());
@@ -242,19 +242,19 @@ fn every_change_that_ends_a_run_is_told() {
     }
     let outcomes = attempt_all(&bases, &tried);
     let [mut held_by_friction, mut false_ones] = [vec![], vec![]];
-    let [mut refused, mut told, mut run_alone, mut fine, mut unstable] = [0; 5];
+    let [mut refused, mut reported, mut run_alone, mut fine, mut unstable] = [0; 5];
     for (change, outcome) in tried.iter().zip(&outcomes) {
         let file = if change.is_in_scene { "its scene" } else { "" };
         let line = format!("{} {file} {} {}", bases[change.base].name, change.pointer, CHANGES[change.what].0);
-        let ChangeEffect { is_refused, told: keys, is_unstable, ends, is_as_before, is_false } = outcome;
+        let ChangeEffect { is_refused, reported: keys, is_unstable, ends, is_as_before, is_false } = outcome;
         let found = match (is_refused, keys.is_empty(), ends) {
             (true, ..) => {
                 refused += 1;
                 "refused"
             }
             (_, false, _) => {
-                told += 1;
-                "told"
+                reported += 1;
+                "reported"
             }
             (_, true, Some(_)) => {
                 run_alone += 1;
@@ -276,13 +276,13 @@ fn every_change_that_ends_a_run_is_told() {
         }
     }
     println!(
-        "{} changes: {refused} refused, {told} told, {run_alone} reported by a run alone, {fine} fine; of {unstable} said to be unstable {} run well by \
-         their friction alone, and {} are so falsely\n{held_by_friction:#?}\n{false_ones:#?}",
+        "{} changes: {refused} refused, {reported} reported, {run_alone} shown by a run alone, {fine} fine; {unstable} unstable, of which {} run well by friction and \
+         {} falsely\n{held_by_friction:#?}\n{false_ones:#?}",
         tried.len(),
         held_by_friction.len(),
         false_ones.len()
     );
-    assert!(refused + told > 0 && fine > 0, "seed {seed}");
+    assert!(refused + reported > 0 && fine > 0, "seed {seed}");
     assert!(
         false_ones.len() as f64 <= (MOST_FALSE * unstable as f64).max(1.0),
         "seed {seed}: {} of {unstable} falsely: {false_ones:#?}",

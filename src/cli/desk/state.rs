@@ -36,7 +36,7 @@ pub(crate) struct Arguments {
     disable_voltage: bool,
     /// EtherCAT: change the state even if another master controls the devices
     ///
-    /// That master loses control of the devices, and moving drives stop by their watchdogs.
+    /// The other master loses control of the devices, and moving drives stop by their watchdogs.
     #[arg(long, requires = "target")]
     take_over: bool,
     /// Print what would be written, and write nothing

@@ -106,8 +106,8 @@ pub(super) fn check_measured_loop(
         return Err(refused(message, &again));
     }
     let message = format!(
-        "with the measured delay of {:.2} cycles the gains leave a gain margin of +{:.1}/-{:.1} dB and a phase margin of {:.0} degrees at the worst pose \
-         along the surface (limits {gain_db} dB and {phase_deg} degrees)",
+        "with the measured delay of {:.2} cycles the worst pose has gain margins of +{:.1}/-{:.1} dB and a phase margin of {:.0} \
+         degrees (limits {gain_db} dB, {phase_deg} degrees)",
         margins.delay_cycles, worst.gain_db, worst.gain_reduction_db, worst.phase_deg
     );
     Err(refused(message, &again))
@@ -134,7 +134,7 @@ mod tests {
         let rig = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap();
         assert!(check_measured_loop(&rig, &folder, "--bus can0").is_ok(), "nothing was measured");
         // At the poses at which the simulated arm begins: as the file has it, and 0.6 ms later.
-        let refusals = [(1.0e-3, ""), (1.6e-3, "leave a gain margin of +"), (8e-3, "make the loop unstable")];
+        let refusals = [(1.0e-3, ""), (1.6e-3, "has gain margins of +"), (8e-3, "make the loop unstable")];
         for (delay_s, refusal) in refusals {
             let joint = |pose_rad| JointFound { inertia_kg_m2: 0.34, pose_rad, delay_s, viscous_n_m_s_per_rad: 0.5 };
             let joints = [[2.2, 0.69], [2.1, 0.79]].map(joint);

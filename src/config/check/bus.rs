@@ -11,8 +11,8 @@ const BIT_RATES: [u32; 8] = [10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 
 pub const HEARTBEAT_CYCLES: u64 = 2;
 
 /// Remedies if two drives have one node-ID.
-const AXIS_OR_NODE: &str = "give each node of a bus its own node-ID from 1 to 127, here and in the device; drives of one device of several axes \
-                            write `axis: 0` and `axis: 1` beside it";
+const AXIS_OR_NODE: &str = "give each node of a bus its own node-ID from 1 to 127, here and in the device. Drives of one device of \
+                            several axes need `axis: 0` and `axis: 1`";
 
 /// Checks that the buses exist and are in use, and that every node of a bus has its own number.
 pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {

@@ -138,8 +138,8 @@ fn check_torque_steps(findings: &mut Findings, rig: &Rig) {
         if (1.0..LEAST_TORQUE_STEPS).contains(&steps) {
             let key = format!("drives[{index}].rated_torque_n_m");
             let message = format!(
-                "`{key}` is {rated} N m: the drive is told torques in steps of {} N m, of which \
-                 `guard.torque_limit_n_m` of {limit} N m has {}",
+                "`{key}` is {rated} N m: the drive takes torques in steps of {} N m, and `guard.torque_limit_n_m` of {limit} N m has \
+                 {} of them",
                 round(rated / 1000.0),
                 round(steps)
             );

@@ -47,7 +47,7 @@ fn check_cycle(findings: &mut Findings, rig: &Rig) {
                     "`cycle.compute_at_us` is {compute} us, not below `cycle.period_us` of {period} us: the control step \
                      would run after the next SYNC"
                 ),
-                "leave time for the TPDOs before it and for the RPDOs after it; a CAN bus of 1 Mbit/s with two drives and a sensor \
+                "leave time for the TPDOs before it and for the RPDOs after it. A CAN bus of 1 Mbit/s with two drives and a sensor \
                  needs about 1000 us, and `yieldwall bus budget` shows the range",
             )
             .see("cycle.period_us", "period_us");

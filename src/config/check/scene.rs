@@ -28,7 +28,7 @@ const LEAST_DAMPING_RATIO: f64 = 0.15;
 /// Least distance of the start of an arc from its centre, m.
 const MIN_ARC_RADIUS_M: f64 = 1e-9;
 
-/// Largest mass of a hand, kg: a whole person. An arm acts with 0.5 to 3 kg at the tool.
+/// Largest mass of a hand, kg. An arm acts with 0.5 to 3 kg at the tool.
 const MAX_HAND_KG: f64 = 100.0;
 /// Largest stiffness of a hand, N/m. Arms reach some 3000 N/m; beyond this limit the tool is clamped, not held.
 const MAX_HAND_N_PER_M: f64 = 1e5;

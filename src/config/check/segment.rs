@@ -66,8 +66,8 @@ fn check_counts(findings: &mut Findings, rig: &Rig) {
     if rig.simulation.is_some() && !(is_plain && has_counts) {
         let message = "the simulated sensor on EtherCAT has one number of counts per N and one per N m, as it says itself, and \
                        `sensor.calibration` is no such matrix";
-        let help = "write N per count three times and N m per count three times along the diagonal, from 1e-9 to 1, and 0 elsewhere; a rig \
-                    without `simulation` may have any matrix";
+        let help = "write N per count three times and N m per count three times along the diagonal, from 1e-9 to 1, and 0 elsewhere. \
+                    A rig without `simulation` may have any matrix";
         findings.error("sensor.calibration", message, help);
     }
 }

@@ -155,7 +155,7 @@ pub struct JointElasticity {
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct Hand {
-    /// Mass of the hand, which moves with the tool, kg. 0 to 100: no person is heavier.
+    /// Mass of the hand, which moves with the tool, kg. 0 to 100. Arms of people have 0.5 to 3.
     #[garde(dive)]
     pub mass_kg: NotNegative,
     /// Stiffness between aim point and tool, N/m. Above 0, at most 100 000. Arms of people have 100 to 3000.

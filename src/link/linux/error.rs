@@ -70,8 +70,8 @@ pub enum LinkError {
     },
     /// The driver does not report when a frame has left.
     #[error(
-        "the driver of `{interface}` ({}) does not report when a frame has left, and without that a frame that is stuck cannot \
-         be told from one that was sent. No option changes that: take an adapter whose `ip -details link show` has ECHO among \
+        "the driver of `{interface}` ({}) does not report when a frame has left, so that a stuck frame looks like a sent one. No \
+         option changes that: take an adapter whose `ip -details link show` has ECHO among \
          its flags; docs/adapters.md",
         .driver.as_deref().unwrap_or("of unknown name")
     )]

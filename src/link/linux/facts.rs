@@ -210,7 +210,7 @@ impl InterfaceFacts {
                     self.name
                 ),
             )
-            .follows("hardware tells when they have left; make the interface again after this")
+            .follows("hardware reports when they have left. Make the interface again after this")
             .fix("sudo modprobe -r vcan && sudo modprobe vcan echo=1"),
             Some(false) => LinkError::NoEcho { interface: self.name.clone(), driver: self.driver.clone() }.check(),
         }

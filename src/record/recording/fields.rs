@@ -227,7 +227,7 @@ fn outputs<V: Visitor>(record: &mut CycleRecord, v: &mut V) {
         JointCommand::Velocity(rates) => (CommandKind::Velocity, rates.to_array()),
         JointCommand::Torque(torques) => (CommandKind::Torque, torques.to_array()),
     };
-    v.visit(field("command_kind", "", "what the joints are told"), &mut kind);
+    v.visit(field("command_kind", "", "kind of the joint commands"), &mut kind);
     v.visit(field("command_left", "rad, rad/s or N m", "command of the left joint, by `command_kind`"), &mut left);
     v.visit(field("command_right", "rad, rad/s or N m", "command of the right joint, by `command_kind`"), &mut right);
     record.command = match kind {

@@ -262,7 +262,8 @@ fn missing(survey: &Survey, sheet: Option<&Eds>) -> Vec<String> {
     );
     put(
         survey.has_rpdo_timer,
-        "what the drive does when the event timer of an RPDO runs out (`reaction`): taken for nothing; write abort_connection, fault or nothing by the manual, or as the drill shows it",
+        "what the drive does when the event timer of an RPDO runs out (`reaction`): taken for nothing. Write abort_connection, fault \
+         or nothing by the manual, or as the drill shows it",
     );
     put(
         is_on_can,

@@ -125,7 +125,7 @@ fn alive(facts: &NodeFacts, around: &Around) -> Check {
     let (name, arguments, raw) = (&around.name, &around.arguments, facts.node.raw());
     let (answered, asked) = (cob::sdo_response(facts.node), cob::sdo_request(facts.node));
     let is_answering = facts.is_answering();
-    let state = facts.state.map_or(" and tells no state", state_words);
+    let state = facts.state.map_or(" and reports no state", state_words);
     if facts.state == Some(NmtState::Stopped) {
         return Check::wrong("stopped", format!("{name} is in Stopped"))
             .follows("there it answers no SDO; it is there, and the bus is good")
@@ -168,7 +168,7 @@ fn alive(facts: &NodeFacts, around: &Around) -> Check {
                  communication brings the default back"
             ))
             .fix(format!("yieldwall nmt {raw} reset-comm{arguments}")),
-        None => Check::wrong("stopped", format!("{name} is heard, and tells neither its state nor an object"))
+        None => Check::wrong("stopped", format!("{name} is heard, and reports neither its state nor an object"))
             .follows("in Stopped a node answers no SDO")
             .fix(format!("yieldwall nmt {raw} preop{arguments}")),
     }
@@ -220,8 +220,8 @@ fn identifiers(facts: &NodeFacts, around: &Around) -> Check {
             return Check::ok("identifiers", format!("{count} answers came under {own:03X}h, as they should"));
         }
     };
-    let follows = "the adapter delivers wrong identifiers, or the device answers under another one (1200h): try another \
-                   adapter. This tells driver and firmware, of which there may be newer ones";
+    let follows = "the adapter delivers wrong identifiers, or the device answers under another one (1200h): try another adapter. The \
+                   command shows its driver and firmware: look for newer ones";
     with_command(Check::wrong("identifiers", found), around, follows, |interface| format!("ethtool -i {interface}"))
 }
 
@@ -294,8 +294,8 @@ fn with_command(check: Check, around: &Around, follows: &str, command: impl Fn(&
 fn with_bit_rates(check: Check, around: &Around, follows: &str) -> Check {
     let Some(bit_rate) = around.bit_rate else { return check.follows(follows.trim_end_matches('.')) };
     let follows = format!(
-        "{follows} The command listens for 3 s at each of the usual bit rates, sends nothing meanwhile, and puts {bit_rate} \
-         bit/s back, also after Ctrl-C; switch the device off and on again while it runs"
+        "{follows} The command listens for 3 s at each of the usual bit rates and sends nothing. It puts {bit_rate} bit/s back, also \
+         after Ctrl-C. Switch the device off and on again while it runs"
     );
     with_command(check, around, &follows, |interface| listen_at_bit_rates(interface, bit_rate))
 }

@@ -204,7 +204,7 @@ fn wrong_identifiers_are_not_taken_for_nodes_that_are_there() {
     let checks = judge(&facts, &around(1));
     let found: Vec<&str> = checks.iter().map(|check| check.found.as_str()).collect();
     assert!(found.iter().any(|found| found.ends_with("more came under identifiers of nodes 5, 6 and 14")), "{found:?}");
-    assert!(found.contains(&"node 1 is there and tells no state"), "{found:?}");
+    assert!(found.contains(&"node 1 is there and reports no state"), "{found:?}");
     assert!(!found.iter().any(|found| found.contains("there beside it")), "{found:?}");
 }
 

@@ -368,9 +368,9 @@ impl Frames {
             CommandMode::Position => sent.away(joint).is_none_or(|away| away > tolerance::FIRST_TARGET_COUNTS),
         };
         let kept = sent.is_kept.then_some(Excuse::Kept);
-        let untold = (is_position && !sent.is_fresh).then_some(Excuse::Untold);
-        let told_twice = sent.was_told_both_enabled().then_some(Excuse::ToldTwice);
-        let excuse = kept.or(untold).or(told_twice);
+        let unreported = (is_position && !sent.is_fresh).then_some(Excuse::Unreported);
+        let reported_twice = sent.was_told_both_enabled().then_some(Excuse::ReportedTwice);
+        let excuse = kept.or(unreported).or(reported_twice);
         findings.expect_unless(Invariant::MovesEnabled, !is_motion || sent.knew_both_enabled(), excuse, || {
             format!("set-point {setpoint:x?} moves joint {joint} while the drives report {:x?}", sent.known)
         });

@@ -217,7 +217,7 @@ fn check_measured(limits: &Limits, seen: &Observation, before_rad: [f64; 2], fin
         let turned = (seen.truth.angles_rad[joint] - before_rad).abs() + counts_rad;
         let excuse = match () {
             () if is_false => Some(Excuse::Falsified),
-            () if !has_told(joint) => Some(Excuse::Untold),
+            () if !has_told(joint) => Some(Excuse::Unreported),
             () => (away <= turned).then_some(Excuse::Turned),
         };
         findings.expect_unless(Invariant::WrappingCounters, false, excuse, || {

@@ -236,11 +236,16 @@ fn i1_i9_of_two_reports_after_none_either_may_be_the_one_that_counts() {
         let second = run.seen[at + 1].frames[place];
         run.change_statusword(at + 1, 1, 0x1235);
         run.seen[at + 1].frames.insert(place + 1, second);
-        assert_eq!(run.excused(Invariant::MovesEnabled, Excuse::ToldTwice), (Vec::new(), 2), "{:?}", run.limits.mode);
+        assert_eq!(
+            run.excused(Invariant::MovesEnabled, Excuse::ReportedTwice),
+            (Vec::new(), 2),
+            "{:?}",
+            run.limits.mode
+        );
         // It is still the last one where the next cycle brings none.
         let next = run.status_place(at + 2, 1);
         let third = run.seen[at + 2].frames.remove(next);
-        assert_eq!(run.excused(Invariant::MovesEnabled, Excuse::ToldTwice).0, Vec::new(), "{:?}", run.limits.mode);
+        assert_eq!(run.excused(Invariant::MovesEnabled, Excuse::ReportedTwice).0, Vec::new(), "{:?}", run.limits.mode);
         run.seen[at + 2].frames.insert(next, third);
         run.seen[at + 1].frames.remove(place + 1);
         expect_found(&run, Invariant::MovesEnabled, at + 2);

@@ -29,7 +29,7 @@ const REST_S: f64 = 0.4;
 const TRACE_S: f64 = 1.5;
 const TRACE_RAD: f64 = 0.8;
 /// Impacts of a rig, each at another phase of the cycle.
-pub(super) const IMPACTS: u32 = 12;
+pub(super) const IMPACTS: u32 = 8;
 /// A proxy that is farther beyond the circle than this, in m, went through.
 const THROUGH_M: f64 = 1e-6;
 /// The hold of the trace and of every other impact.
@@ -39,8 +39,9 @@ const HOLD_S: f64 = 0.15;
 const PHASES: u32 = 8;
 /// Where the search for the least mass begins if none is printed: kg for each ms of the cycle.
 const GUESS_KG_PER_MS: f64 = 0.2;
-/// By how much a mass of the search is changed at a time.
-const STEP: f64 = 1.15;
+/// Factors by which the search changes the mass: near a printed mass, and from a guess.
+const NEAR: f64 = 1.04;
+const FAR: f64 = 1.15;
 /// Cycles that are computed again for their time, behind these, and how often.
 const SKIPPED: u32 = 700;
 const TIMED: u32 = 2000;
@@ -130,8 +131,11 @@ pub(super) fn least_kg(machine: &Machine) -> Result<(Option<f64>, Option<f64>), 
     let held = held_masses(rig, scene, &[grip], 1.0).map_err(|error| error.to_string())?;
     let printed = held.iter().flatten().find_map(|held| held.masses);
     let guess_kg = GUESS_KG_PER_MS * f64::from(rig.cycle.period_us) * 1e-3;
-    let (start_kg, at_m) = printed.map_or((guess_kg, [RADIUS_M, 0.0]), |masses| (masses.least_kg, masses.least_at_m));
-    let run_kg = Bench::new(rig, scene, &grip, at_m, PHASES).edge_kg(start_kg, STEP, STEP)?;
+    let (start_kg, at_m, step) = match printed {
+        Some(masses) => (masses.least_kg, masses.least_at_m, NEAR),
+        None => (guess_kg, [RADIUS_M, 0.0], FAR),
+    };
+    let run_kg = Bench::new(rig, scene, &grip, at_m, PHASES).edge_kg(start_kg, step, step)?;
     Ok((printed.map(|masses| masses.least_kg), run_kg))
 }
 

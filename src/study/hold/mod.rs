@@ -5,7 +5,7 @@
 //! damping; the sensor reads the force of the grip. Its voluntary force aims at a velocity and never exceeds its own limit, which
 //! is below `R`. The linkage of [`bench`](super::bench) is left out.
 //!
-//! A row is 3000 hands under one rule. How many break through has Wilson's interval of 95 % beside it.
+//! A row is 1000 hands under one rule. How many break through has Wilson's interval of 95 % beside it.
 
 mod draw;
 pub(super) mod page;
@@ -19,7 +19,7 @@ use self::trial::{
 use super::sweep::{Clock, Report, Row, Study, Sweep, Table, median, wilson};
 
 /// Hands of a row.
-const CASES: u64 = 3000;
+const CASES: u64 = 1000;
 /// Seed of all hands, and another one.
 const SEED: u64 = 2026;
 const OTHER_SEED: u64 = 2027;

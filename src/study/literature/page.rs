@@ -75,7 +75,7 @@ pub(crate) fn statements(tables: &Tables<'_>) -> Result<String, PageError> {
                 "Kikuuwe 2019",
                 "a bounded law is the unbounded one until it saturates",
                 format!(
-                    "with the same errors, PSMC and PID differ in the last {:.0} of 53 bits, since PSMC adds in another order",
+                    "with the same errors, PSMC and PID differ in the last {:.0} of 53 bits: their sums have another order",
                     law("PSMC").number("differing_bits")?.ceil()
                 ),
             ),
@@ -83,7 +83,7 @@ pub(crate) fn statements(tables: &Tables<'_>) -> Result<String, PageError> {
                 "Kikuuwe 2019",
                 "after saturation it neither snaps back nor overshoots",
                 format!(
-                    "let go, PID snaps back by {} rad/s and overshoots by {} rad; PSMC with its reference drawn back moves by {} rad/s and overshoots by {} mrad",
+                    "PID: {} rad/s back, {} rad over; PSMC with its reference drawn back: {} rad/s, {} mrad",
                     number(&pid, "fastest_rad_per_s", 2)?,
                     number(&pid, "overshoot_rad", 2)?,
                     number(&drawn, "fastest_rad_per_s", 2)?,
@@ -124,7 +124,7 @@ pub(crate) fn statements(tables: &Tables<'_>) -> Result<String, PageError> {
                 "Budai et al. 2019",
                 "dry friction stops an unstable loop, from small starts, with a concave envelope",
                 format!(
-                    "{} of {} starts stop, all below the even swing, after {:.0} to {:.0} ms (first harmonic: {:.0} to {:.0} ms); each turn but the last loses more than the one before",
+                    "{} of {} starts stop, after {:.0} to {:.0} ms (first harmonic: {:.0} to {:.0} ms), with a concave envelope",
                     stopped.count(),
                     swings.all().count(),
                     1e3 * stopped.least("time_s")?,

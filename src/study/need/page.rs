@@ -76,7 +76,8 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     let needed = table.all().with("is_needed", true);
     Ok(bullets(&[
         format!(
-            "Terms that are left out **buy little time**: the models of the rings are at most {} times as fast as those with all terms. Rows: {}.",
+            "Terms that may be left out within the tolerance **buy little time**: the models of the rings are at most {} times as \
+             fast as those with all terms. Rows: {}.",
             digits(most, 2),
             needed.places()
         ),

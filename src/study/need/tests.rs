@@ -39,7 +39,7 @@ impl Dice {
     }
 }
 
-/// A machine and a scene of two seconds from a seed: kinds by turns, everything else by chance.
+/// A machine and a scene of two seconds from a seed: the kind in turn, everything else by chance.
 fn drawn(seed: u64) -> Subject {
     let dice = &mut Dice(SplitMix64::seed_from_u64(seed));
     let (machine, scene) = [

@@ -56,12 +56,14 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     gives.check("plastic that gives way there is faster than none", |row| row.number("time_high_s") < low_s)?;
     Ok(bullets(&[
         format!(
-            "With plastic of {YIELD_N} N a user who slows down with the error seen takes **{held_s:.1} s in every band** of 2 to 32 mm, and without a fixture {wide_s:.1} to {narrow_s:.1} s. Rows: {}, {}.",
+            "A user who slows down with the error seen takes **{held_s:.1} s in every band** of 2 to 32 mm with plastic of {YIELD_N} \
+             N. Without a fixture it takes {wide_s:.1} to {narrow_s:.1} s. Rows: {}, {}.",
             plastic.places(),
             free.places()
         ),
         format!(
-            "**A fixture in the wrong place holds there**: 4 mm beside the way, on the edge of a band of 8 mm, users take {:.1} s with plastic of {YIELD_N} N, {:.1} s without a fixture, and {:.1} s with plastic of {} N, which gives way. Rows: {}.",
+            "**A fixture on the edge of the band can hold users there**. With its reference 4 mm beside the way they take {:.1} s \
+             with plastic of {YIELD_N} N. They take {:.1} s without a fixture, and {:.1} s with plastic of {} N, which gives way. Rows: {}.",
             held.number("time_s")?,
             without.number("time_s")?,
             gives.number("time_s")?,

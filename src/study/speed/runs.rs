@@ -20,7 +20,7 @@ pub(super) const WIDTH_BESIDE_M: f64 = 0.008;
 /// Yield forces, in N.
 pub(super) const YIELDS_N: [f64; 2] = [5.0, 20.0];
 /// Users of a row: seeds of aim and tremor.
-pub(super) const USERS: u64 = 120;
+pub(super) const USERS: u64 = 40;
 /// Lengths of the way on the circle over the usual one.
 pub(super) const LENGTH_SHARES: [f64; 2] = [0.5, 1.5];
 /// The laws that are tried at those.

@@ -72,20 +72,24 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     relation(many > some && some > 0.0, "the more samples are lost, the more energy comes back", lost.iter())?;
     Ok(bullets(&[
         format!(
-            "At 3000 N/m and up to 3 cycles of delay the usual crossover formula asks for **{crossover} to {crossover_most} kg** of virtual mass where the sampled loop needs {exact} to {exact_most} kg. Up to 1000 N/m, one cycle late, it asks for as little as {} of the need. Rows: {}, {}.",
+            "At 3000 N/m, 15 N s/m and up to 3 cycles of delay the usual crossover formula asks for **{crossover} to \
+             {crossover_most} kg**. The sampled loop needs {exact} to {exact_most} kg of virtual mass. Up to 1000 N/m, one cycle \
+             late, the formula asks for as little as {} of the need. Rows: {}, {}.",
             digits(share, 2),
             late.places(),
             soft.places()
         ),
         format!(
-            "A push below F moves the proxy of the fixture **by nothing, to the last bit**. With tanh of the last velocity in place of its friction the proxy creeps or chatters by {} to {} mm in 1 s. Rows: {}, {}.",
+            "A constant push of up to {} F moves the proxy of the fixture **by nothing, to the last bit**. With tanh of the last velocity in place of its friction the proxy creeps or chatters by {} to {} mm in 1 s. Rows: {}, {}.",
+            digits(below.greatest("push_over_friction")?, 2),
             digits(1e3 * smooth.least("moved_m")?, 2),
             digits(1e3 * smooth.greatest("moved_m")?, 2),
             below.with("law", "proxy").places(),
             smooth.places()
         ),
         format!(
-            "With a hand of 3000 N/m and a proxy of 0.5 kg, a rig that loses ten force samples in a row **gives back energy**: {} mJ with 20 % of the samples lost and {} mJ with 70 %, means of 8 runs. Rows: {}.",
+            "A rig that loses ten force samples in a row **can give back energy** to a hand of 3000 N/m with a proxy of 0.5 kg. Means \
+             of 8 runs are {} mJ with 20 % of the samples lost and {} mJ with 70 %. Rows: {}.",
             digits(some, 2),
             digits(many, 2),
             lost.places()

@@ -214,7 +214,7 @@ fn map(errors: &Table) -> Chart {
     }
     Chart {
         title: format!(
-            "Which law errs least at each R by a tenth and more, user by user, circle at {SPEED_M_PER_S} m/s"
+            "Law of the least error at each R, by a tenth and more, user by user, circle at {SPEED_M_PER_S} m/s"
         ),
         panels,
     }

@@ -20,9 +20,9 @@ pub(super) const AIM_M: f64 = 0.005;
 /// Errors of the aim at which rows are computed again.
 pub(super) const AIMS_AGAIN_M: [f64; 2] = [0.005, 0.01];
 /// Users of a row: seeds of tremor and aim.
-pub(super) const USERS: u64 = 240;
+pub(super) const USERS: u64 = 100;
 /// Users who are run on the whole rig and with half the step too.
-const FEW_USERS: u64 = 24;
+const FEW_USERS: u64 = 6;
 /// Press off the way on the rig, in N.
 pub(super) const PRESS_N: f64 = 16.0;
 

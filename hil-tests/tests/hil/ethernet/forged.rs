@@ -112,14 +112,14 @@ fn forged_frames_are_named_and_take_no_watchdog_away() {
     }
 }
 
-/// One round; `false` if the computer was too late for a judgement.
+/// Plays one round. Returns `false` if the computer was too late for a judgement.
 fn is_judged(slow: &Slow, seed: u64) -> bool {
     let mut dice = Dice(seed);
     let (devices, master) = slow.running();
     let before = watchdogs(&devices);
     pause(&mut dice, 700);
     let (_, outputs) = devices.seen().outputs.expect("outputs came");
-    // Each kind comes by turns, each second time the master ends at once.
+    // The kinds alternate. In half of the rounds the master is killed.
     let (kind, is_killed) = (seed as usize % KINDS.len(), dice.below(2) == 0);
     let frame = forged(kind, &outputs, dice.below(2) as u16, dice.below(256) as u8);
     let mut link = PacketSocket::open("veth0", Role::Node(99)).unwrap_or_else(|error| panic!("{error}"));

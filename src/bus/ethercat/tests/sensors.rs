@@ -113,8 +113,8 @@ fn another_sensor_is_refused_by_identity_process_data_or_counts_per_unit() {
     let message = refused(profile(scaled), by([1e6, 1e3]), short);
     assert_eq!(
         message,
-        "wrist (position 2): compare its counts per unit: object 2040h:50 holds 1000000 counts per unit, and `sensor.calibration` of the \
-         rig has 1000: write a calibration for 1000000 counts per N or N m, or set the unit of the sensor with its vendor's tool"
+        "wrist (position 2): compare its counts per unit: object 2040h:50 holds 1000000 counts per unit, and `sensor.calibration` \
+         has 1000: calibrate for 1000000, or set the unit with the vendor's tool"
     );
 }
 

@@ -371,7 +371,7 @@ pub(super) fn no_objects(words: &str, position: u16, arguments: &str, error: &Se
 
 /// Returns the failure of a request on an object of a device.
 pub(super) fn device_failure(message: String, error: Error, position: u16, arguments: &str) -> Failure {
-    object_failure(message, error, format!("`yieldwall state {position}{arguments}` tells its state"))
+    object_failure(message, error, format!("`yieldwall state {position}{arguments}` shows its state"))
 }
 
 /// Returns the failure of a request to a device.

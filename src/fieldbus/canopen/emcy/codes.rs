@@ -69,7 +69,7 @@ codes! {
     0x7310 "speed-limit", "speed above its limit", "the limit of the drive is below that of the rig, or the motor ran away", "compare `yieldwall info NODE` with the rig's speed limits; check the encoder's direction";
     0x7320 "position-limit", "position", "the position sensor is wrong, or the drive's position range is left", FEEDBACK;
     0x7500 "internal-communication", "communication inside the device", "a part of the device does not answer another one", DEFECT;
-    0x8110 "can-overrun", "CAN overrun, frames lost", "frames came faster than the device takes them", "`yieldwall bus budget RIG.yaml` tells the load; lengthen period_us or leave out devices";
+    0x8110 "can-overrun", "CAN overrun, frames lost", "frames came faster than the device takes them", "`yieldwall bus budget RIG.yaml` shows the load; lengthen period_us or leave out devices";
     0x8120 "can-error-passive", "CAN error passive", "many frames were damaged: cable, termination or bit rate", CHECK_BUS;
     0x8130 "heartbeat-lost", "heartbeat or life guarding lost", "the master went away, or its heartbeat came later than the device waits", "look why the master fell silent; compare heartbeat_ms with `yieldwall od read NODE 1016h:1`";
     0x8140 "bus-off-recovered", "recovered from bus-off", "the device left the bus for many damaged frames and came back", CHECK_BUS;
@@ -81,7 +81,7 @@ codes! {
     0x8311 "excess-torque", "excess torque", "the load is too heavy, or the drive's current loop is badly tuned", LOOP;
     0x8400 "speed-control", "speed control", "the drive does not keep its speed: blocked, too weak or badly tuned", LOOP;
     0x8500 "position-control", "position control", "the drive does not keep its position: blocked, too weak or badly tuned", LOOP;
-    0x8600 "positioning", "positioning", "the drive cannot go where it was told to", LOOP;
+    0x8600 "positioning", "positioning", "the drive cannot reach its target", LOOP;
     0x8611 "following-error", "following error above its window", "the arm is blocked, or gains or torque limit of the drive are too low", "free the arm; compare following-error-window and limits in `yieldwall info NODE` with the rig";
     0x8612 "reference-limit", "reference limit reached", "the target lies beyond the drive's position limits", "compare the drive's limits with the rig: `yieldwall od read NODE 607Dh:1 607Dh:2`";
 }

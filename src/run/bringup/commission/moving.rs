@@ -172,8 +172,8 @@ impl Bench<'_> {
         if 100.0 * (forth - back).abs() > PLAY_PERCENT {
             let play_deg = (1.0 - forth.min(back)) * ways[0][0].abs().to_degrees();
             return Err(Halt::Failed(format!(
-                "the link of {name} turned by {forth:.3} of its encoder angle, and by {back:.3} on the way back: about {play_deg:.1} deg of play \
-                 between motor and link; check gear and coupling"
+                "the link of {name} turned by {forth:.3} of its encoder angle, and by {back:.3} on the way back: about {play_deg:.1} \
+                 deg of play between motor and link. Check gear and coupling"
             )));
         }
         let counts = self.rig.drives[joint].encoder_counts_per_rev;
@@ -238,8 +238,8 @@ impl Bench<'_> {
             }
         }
         Err(Halt::Failed(format!(
-            "the joint of {} cannot turn by {:.0} deg in either direction, since a singularity or the edge of the workspace is near: move the \
-             arm to the middle of the workspace by hand",
+            "the joint of {} cannot turn by {:.0} deg in either direction, since a singularity or the edge of the workspace is near. \
+             Move the arm to the middle of the workspace by hand",
             self.name(joint),
             by_rad.to_degrees()
         )))

@@ -233,16 +233,16 @@ impl Bench<'_> {
             [("tool", tool), ("reference", reference)].into_iter().find(|(_, way)| way.goes_to_and_fro())
         {
             return Err(Halt::Failed(format!(
-                "the {name} oscillates by {:.2} mm without a hand, at {:.0} mm/s RMS: gains or virtual mass do not fit the delay of the loop; \
-                 `yieldwall tune loop` measures it and proposes gains{beside}",
+                "the {name} oscillates by {:.2} mm without a hand, at {:.0} mm/s RMS: gains or virtual mass do not fit the delay of \
+                 the loop. `yieldwall tune loop` measures it and proposes gains{beside}",
                 way.whole_mm, way.speed_mm_per_s
             )));
         }
         if farthest.farthest_mm > WAY_MM {
             let lead = if settling_s > 0.0 { ", or move the arm by hand nearer to its fixture" } else { "" };
             return Err(Halt::Failed(format!(
-                "the arm drifted by {:.1} mm within {time_s:.1} s without a hand, while {} shows {:.1} N: its zero is wrong, or a weight is \
-                 attached to the handle; set the zero at the sensor, or tare it (`sensor.tare_up_to_n`){lead}{beside}",
+                "the arm drifted by {:.1} mm within {time_s:.1} s without a hand, while {} shows {:.1} N: its zero is wrong, or a \
+                 weight is attached to the handle. Set the zero at the sensor, or tare it (`sensor.tare_up_to_n`){lead}{beside}",
                 farthest.farthest_mm,
                 self.rig.sensor.name,
                 mean.norm()

@@ -37,14 +37,15 @@ fn rendered() -> String {
         text.push_str("| fault | when: reaction, within, final state | meaning | frequent cause | what to do |\n");
         text.push_str("|---|---|---|---|---|\n");
         for row in TABLE.iter().filter(|row| row.stage == at) {
-            let each = |step: &Step| {
+            let FaultRow { name, meaning, cause, next, .. } = row;
+            let mut ends = (format!("`{name}`"), format!("{meaning} | {cause} | {next}"));
+            for step in row.steps {
                 let state = row.final_state(step.reaction);
                 let Step { reaction, bound, .. } = step;
-                format!("{}: **{reaction}**, {bound}, {state:?}", row.rate_in_words(step))
-            };
-            let steps: Vec<String> = row.steps.iter().map(each).collect();
-            let FaultRow { name, meaning, cause, next, .. } = row;
-            let _ = writeln!(text, "| `{name}` | {} | {meaning} | {cause} | {next} |", steps.join("<br>"));
+                let (first, last) = std::mem::replace(&mut ends, (String::new(), " | | ".to_owned()));
+                let rate = row.rate_in_words(step);
+                let _ = writeln!(text, "| {first} | {rate}: **{reaction}**, {bound}, {state:?} | {last} |");
+            }
         }
     }
     text
