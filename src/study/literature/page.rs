@@ -145,7 +145,8 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     slow.check("a cycle of 1 ms leaves more stiffness", |row| row.number("difference_percent") > 0.0)?;
     let is_assumed = |row: &Row<'_>| ["no integral part", "elastic transmission"].contains(&row.word("case"));
     Ok(bullets(&[format!(
-        "The loop agrees with **all {} limits of stiffness by the closed forms after Keemink et al.** In the limit of short cycles they differ by less than {} %, and a cycle of 1 ms raises them by {} to {} %. An assumption of ours is in {} of them. Rows: {}.",
+        "The continuous admittance agrees with **all {} limits of stiffness by the closed forms after Keemink et al.** to {} %. A \
+         sampled loop with a cycle of 1 ms raises them by {} to {} %. An assumption of ours is in {} of them. Rows: {}.",
         limit.count(),
         digits(MET_PERCENT, 1),
         digits(slow.least("difference_percent")?, 2),

@@ -72,9 +72,9 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     relation(many > some && some > 0.0, "the more samples are lost, the more energy comes back", lost.iter())?;
     Ok(bullets(&[
         format!(
-            "At 3000 N/m, 15 N s/m and up to 3 cycles of delay the usual crossover formula asks for **{crossover} to \
-             {crossover_most} kg**. The sampled loop needs {exact} to {exact_most} kg of virtual mass. Up to 1000 N/m, one cycle \
-             late, the formula asks for as little as {} of the need. Rows: {}, {}.",
+            "With the plain servo, a hand of 3000 N/m and 15 N s/m, and up to 3 cycles of delay the crossover formula asks for \
+             **{crossover} to {crossover_most} kg**. The sampled loop needs {exact} to {exact_most} kg of virtual mass. With hands \
+             of up to 1000 N/m, one cycle late, the formula asks for as little as {} of the need. Rows: {}, {}.",
             digits(share, 2),
             late.places(),
             soft.places()
