@@ -1,9 +1,9 @@
 //! The study's parts of `docs/studies.md`.
 
 use super::super::page::{PageError, Rows, Tables, bullets, length, markdown, relation};
-use super::CASES;
 use super::draw::DEFAULT;
 use super::trial::{RULES, Rule};
+use super::{CASES, ONSETS_MS};
 
 const GRIPS: [&str; 3] = ["usual", "soft", "little damped"];
 /// From the impact to the push, in s.
@@ -60,14 +60,17 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     Ok(bullets(&[
         format!(
             "An **automatic hold with a window of {window} ms** lets {through} of {CASES} hands with usual grips through at each of \
-             {} surfaces (95 %: up to {:.1} %). With soft grips {} to {} get through. A push of 1.5 R at the wall then takes {:.0} \
-             to {:.0} ms to break through, in the median; the lower end is its own rise. Rows: {}, {}, {}.",
+             {} surfaces (95 %: up to {:.1} %). With soft grips {} to {} get through. With usual grips a push of 1.5 R takes {:.0} \
+             to {:.0} ms to break through the wall, in the median. It begins {} to {} ms after the impact; the lower end is its own \
+             rise. Rows: {}, {}, {}.",
             usual(DEFAULT).count(),
             100.0 * usual(DEFAULT).greatest("share_high")?,
             soft.least("through")?,
             soft.greatest("through")?,
             1e3 * onsets.least("delay_s")?,
             1e3 * onsets.greatest("delay_s")?,
+            ONSETS_MS[0],
+            ONSETS_MS[ONSETS_MS.len() - 1],
             usual(DEFAULT).places(),
             soft.places(),
             onsets.places()

@@ -75,15 +75,20 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     let most = gains.into_iter().fold(0.0, f64::max);
     let needed = table.all().with("is_needed", true);
     let apart = |row: &Row<'_>| row.number("realtime_factor_most") / row.number("realtime_factor_least");
-    let scatter = table.all().iter().map(apart).fold(1.0, f64::max);
+    let all = table.all();
+    let measured = all.iter().filter(|row| apart(row).is_finite());
+    let widest = measured.max_by(|one, other| apart(one).total_cmp(&apart(other)));
+    let widest = widest.ok_or_else(|| PageError::Rows("no model".to_owned()))?;
+    let scatter = apart(widest);
     relation(most < scatter, "what the models of the rings gain is within the scatter of one model", needed.iter())?;
     Ok(bullets(&[
         format!(
-            "Terms that may be left out within the tolerance **buy no time beyond the scatter**. The models of the rings are at most \
-             {} times as fast as those with all terms, and runs of one model differ by up to {} times. Rows: {}.",
+            "Terms that may be left out within the tolerance **buy little time**. The models of the rings are at most {} times as \
+             fast as those with all terms, and runs of one model differ by up to {} times. Rows: {}, `models` {}.",
             digits(most, 2),
             digits(scatter, 2),
-            needed.places()
+            needed.places(),
+            widest.index
         ),
         format!(
             "In the scene with elastic gears stiff ones change an output by **{} times its tolerance**. In position mode no arm at all changes one by {} times at least. Rows: `models` {}, {}.",
