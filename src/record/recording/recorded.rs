@@ -38,8 +38,7 @@ pub trait Recorded: Copy + Send + 'static {
 impl Recorded for CycleRecord {
     const SCHEMA: &'static str = "yieldwall_msgs/msg/Cycle";
     const TOPIC: &'static str = "/cycle";
-    const HEAD: &'static str = "# One control cycle: what entered it and what left it. \
-        Where a has_ field is false, its values are 0.\n# Where several devices may be meant their numbers are added.\n";
+    const HEAD: &'static str = "# One control cycle: its inputs and its outputs. A value is 0 if its has_ field is false.\n# Numbers of several devices are added.\n";
 
     fn fits(machine: &Machine) -> bool {
         matches!(machine, Machine::Rig(_))

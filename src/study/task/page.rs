@@ -101,8 +101,7 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
         format!(
             "At 0.08 m/s, R = 5 N and an aim off by 5 mm, springs from 10 N/mm on have {} to {} of plastic's error (soft hand, \
              median of users). After a press of 16 N they **give {:.0} to {:.0} times the energy, and throw the tool** by \
-             {:.0} mm. The \
-             viscous field with R at 0.1 mm/s errs {} mm and does not give way. Rows: {}, {}, {}.",
+             {:.0} mm. The viscous field with R at 0.1 mm/s errs {} mm and does not give way. Rows: {}, {}, {}.",
             digits(shares.iter().copied().fold(f64::INFINITY, f64::min), 2),
             digits(shares.iter().copied().fold(0.0, f64::max), 2),
             springs.least("energy_across_j")? / energy,
