@@ -189,7 +189,7 @@ fn a_rig_in_lockstep_refuses_devices_that_follow_the_wall() {
     assert_eq!(code, DEVICE_MISMATCH, "{message}");
     // Their clocks may be together by chance, and then they are asked.
     let (is_asked, is_apart) =
-        ("follows the wall clock, and this rig runs in lockstep", "want the same `--pace` as this program");
+        ("follows the wall clock, and this rig runs in lockstep", "need the same `--pace` as this program");
     assert!(
         message.contains(is_asked) && help.contains("--pace lockstep") || message.contains(is_apart),
         "{message}; {help}"
