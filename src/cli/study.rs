@@ -29,7 +29,7 @@ pub(super) struct Arguments {
     /// For `need`: rig or impedance device, such as `builtin:play.yaml`; default: the shipped scenes
     ///
     /// Its scene has to state a `tolerance`. The command runs each model that the rig and its scene can have, from the simplest (no arm) to
-    /// the fullest (elastic gears). It prints the cheapest model that changes no output of the scene by more than its tolerance, with the
+    /// the fullest (elastic gears). It prints the simplest of the fastest models that change no output of the scene by more than its tolerance, with the
     /// lines of your files for that model. Its results are in DIR/need-own, and each run computes them again.
     #[arg(value_name = "RIG.yaml")]
     rig: Option<String>,

@@ -108,6 +108,7 @@ fn failure(error: SettingsError) -> Failure {
         }
         SettingsError::TooMany(_) => "give fewer values, in several sweeps".to_owned(),
         SettingsError::Repeated(_) => "give each value once; --seeds N runs each combination again".to_owned(),
+        SettingsError::Twice { key, option } => format!("leave out {option} or the key {key}"),
         SettingsError::NoOutput(_) => format!("the measures are {}", OUTPUTS.join(", ")),
     };
     Failure::new(Exit::Usage, error.to_string(), help)

@@ -257,15 +257,22 @@ fn texts(name: &str, width: f64, trace: &Trace, rows: &[&Row], throw: Option<&Th
         + &text([4.0, 66.0], SMALL, true, &end)
 }
 
-/// Motion of the tool after the hand has let go for good.
-struct Throw {
+/// Motion of the tool in the plane after the hand has let go for good.
+pub struct Throw {
     from_m: [f64; 2],
     to_m: [f64; 2],
     /// Way in the direction of the force on the hand in its strongest push, m.
-    back_m: f64,
+    pub back_m: f64,
+    /// Distance of the proxy from the surface when the hand let go, m.
+    pub depth_m: f64,
 }
 
 impl Throw {
+    /// Returns the throw of a whole run; `None` if the hand never lets go.
+    pub fn in_run(trace: &Trace) -> Option<Self> {
+        Self::of(trace, &trace.rows.iter().collect::<Vec<_>>())
+    }
+
     /// Returns `None` if the hand never lets go.
     fn of(trace: &Trace, rows: &[&Row]) -> Option<Self> {
         let is_held = |row: &&&Row| is_held_in(trace, row);
@@ -275,7 +282,8 @@ impl Throw {
         let [from_m, to_m] = [last, end].map(|row| [row.tool_m[0], row.tool_m[1]]);
         let way = (to_m[0] - from_m[0]) * force_x + (to_m[1] - from_m[1]) * force_y;
         let back_m = (way / hypot(force_x, force_y).max(1e-9)).max(0.0);
-        (end.time_s > last.time_s + 0.1).then_some(Self { from_m, to_m, back_m })
+        let depth_m = last.signed_distance_m.abs();
+        (end.time_s > last.time_s + 0.1).then_some(Self { from_m, to_m, back_m, depth_m })
     }
 }
 

@@ -24,7 +24,7 @@ mod trajectory;
 #[cfg(test)]
 mod tests;
 
-pub use animation::{MOST_MOVING, animation};
+pub use animation::{MOST_MOVING, Throw, animation};
 pub use comparison::comparison;
 pub use error::Error;
 pub use heading::differences;

@@ -71,6 +71,14 @@ pub enum SettingsError {
     /// A key has a value twice.
     #[error("{0} is given twice")]
     Repeated(String),
+    /// A key and an option set the same.
+    #[error("{key} and {option} contradict each other")]
+    Twice {
+        /// The key.
+        key: &'static str,
+        /// The option.
+        option: &'static str,
+    },
     /// No measure has this name.
     #[error("{0} is not a measure of a run")]
     NoOutput(String),
@@ -137,6 +145,14 @@ impl Settings {
         let count = axes.iter().map(|values| values.len() as u64).fold(1, u64::saturating_mul);
         if count > MOST_SETTINGS {
             return Err(SettingsError::TooMany(count));
+        }
+        let set = |key: &str| axes.iter().flatten().any(|value| value.key() == key);
+        for (key, option, is_given) in
+            [("scene.duration_s", "--duration", duration_s.is_some()), ("scene.seed", "--seeds", seeds.get() > 1)]
+        {
+            if is_given && set(key) {
+                return Err(SettingsError::Twice { key, option });
+            }
         }
         let drawn = outputs.iter().map(|output| {
             let known = OUTPUTS.into_iter().find(|name| name == output);
@@ -262,6 +278,15 @@ impl Setting<'_> {
         keys.iter().map(|key| format!("{key} {}", self.text(key))).collect::<Vec<_>>().join(", ")
     }
 
+    /// Returns the values of these keys as the name of a series.
+    fn label(&self, keys: &[String]) -> String {
+        let value = |key: &String| {
+            let (words, unit) = words_and_unit(key);
+            format!("{words} {} {}", self.text(key), unit.unwrap_or_default()).trim_end().to_owned()
+        };
+        keys.iter().map(value).collect::<Vec<_>>().join(", ")
+    }
+
     /// Cells of the printed table: the values, the outcomes, the medians of some outputs.
     fn cells(&self, keys: &[String], outputs: &[&str]) -> Vec<String> {
         let others: Vec<&str> =
@@ -355,13 +380,57 @@ fn changes(settings: &[Setting<'_>], output: &str) -> bool {
     span > CHANGE * greatest && greatest > ROUNDING
 }
 
+/// Units at the ends of names, the longest first.
+const UNITS: [(&str, &str); 24] = [
+    ("_n_m_s_per_rad", "N m s/rad"),
+    ("_n_m_per_rad", "N m/rad"),
+    ("_rad_per_s", "rad/s"),
+    ("_n_s_per_m", "N s/m"),
+    ("_m_per_s", "m/s"),
+    ("_n_per_m", "N/m"),
+    ("_counts", "counts"),
+    ("_share", "share"),
+    ("_n_m", "N m"),
+    ("_rad", "rad"),
+    ("_deg", "deg"),
+    ("_kg", "kg"),
+    ("_mm", "mm"),
+    ("_um", "um"),
+    ("_us", "us"),
+    ("_ms", "ms"),
+    ("_mj", "mJ"),
+    ("_hz", "Hz"),
+    ("_w", "W"),
+    ("_j", "J"),
+    ("_n", "N"),
+    ("_m", "m"),
+    ("_s", "s"),
+    ("_v", "V"),
+];
+
+/// Returns the name of a key or of a measure in words, and its unit: `scene.hand.mass_kg` as `hand mass` and `kg`.
+fn words_and_unit(key: &str) -> (String, Option<&'static str>) {
+    // The last two parts are enough.
+    let from = key.rmatch_indices('.').nth(1).map_or(0, |(dot, _)| dot + 1);
+    let key = &key[from..];
+    let found = UNITS.iter().find_map(|(end, unit)| Some((key.strip_suffix(end)?, Some(*unit))));
+    let (name, unit) = found.unwrap_or((key, None));
+    (name.replace(['.', '_'], " "), unit)
+}
+
+/// Returns the name of a key or of a measure as the name of an axis.
+fn in_words(key: &str) -> String {
+    let (words, unit) = words_and_unit(key);
+    unit.map_or_else(|| words.clone(), |unit| format!("{words} ({unit})"))
+}
+
 impl Settings {
     /// The outputs over the first key, a series for each combination of the others.
     fn chart(&self, settings: &[Setting<'_>]) -> Result<Chart, String> {
         let Some((across, others)) = self.keys.split_first() else { return Err("no key is set".to_owned()) };
         let mut words: Vec<String> = Vec::new();
         let mut numbers: Vec<f64> = Vec::new();
-        let mut names: Vec<String> = Vec::new();
+        let (mut names, mut labels): (Vec<String>, Vec<String>) = Default::default();
         for setting in settings {
             let (word, name) = (setting.text(across), setting.name(others));
             if !words.contains(&word) {
@@ -370,6 +439,7 @@ impl Settings {
             }
             if !names.contains(&name) {
                 names.push(name);
+                labels.push(setting.label(others));
             }
         }
         let marks = [Mark::MarkedLine, Mark::MarkedDashes];
@@ -387,11 +457,11 @@ impl Settings {
         // One range for all panels, with a margin beyond the outermost values.
         let margin = if most > least { 0.05 * (most - least) } else { 0.5 };
         let x = || match is_numeric {
-            false => Axis::of_words(across, words.clone()),
+            false => Axis::of_words(&in_words(across), words.clone()),
             true if least > 0.0 && most / least >= LOGARITHMIC_FROM => {
-                Axis::logarithmic(across).over(least / 1.2, most * 1.2)
+                Axis::logarithmic(&in_words(across)).over(least / 1.2, most * 1.2)
             }
-            true => Axis::linear(across).over(least - margin, most + margin),
+            true => Axis::linear(&in_words(across)).over(least - margin, most + margin),
         };
         let place = |setting: &Setting<'_>| {
             let word = setting.text(across);
@@ -403,13 +473,13 @@ impl Settings {
             at.unwrap_or(f64::NAN)
         };
         let panel = |output: &&str| {
-            let series = names.iter().enumerate().flat_map(|(number, name)| {
+            let series = names.iter().zip(&labels).enumerate().flat_map(|(number, (name, label))| {
                 let of_name = settings.iter().filter(|setting| setting.name(others) == *name);
                 let points: Vec<_> = of_name.map(|setting| (place(setting).into(), setting.estimate(output))).collect();
                 let colors = Color::LINES;
-                Series::new(name.clone(), marks[number / colors.len()], colors[number % colors.len()]).through(&points)
+                Series::new(label.clone(), marks[number / colors.len()], colors[number % colors.len()]).through(&points)
             });
-            Panel { title: String::new(), x: x(), y: Axis::linear(output), series: series.collect() }
+            Panel { title: String::new(), x: x(), y: Axis::linear(&in_words(output)), series: series.collect() }
         };
         let panels: Vec<Panel> = self.drawn.iter().filter(|output| changes(settings, output)).map(panel).collect();
         if panels.is_empty() {
@@ -417,7 +487,7 @@ impl Settings {
                 "these measures are the same in all settings, or no run has them: there is nothing to draw".to_owned()
             );
         }
-        Ok(Chart { title: format!("Medians over {across}, intervals of 95 %"), panels })
+        Ok(Chart { title: format!("Medians over {}, intervals of 95 %", words_and_unit(across).0), panels })
     }
 }
 
@@ -430,6 +500,16 @@ mod tests {
     fn settings(axes: &[&str], seeds: u32) -> Result<Settings, SettingsError> {
         let axes = axes.iter().map(|text| SetValue::each(text)).collect::<Result<Vec<_>, _>>()?;
         Settings::new(config::builtin("play.yaml"), axes, NonZeroU32::new(seeds).unwrap(), Some(1.6), &[])
+    }
+
+    #[test]
+    fn an_option_that_would_override_a_key_is_refused() {
+        for (key, seeds) in [("scene.duration_s=1,2", 1), ("scene.seed=1,2", 2)] {
+            assert!(matches!(settings(&[key], seeds), Err(SettingsError::Twice { .. })), "{key}");
+        }
+        let source = config::builtin("play.yaml");
+        let axes = vec![SetValue::each("scene.seed=1,2").unwrap()];
+        assert!(Settings::new(source, axes, NonZeroU32::MIN, None, &[]).is_ok());
     }
 
     #[test]
@@ -456,8 +536,23 @@ mod tests {
         assert_eq!(line(0)[..4], ["fixture.yield_n", "scene.hand.mass_kg", "outcome", "penetration_mm"]);
         assert_eq!(line(1)[..4], ["20", "0.5", "all", "ran"]);
         let chart = &report.charts[0].1;
-        assert_eq!(chart.panels[0].x.name, "fixture.yield_n");
+        assert_eq!(chart.panels[0].x.name, "fixture yield (N)");
         assert_eq!(chart.panels[0].series.iter().filter(|series| !series.points.is_empty()).count(), 3);
+        assert_eq!(chart.panels[0].series[0].name, "hand mass 0.5 kg");
+    }
+
+    #[test]
+    fn names_of_keys_and_measures_are_words_with_units() {
+        let names = [
+            ("fixture.yield_n", "fixture yield (N)"),
+            ("scene.hand.stiffness_n_per_m", "hand stiffness (N/m)"),
+            ("fixture.coupling.admittance.mass_kg", "admittance mass (kg)"),
+            ("peak_torque_n_m", "peak torque (N m)"),
+            ("fixture.hold_steps", "fixture hold steps"),
+        ];
+        for (key, name) in names {
+            assert_eq!(in_words(key), name);
+        }
     }
 
     #[test]

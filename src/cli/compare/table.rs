@@ -1,6 +1,7 @@
 //! Measures side by side.
 
 use super::item::Item;
+use yieldwall_figures::Throw;
 
 /// Digits of a number in the table.
 const DIGITS: i32 = 4;
@@ -38,7 +39,7 @@ impl Table {
 type Take = fn(&Item) -> Option<f64>;
 
 /// Compared measures: name with unit, and the number.
-const ROWS: [(&str, Take); 25] = [
+const ROWS: [(&str, Take); 27] = [
     ("time, s", |item| Some(item.time_s())),
     ("held at rest by faults, s", |item| Some(item.held_s())),
     ("impacts", |item| Some(item.measures.impacts.len() as f64)),
@@ -58,6 +59,8 @@ const ROWS: [(&str, Take); 25] = [
     ("unintended releases", |item| {
         item.measures.on_surface_fraction_when_pressed.map(|_| f64::from(item.measures.unintended_releases))
     }),
+    ("off the surface when the hand lets go, mm", |item| Some(1e3 * Throw::in_run(&item.trace)?.depth_m)),
+    ("thrown back after that, mm", |item| Some(1e3 * Throw::in_run(&item.trace)?.back_m)),
     ("force along the normal in contact, max, N", |item| item.measures.peak_force_on_surface_n),
     ("force sample age, mean, ms", |item| item.measures.force_age_mean_ms),
     ("force sample age, max, ms", |item| item.measures.force_age_max_ms),

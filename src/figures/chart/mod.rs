@@ -1,6 +1,8 @@
 //! Charts of studies: curves, dots and maps over two axes, in panels side by side.
 
 mod draw;
+mod swatch;
+mod tick;
 
 pub use draw::{DrawError, png, svg};
 
@@ -23,8 +25,8 @@ pub struct Panel {
     /// Axis upward.
     pub y: Axis,
     /// Series of the panel, the last on top. Points that are not finite are left out. Marks beyond the range of an axis, and marks not
-    /// above zero on a logarithmic one, are drawn as triangles at its edge, a row for each series. The title shows their number. Lines are
-    /// cut off at the edge.
+    /// above zero on a logarithmic one, are drawn as triangles at its edge, a row for each series. The title shows their number, and the
+    /// legend explains them. Lines are cut off at the edge, and end at such zeros.
     pub series: Vec<Series>,
 }
 
@@ -37,7 +39,7 @@ pub struct Axis {
     pub is_logarithmic: bool,
     /// Least and greatest value; `None`: those of the series.
     pub range: Option<[f64; 2]>,
-    /// Words at 1, 2, ... in place of numbers; empty: numbers. Across only.
+    /// Words at 1, 2, ... in place of numbers; empty: numbers.
     pub words: Vec<String>,
 }
 
@@ -61,9 +63,9 @@ pub enum Mark {
     Line,
     /// A dashed line.
     Dashed,
-    /// A line with a mark at each point, of a shape that goes with the colour.
+    /// A line with a filled mark at each point, of a shape that goes with the colour.
     MarkedLine,
-    /// A dashed line with a mark at each point, of another shape that goes with the colour.
+    /// A dashed line with an open mark at each point, of a shape that goes with the colour.
     MarkedDashes,
     /// The marks of [`Mark::MarkedLine`] alone.
     Marks,

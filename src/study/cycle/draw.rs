@@ -11,7 +11,7 @@ const DRAWN: [Mode; 3] = [Mode::Torque, Mode::Velocity, Mode::Position];
 fn look(wire: Wire, mode: Mode) -> (Color, Mark) {
     let color = match mode {
         Mode::Torque => Color::Blue,
-        Mode::Velocity => Color::Green,
+        Mode::Velocity => Color::Orange,
         Mode::Position | Mode::StiffPosition => Color::Vermilion,
     };
     (color, if wire == Wire::Can { Mark::MarkedDashes } else { Mark::MarkedLine })
@@ -57,7 +57,7 @@ pub(super) fn chart(rigs: &Table, computing: &Table) -> Chart {
         color: Color::Black,
     });
     Chart {
-        title: "The whole rig over its cycle, gains by `tune gains`; CAN ends where its budget refuses".into(),
+        title: "The whole rig over its cycle, with tuned gains; CAN ends where its budget refuses".into(),
         panels: vec![
             panel(
                 "tracing the circle",
@@ -65,7 +65,7 @@ pub(super) fn chart(rigs: &Table, computing: &Table) -> Chart {
                 lines(rigs, |row| 1e6 * row.number("error_rms_m")),
             ),
             panel(
-                "impact at 0.39 m/s, held",
+                "impact at 0.39 m/s with a hold",
                 Axis::logarithmic("depth of the tool (mm)"),
                 lines(rigs, |row| 1e3 * row.number("held_tool_depth_m")),
             ),
@@ -75,7 +75,7 @@ pub(super) fn chart(rigs: &Table, computing: &Table) -> Chart {
                 lines(rigs, |row| row.number("run_least_kg")),
             ),
             panel(
-                "the same without a hold",
+                "impact at 0.39 m/s without a hold",
                 Axis::linear("depth of the proxy (mm)"),
                 lines(rigs, |row| 1e3 * row.number("proxy_depth_m")),
             ),

@@ -74,9 +74,7 @@ fn window(impacts: &Table, pushes: &Table) -> Chart {
         }
     };
     Chart {
-        title: format!(
-            "Windows of 15 to 500 ms, plane wall, {CASES} hands a mark, intervals of 95 %; triangle: none broke through"
-        ),
+        title: format!("Windows of 15 to 500 ms, plane wall, {CASES} hands a mark, intervals of 95 %"),
         panels: GRIPS.iter().map(panel).collect(),
     }
 }

@@ -154,7 +154,7 @@ pub(super) fn report(table: &Table, report: &mut Report) {
                     ),
                     line(
                         "energy balance of 10 counts",
-                        Mark::Line,
+                        Mark::Dashed,
                         Color::Blue,
                         balance.map(|share| (share, energy_balance(share))).filter(|(_, dry)| *dry > 0.0).collect(),
                     ),

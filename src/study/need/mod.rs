@@ -42,7 +42,7 @@ impl Study for Need {
     }
 
     fn about(&self) -> &'static str {
-        "times real time against change of the outputs for each model of a scene, and the cheapest model that a scene needs"
+        "times real time against change of the outputs for each model of a scene, and the simplest fast model that a scene needs"
     }
 
     fn sweeps(&self) -> &[Box<dyn Sweep>] {

@@ -41,8 +41,8 @@ pub(super) struct Model {
     pub(super) of_rig: Option<OfRig>,
 }
 
-/// All models of a machine and scene, from the plainest to the dearest: every term on, at the finest step. Encoder counts and noise
-/// are choices of every rig whose scene gives the noise; gears are one where the scene has them.
+/// All models of a machine and scene, from the plainest to the dearest: every term on, at the finest step. Noise and gears are choices
+/// where the scene has them. Encoder counts are a choice where the drives close a loop: angles on the bus always have counts.
 ///
 /// Without an arm there is one step, since nothing is integrated. A rig whose file has `timing: ideal` keeps it if `keeps_timing`.
 pub(super) fn models(machine: &Machine, scene: &config::Scene, keeps_timing: bool) -> Vec<Model> {
@@ -73,7 +73,10 @@ pub(super) fn models(machine: &Machine, scene: &config::Scene, keeps_timing: boo
         _ if !rig.is_on_can() => vec![(simulation.map_or(BusTiming::Ideal, |simulation| simulation.timing), 0)],
         _ => vec![(BusTiming::Ideal, 0), (BusTiming::Arbitrated, 1)],
     };
-    let encoders = [(EncoderModel::Exact, 0), (EncoderModel::Quantised, 1)];
+    let encoders = match rig.rig.command_mode {
+        CommandMode::Torque => vec![(model.encoder, 0)],
+        _ => vec![(EncoderModel::Exact, 0), (EncoderModel::Quantised, 1)],
+    };
     let forces = match model.force_noise_counts.get() > 0.0 {
         true => vec![(ForceSensorModel::Quantised, 0), (ForceSensorModel::Noisy, 1)],
         false => vec![(model.force_sensor, 0)],
@@ -83,7 +86,7 @@ pub(super) fn models(machine: &Machine, scene: &config::Scene, keeps_timing: boo
         let steps = if body == Body::Ideal { &steps[..1] } else { &steps };
         for (of_step, &step_us) in steps.iter().enumerate() {
             for &(timing, of_timing) in &timings {
-                for (encoder, of_encoder) in encoders {
+                for &(encoder, of_encoder) in &encoders {
                     for &(force_sensor, of_force) in &forces {
                         let of_rig = Some(OfRig { timing, encoder, force_sensor });
                         let terms = of_body + of_step + of_timing + of_encoder + of_force;

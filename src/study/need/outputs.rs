@@ -46,6 +46,9 @@ fn tool_depth_mm(measures: &Measures) -> Option<f64> {
     measures.impacts.iter().map(|impact| impact.tool_depth_mm).max_by(f64::total_cmp)
 }
 
+/// The end of a run that no fault stopped.
+pub(super) const RAN: &str = "ran";
+
 /// Outcome of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Outcome {
@@ -79,7 +82,7 @@ impl Outcome {
             Err(error) => Self { end: error.to_string(), values: None, simulated_s: 0.0 },
             Ok(run) => {
                 let end = match run.cause {
-                    _ if !run.is_stopped() => "ran".to_owned(),
+                    _ if !run.is_stopped() => RAN.to_owned(),
                     cause => format!("stopped by {}", cause.map_or("a fault", |cause| cause.fault.row().name)),
                 };
                 let values = OUTPUTS.each_ref().map(|output| (output.of)(&run.measures));

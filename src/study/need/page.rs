@@ -25,7 +25,7 @@ pub(crate) fn models(tables: &Tables<'_>) -> Result<String, PageError> {
     let head = [
         "scene",
         "models",
-        "cheapest within the tolerance",
+        "simplest of the fastest sufficient models",
         "x real time",
         "all terms: x real time",
         "change / tolerance",
@@ -83,7 +83,7 @@ pub(crate) fn findings(tables: &Tables<'_>) -> Result<String, PageError> {
     relation(most < scatter, "what the models of the rings gain is within the scatter of one model", needed.iter())?;
     Ok(bullets(&[
         format!(
-            "Terms that may be left out within the tolerance **buy little time**. The models of the rings are at most {} times as \
+            "In these scenes terms that may be left out within the tolerance **buy little time**. The models of the rings are at most {} times as \
              fast as those with all terms, and runs of one model differ by up to {} times. Rows: {}, `models` {}.",
             digits(most, 2),
             digits(scatter, 2),

@@ -1,7 +1,7 @@
 //! Chart and text of the tables.
 
 use super::models::LABELS;
-use super::outputs;
+use super::outputs::{self, RAN};
 use super::subject::Subject;
 use super::terms;
 use crate::chart::{Axis, Chart, Color, Mark, Panel, Series};
@@ -53,7 +53,10 @@ pub(super) fn own(models: &Table, subject: &Subject) -> Report {
                 notes.extend(lines.yaml.lines().map(|line| format!("  {line}")));
             }
         }
-        None => {}
+        None => {
+            notes.push("No model is proposed: a fault stops the model with all terms for some hands.".to_owned());
+            notes.push("`yieldwall run` with other values of --seed shows it.".to_owned());
+        }
     }
     Report { notes, charts: vec![("study-need", chart(&all, &["your scene"]))] }
 }
@@ -67,7 +70,7 @@ pub(super) fn of_scenes<'a>(all: &Rows<'a>) -> Vec<Rows<'a>> {
 
 fn heading(rows: &Rows<'_>) -> Option<String> {
     let first = rows.iter().next()?;
-    Some(format!("{} on {}, beside the model with all terms:", first.word("scene"), first.word("machine")))
+    Some(format!("{} on {}:", first.word("scene"), first.word("machine")))
 }
 
 /// A line for each model, the fastest first.
@@ -75,20 +78,28 @@ fn lines(rows: &Rows<'_>) -> Vec<String> {
     let mut rows: Vec<&Row<'_>> = rows.iter().collect();
     rows.sort_by(|one, other| other.number("realtime_factor").total_cmp(&one.number("realtime_factor")));
     let head = format!("  {:43} {:>6}  {:>11}  largest in", "model", "x real", "change/tol.");
+    let foot = [
+        "  + sufficient, * proposed: the simplest of the fastest sufficient models",
+        "  A change is the largest of all outputs, beside the model with all terms.",
+    ];
     let line = |row: &&Row<'_>| {
         let speed = match row.number("realtime_factor") {
             speed if speed.is_finite() => format!("{speed:.0}"),
             _ => "-".to_owned(),
         };
         let end = match row.word("outcome") {
-            "ran" => String::new(),
+            RAN => String::new(),
             outcome => format!("; {outcome}"),
         };
-        let mark = if row.is("is_needed") { "*" } else { " " };
+        let mark = match row.is("is_needed") {
+            true => "*",
+            false if row.is("is_enough") => "+",
+            false => " ",
+        };
         let (model, output) = (short(row.word("model")), outputs::short(row.word("most_changed")));
         format!("{mark} {model:43} {speed:>6}  {:>11}  {output}{end}", change(row))
     };
-    std::iter::once(head).chain(rows.iter().map(line)).collect()
+    std::iter::once(head).chain(rows.iter().map(line)).chain(foot.map(str::to_owned)).collect()
 }
 
 /// The name of a model in little space.
@@ -106,16 +117,16 @@ pub(super) fn change(row: &Row<'_>) -> String {
     }
 }
 
-fn proposal(rows: &Rows<'_>) -> Option<String> {
-    let needed = rows.iter().find(|row| row.is("is_needed"))?;
-    let dearest = rows.iter().last()?;
+fn proposal(rows: &Rows<'_>) -> Vec<String> {
+    let (Some(needed), Some(dearest)) = (rows.iter().find(|row| row.is("is_needed")), rows.iter().last()) else {
+        return Vec::new();
+    };
     let [speed, of_dearest] = [needed, dearest].map(|row| row.number("realtime_factor"));
-    Some(format!(
-        "The scene needs: {}. It is {:.2} times as fast as the model with all terms. Its largest change is {} times the tolerance.",
-        needed.word("model"),
-        speed / of_dearest,
-        change(needed)
-    ))
+    vec![
+        format!("The scene needs: {}", needed.word("model")),
+        format!("  speed   {:.2} times that of the model with all terms", speed / of_dearest),
+        format!("  change  at most {} times the tolerance", change(needed)),
+    ]
 }
 
 fn chart(all: &Rows<'_>, labels: &[&str]) -> Chart {
@@ -124,7 +135,7 @@ fn chart(all: &Rows<'_>, labels: &[&str]) -> Chart {
     let across = [slowest / 1.4, fastest * 1.4];
     let scenes = of_scenes(all);
     let panels: Vec<Panel> = scenes.iter().zip(labels).map(|(rows, label)| panel(rows, label, across)).collect();
-    let title = "The plainest fast model within the tolerance of a scene".to_owned();
+    let title = "Speed and accuracy of each model of a scene".to_owned();
     Chart { title, panels }
 }
 
@@ -140,7 +151,7 @@ fn panel(rows: &Rows<'_>, label: &str, across: [f64; 2]) -> Panel {
         Series { points: tolerance, ..Series::new("tolerance of the scene".to_owned(), Mark::Dashed, Color::Black) },
         Series {
             points: front,
-            ..Series::new("no model is both faster and nearer".to_owned(), Mark::Line, Color::Black)
+            ..Series::new("Pareto front: no model is faster and more accurate".to_owned(), Mark::Line, Color::Black)
         },
     ];
     for (body, is_finest, name, color) in KINDS {
@@ -151,10 +162,10 @@ fn panel(rows: &Rows<'_>, label: &str, across: [f64; 2]) -> Panel {
         series.push(Series { points, ..Series::new(name.to_owned(), Mark::Marks, color) });
     }
     let needed = rows.iter().find(|row| row.is("is_needed"));
-    let points = needed.map(|row| (place(row).0, place(row).1.max(SHOWN[0]))).into_iter().collect();
+    let points = needed.map(place).into_iter().collect();
     series.push(Series {
         points,
-        ..Series::new("ring: the plainest fast model that is enough".to_owned(), Mark::Rings, Color::Black)
+        ..Series::new("ring: simplest sufficient model".to_owned(), Mark::Rings, Color::Black)
     });
     Panel {
         title: label.to_owned(),

@@ -4,7 +4,7 @@ use serde::Serialize;
 use serde_json::json;
 
 use super::model::{Model, models};
-use super::outputs::Outcome;
+use super::outputs::{Outcome, RAN};
 use super::terms::Case;
 use crate::machine::Machine;
 use yieldwall_config::{
@@ -38,7 +38,7 @@ pub struct Lines {
 }
 
 impl Subject {
-    /// A rig with the scene of its simulation, or an impedance device with its scene.
+    /// Loads a rig with the scene of its simulation, or an impedance device with its scene.
     ///
     /// # Errors
     /// A file that is refused; a file of neither kind; a rig without a simulation; a scene without `tolerance`. Also a rig whose
@@ -119,14 +119,14 @@ impl Subject {
             Machine::Device(_) => false,
         };
         let mut dearest = run(self);
-        if is_ideal && dearest.as_ref().is_some_and(|outcome| outcome.end != "ran") {
+        if is_ideal && dearest.as_ref().is_some_and(|outcome| outcome.end != RAN) {
             self.models = models(&self.machine, &self.scene, true);
             dearest = run(self);
         }
         match dearest {
-            Some(Outcome { end, values: None, .. }) => {
-                let message = format!("{source}: the model with all terms does not run: {end}");
-                let help = format!("`yieldwall run {source}` runs the model of the files");
+            Some(Outcome { end, .. }) if end != RAN => {
+                let message = format!("{source}: the model with all terms does not run to its end: {end}");
+                let help = format!("`yieldwall run {source}` shows the reason; repair the rig or its scene first");
                 Err(Diagnostic::about_file(source.to_string(), message, help).into())
             }
             _ => Ok(()),

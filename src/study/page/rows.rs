@@ -6,7 +6,7 @@ use super::PageError;
 use crate::sweep::{Row, Table};
 
 /// Ranges of rows that are named one by one.
-const MOST_RANGES: usize = 3;
+const MOST_RANGES: usize = 8;
 
 /// Rows of a table, and the words for which ones they are.
 #[derive(Clone, Debug)]

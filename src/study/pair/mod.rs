@@ -166,7 +166,7 @@ impl Study for PairStudy {
         const FREE: &str = "braced hand, nothing before the wall";
         const STIFF: &str = "soft hand, stiff tissue before the wall";
         let felt = || Axis::linear("force felt, most (N)");
-        let given = || Axis::logarithmic("given to the hand in one go (J)");
+        let given = || Axis::logarithmic("largest burst into the hand (J)");
         let chart = Chart {
             title: "A pair that presses on a wall with 12 N, by the place of its fixture".to_owned(),
             panels: vec![

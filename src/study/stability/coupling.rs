@@ -179,13 +179,13 @@ fn panel(setting: &Setting, points: &[Row<'_>]) -> Panel {
         mark: Mark::Cells(CELL),
         color,
     };
-    let line = |name: &str, color, of: &dyn Fn(f64) -> f64| Series {
+    let line = |name: &str, mark, color, of: &dyn Fn(f64) -> f64| Series {
         name: name.to_owned(),
         points: (0..200)
             .map(|index| on_grid(index, 200, DAMPINGS_N_S_PER_M))
             .map(|damping| (damping, of(damping)))
             .collect(),
-        mark: Mark::Line,
+        mark,
         color,
     };
     Panel {
@@ -195,8 +195,8 @@ fn panel(setting: &Setting, points: &[Row<'_>]) -> Panel {
         series: vec![
             cells(true, "dies away", Color::Pale),
             cells(false, "does not die away", Color::Vermilion),
-            line("b + B = K (T/2 + d T)", Color::Blue, &|damping| setting.rule_n_per_m(damping)),
-            line("exact sampled loop", Color::Black, &|damping| setting.greatest_n_per_m(damping)),
+            line("b + B = K (T/2 + d T)", Mark::Dashed, Color::Blue, &|damping| setting.rule_n_per_m(damping)),
+            line("exact sampled loop", Mark::Line, Color::Black, &|damping| setting.greatest_n_per_m(damping)),
         ],
     }
 }

@@ -139,8 +139,8 @@ pub(super) fn report(table: &Table, report: &mut Report) {
             color,
         });
         panels.push(Panel {
-            title: format!("{title}, M = {} kg", MASSES_KG[1]),
-            x: Axis::logarithmic("push over F").over(PUSH_SHARES[0], 3.0),
+            title: title.to_owned(),
+            x: Axis::logarithmic("push over F").over(PUSH_SHARES[0], PUSH_SHARES[1]),
             y: Axis::logarithmic(&format!("{title} ({unit})")).over(range[0], range[1]),
             series: series.collect(),
         });
@@ -155,7 +155,10 @@ pub(super) fn report(table: &Table, report: &mut Report) {
             1e3 * most("gained_j")
         ));
     }
-    let chart = Chart { title: format!("A constant push on an admittance with F = {FRICTION_N} N, from rest"), panels };
+    let chart = Chart {
+        title: format!("A constant push on an admittance of {} kg with F = {FRICTION_N} N, from rest", MASSES_KG[1]),
+        panels,
+    };
     report.charts.push(("study-stability-friction", chart));
 }
 

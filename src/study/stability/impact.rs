@@ -190,7 +190,7 @@ fn with_arm(yield_n: f64, hold_steps: u32, speed_m_per_s: f64) -> Option<Oversho
 pub(super) fn report(proxy: &Table, tool: &Table, report: &mut Report) {
     let mut notes = Vec::new();
     let chart = Chart {
-        title: format!("Impacts of a proxy of {MASS_KG} kg on a wall"),
+        title: format!("Impacts of a proxy of {MASS_KG} kg on a wall, without a hold (N_wait 0) or with one"),
         panels: vec![capture_panel(proxy, &mut notes), depth_panel(proxy, &mut notes), tool_panel(tool, &mut notes)],
     };
     report.notes.extend(notes);
@@ -231,9 +231,9 @@ fn capture_panel(proxy: &Table, notes: &mut Vec<String>) -> Panel {
         1.0 / PHASES as f64
     ));
     Panel {
-        title: "captured, over all phases of the sampling".to_owned(),
+        title: "captured, N_wait 0".to_owned(),
         x: Axis::linear("speed over R T / M").over(0.0, 3.0),
-        y: Axis::linear("share").over(-0.03, 1.03),
+        y: Axis::linear("share of phases of the sampling").over(-0.03, 1.03),
         series,
     }
 }
@@ -262,7 +262,7 @@ fn depth_panel(proxy: &Table, notes: &mut Vec<String>) -> Panel {
             of_speed(proxy, yield_n, speed).map(|row| row.number(column)).sum::<f64>() / PHASES as f64 * 1e3
         };
         let line = |column: &'static str| {
-            (0..SPEEDS).map(|speed| (on_grid(speed, SPEEDS, SPEEDS_M_PER_S), mean(speed, column))).collect()
+            (0..SPEEDS).map(|speed| (1e3 * on_grid(speed, SPEEDS, SPEEDS_M_PER_S), mean(speed, column))).collect()
         };
         series.push(Series { name: format!("R = {yield_n} N"), points: line("depth_m"), mark: Mark::Marks, color });
         series.push(Series {
@@ -273,9 +273,9 @@ fn depth_panel(proxy: &Table, notes: &mut Vec<String>) -> Panel {
         });
     }
     Panel {
-        title: "depth of the proxy, N_wait 0, mean over phases".to_owned(),
-        x: Axis::logarithmic("speed (m/s)").over(1e-3, 0.55),
-        y: Axis::logarithmic("depth (mm)").over(1e-4, 100.0),
+        title: "depth of the proxy, N_wait 0".to_owned(),
+        x: Axis::logarithmic("speed (mm/s)").over(1.0, 550.0),
+        y: Axis::logarithmic("depth, mean over phases (mm)").over(1e-4, 100.0),
         series,
     }
 }
@@ -283,14 +283,22 @@ fn depth_panel(proxy: &Table, notes: &mut Vec<String>) -> Panel {
 fn tool_panel(tool: &Table, notes: &mut Vec<String>) -> Panel {
     const SHOWN_N: f64 = 20.0;
     let mut series = Vec::new();
-    for (hold_steps, color) in HOLDS.into_iter().zip(Color::LINES) {
+    let mut drawn_holds: Vec<Vec<u32>> = Vec::new();
+    let mut drawn: Vec<Vec<(f64, f64)>> = Vec::new();
+    for hold_steps in HOLDS {
         let rows = || {
             tool.rows().filter(move |row| {
                 row.number("yield_n") == SHOWN_N && row.number("hold_steps") == f64::from(hold_steps)
             })
         };
-        let points = rows().map(|row| (row.number("impact_m_per_s"), row.number("tool_depth_m") * 1e3)).collect();
-        series.push(Series { name: format!("tool, N_wait {hold_steps}"), points, mark: Mark::MarkedDashes, color });
+        let points = rows().map(|row| (row.number("impact_m_per_s") * 1e3, row.number("tool_depth_m") * 1e3)).collect();
+        match drawn_holds.last_mut().filter(|_| drawn.last() == Some(&points)) {
+            Some(holds) => holds.push(hold_steps),
+            None => {
+                drawn_holds.push(vec![hold_steps]);
+                drawn.push(points);
+            }
+        }
         let deepest = rows().map(|row| row.number("depth_m")).fold(0.0, f64::max);
         let farthest = rows().map(|row| row.number("tool_depth_m")).fold(0.0, f64::max);
         notes.push(format!(
@@ -301,10 +309,21 @@ fn tool_panel(tool: &Table, notes: &mut Vec<String>) -> Panel {
             farthest * 1e3
         ));
     }
+    for ((holds, points), color) in
+        drawn_holds.into_iter().zip(drawn).zip([Color::Blue, Color::Orange, Color::Green, Color::Purple])
+    {
+        // Holds of the same depths are one series.
+        let name = match holds.as_slice() {
+            [first, .., last] => format!("tool, N_wait {first} to {last}"),
+            [only] => format!("tool, N_wait {only}"),
+            [] => String::new(),
+        };
+        series.push(Series { name, points, mark: Mark::MarkedDashes, color });
+    }
     let theory = tool
         .rows()
         .filter(|row| row.number("yield_n") == SHOWN_N && row.number("hold_steps") == 0.0)
-        .map(|row| (row.number("impact_m_per_s"), row.number("theory_depth_m") * 1e3))
+        .map(|row| (row.number("impact_m_per_s") * 1e3, row.number("theory_depth_m") * 1e3))
         .collect();
     series.push(Series {
         name: "theory, of the proxy".to_owned(),
@@ -313,8 +332,8 @@ fn tool_panel(tool: &Table, notes: &mut Vec<String>) -> Panel {
         color: Color::Black,
     });
     Panel {
-        title: "tool, up to 60 N m, R = 20 N, hand 10 N".to_owned(),
-        x: Axis::logarithmic("speed at the wall (m/s)"),
+        title: format!("depth of the tool, R = {SHOWN_N} N"),
+        x: Axis::logarithmic("speed at the wall (mm/s)"),
         y: Axis::logarithmic("depth (mm)"),
         series,
     }

@@ -142,7 +142,7 @@ pub(super) fn report(table: &Table, report: &mut Report) {
                 color: Color::Black,
             });
             panels.push(Panel {
-                title: format!("at most {limit_n_m} N m, friction {friction_n_m} N m"),
+                title: format!("limit {limit_n_m} N m, friction {friction_n_m} N m"),
                 x: Axis::logarithmic("H over 1.3 v/(2 a)").over(0.01, 10.0),
                 y: Axis::linear("overshoot (% of the step)").over(-2.0, 60.0),
                 series,

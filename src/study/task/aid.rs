@@ -86,7 +86,10 @@ impl Aid {
             Law::None | Law::Plastic => self.law.name().to_owned(),
             Law::Saturated => format!("saturated spring of {n_per_mm} N/mm"),
             Law::Spring => format!("spring of {n_per_mm} N/mm"),
-            Law::Viscous => format!("viscous, R at {} m/s", self.yield_n.unwrap_or(f64::NAN) / hardness),
+            Law::Viscous => {
+                let drift_um_per_s = 1e6 * self.yield_n.unwrap_or(f64::NAN) / hardness;
+                format!("viscous, R at {} mm/s", drift_um_per_s.round() / 1e3)
+            }
         }
     }
 

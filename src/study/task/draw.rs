@@ -13,6 +13,8 @@ pub(super) const THROWN_M: f64 = 1e-3;
 const GIVES_WAY: f64 = 0.5;
 /// A law that errs by more than this share of another's error is alike.
 const ALIKE: f64 = 0.9;
+/// Newtons per millimetre in one newton per metre.
+const N_PER_MM: f64 = 1e-3;
 /// Width of a cell of the map, in thousandths of the panel.
 const CELL: u32 = 190;
 
@@ -44,7 +46,7 @@ fn look(aid: &Aid) -> (Color, Mark) {
         Law::Plastic => (Color::Blue, Mark::MarkedLine),
         Law::Saturated | Law::Spring => (of_spring(aid.hardness.unwrap_or_default()), Mark::MarkedLine),
         Law::Viscous if drift_m_per_s > Some(DRIFTS_M_PER_S[1]) => (Color::Sky, Mark::MarkedLine),
-        Law::Viscous if drift_m_per_s > Some(DRIFTS_M_PER_S[2]) => (Color::Sky, Mark::MarkedDashes),
+        Law::Viscous if drift_m_per_s > Some(DRIFTS_M_PER_S[2]) => (Color::Wine, Mark::MarkedDashes),
         Law::Viscous => (Color::Black, Mark::MarkedDashes),
     }
 }
@@ -88,19 +90,20 @@ fn speed(errors: &Table, speeds: &Table) -> Chart {
 }
 
 fn price(errors: &Table) -> Chart {
+    let axes = [
+        (
+            "energy",
+            ["energy_across_j", "energy_low_j", "energy_high_j"],
+            1e3,
+            Axis::logarithmic("energy given across the way (mJ)").over(0.01, 1000.0),
+        ),
+        ("jump", JUMP, 1e3, Axis::linear("jump when let go (mm)").over(-2.0, 42.0)),
+        // The greatest force has no interval.
+        ("force", ["force_max_n"; 3], 1.0, Axis::logarithmic("greatest force while tracing (N)").over(1.0, 100.0)),
+    ];
     let mut panels = Vec::new();
-    for yield_n in [YIELDS_N[0], YIELDS_N[2]] {
-        let axes = [
-            (
-                ["energy_across_j", "energy_low_j", "energy_high_j"],
-                1e3,
-                Axis::logarithmic("energy given across the way (mJ)").over(0.01, 1000.0),
-            ),
-            (JUMP, 1e3, Axis::linear("jump when let go (mm)").over(-2.0, 42.0)),
-            // The greatest force has no interval.
-            (["force_max_n"; 3], 1.0, Axis::logarithmic("greatest force while tracing (N)").over(1.0, 100.0)),
-        ];
-        for (columns, factor, x) in axes {
+    for (price, columns, factor, x) in axes {
+        for yield_n in [YIELDS_N[0], YIELDS_N[2]] {
             let of = |aid: &Aid| {
                 let at = |aim_m: f64| {
                     of_aid(of_errors(errors, GRIPS[0].name, aim_m), aid)
@@ -109,8 +112,8 @@ fn price(errors: &Table) -> Chart {
                 series(aid, &AIMS_M.into_iter().filter_map(at).collect::<Vec<_>>())
             };
             panels.push(Panel {
-                title: format!("R = {yield_n} N"),
-                x,
+                title: format!("{price}, R = {yield_n} N"),
+                x: x.clone(),
                 y: Axis::logarithmic("RMS error (mm)").over(0.01, 30.0),
                 series: drawn_at(yield_n).iter().flat_map(of).collect(),
             });
@@ -178,14 +181,14 @@ fn map(errors: &Table) -> Chart {
         for (what, field) in [("of all laws", Field::All), ("gives way, jumps < 1 mm", Field::Yielding)] {
             let mut cells: [Vec<(f64, f64)>; 4] = Default::default();
             for (place, yield_n) in YIELDS_N.into_iter().enumerate() {
-                for aim_m in AIMS_M {
+                for (of_aim, aim_m) in AIMS_M.into_iter().enumerate() {
                     let which = match winner(errors, grip.name, yield_n, aim_m, field) {
                         Some(Law::Plastic) => 0,
                         Some(Law::Saturated) => 1,
                         Some(_) => 2,
                         None => 3,
                     };
-                    cells[which].push((1.0 + place as f64, 1e3 * aim_m));
+                    cells[which].push((1.0 + place as f64, 1.0 + of_aim as f64));
                 }
             }
             let names = ["plastic", "a saturated spring (cross)", "viscous", "no single law"];
@@ -207,7 +210,10 @@ fn map(errors: &Table) -> Chart {
             panels.push(Panel {
                 title: format!("{} hand, {what}", grip.name),
                 x: Axis::of_words("R (N)", YIELDS_N.map(|it| it.to_string()).to_vec()),
-                y: Axis::logarithmic("error of the aim at rest, RMS (mm)").over(0.88, 14.2),
+                y: Axis::of_words(
+                    "error of the aim at rest, RMS (mm)",
+                    AIMS_M.map(|it| (1e3 * it).to_string()).to_vec(),
+                ),
                 series,
             });
         }
@@ -231,7 +237,7 @@ fn on_device(device: &Table) -> Chart {
                 .filter_map(|stiffness| {
                     let aid = Aid { law, hardness: Some(stiffness), yield_n };
                     let rows = device.rows().filter(|row| row.word("grip") == grip);
-                    of_aid(rows, &aid).map(|row| (Estimate::from(stiffness), row.estimate(columns, factor)))
+                    of_aid(rows, &aid).map(|row| (Estimate::from(N_PER_MM * stiffness), row.estimate(columns, factor)))
                 })
                 .collect();
             Series::new(name, mark, color).through(&points)
@@ -245,13 +251,14 @@ fn on_device(device: &Table) -> Chart {
         }
         let Axis { range, .. } = y;
         let [low, high] = range.unwrap_or([0.0, 1.0]);
-        let name = format!("limit {:.0} N/m", device::STIFFEST_N_PER_M);
-        let points = vec![(device::STIFFEST_N_PER_M, low), (device::STIFFEST_N_PER_M, high)];
+        let limit = N_PER_MM * device::STIFFEST_N_PER_M;
+        let name = format!("passive springs end at {limit} N/mm");
+        let points = vec![(limit, low), (limit, high)];
         series.push(Series { name, points, mark: Mark::Dashed, color: Color::Black });
-        Panel { title: title.to_owned(), x: Axis::logarithmic("K (N/m)").over(200.0, 2e6), y, series }
+        Panel { title: title.to_owned(), x: Axis::logarithmic("K (N/mm)").over(0.2, 2e3), y, series }
     };
     let error = || Axis::logarithmic("RMS error (mm)").over(0.2, 12.0);
-    let rest = || Axis::logarithmic("speed when nobody holds it, RMS (m/s)").over(1e-4, 10.0);
+    let rest = || Axis::logarithmic("speed when nobody holds it, RMS (mm/s)").over(0.1, 1e4);
     Chart {
         title: "An impedance device of 50 g at 1 kHz; medians with intervals of 95 %".into(),
         panels: vec![
@@ -264,7 +271,7 @@ fn on_device(device: &Table) -> Chart {
                 1e3,
                 Axis::linear("jump when let go (mm)").over(0.0, 8.0),
             ),
-            panel("let go", GRIPS[0].name, ["resting_m_per_s"; 3], 1.0, rest()),
+            panel("released", GRIPS[0].name, ["resting_m_per_s"; 3], 1e3, rest()),
         ],
     }
 }
