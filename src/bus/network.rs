@@ -78,7 +78,7 @@ pub trait Network: Send + Sync {
     /// The devices of which something is missing that answers [`Network::open`].
     fn missing(&self, now: Time) -> DeviceSet;
 
-    /// Words that came by `now`, and events since the last cycle.
+    /// Returns the process data received by `now`, and the events since the last cycle.
     fn take(&mut self, now: Time) -> Arrived;
 
     /// Notes the decision of the cycle: the state of the rig, silence, a stop of the drives.

@@ -122,7 +122,8 @@ fn verdict(sections: &[Section], end: &Result<(), Failure>) -> String {
     let line = match end {
         Ok(()) => {
             let [ok, warnings, unknown] = [Verdict::Ok, Verdict::Warning, Verdict::Unknown].map(count);
-            format!("ok: no check failed ({ok} ok, {warnings} warnings, {unknown} unknown)")
+            let plural = if warnings == 1 { "" } else { "s" };
+            format!("ok: no check failed ({ok} ok, {warnings} warning{plural}, {unknown} unknown)")
         }
         Err(failure) => {
             let failed: Vec<&str> = sections.iter().flat_map(Section::wrong).map(|check| check.subject).collect();

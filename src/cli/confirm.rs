@@ -51,7 +51,7 @@ fn ask_on(from: BorrowedFd<'_>, to: &mut dyn Write, question: &str, mut waits: i
         if !is_terminal || !comes_within_reading(from, &mut waits)? {
             break;
         }
-        let _ = writeln!(to, "\ninput before the question could be read does not count");
+        let _ = writeln!(to, "\nkeys pressed before the question are ignored: answer now");
         // A key that is held down is asked nothing until it is released.
         while comes_within_reading(from, &mut waits)? {
             tcflush(from, QueueSelector::IFlush).ok()?;
@@ -166,8 +166,8 @@ mod tests {
         person.write_all(b"yes\nyes\nye").unwrap();
         let mut hasty = Hasty { person, seen: String::new() };
         assert_eq!(ask_on(program.as_fd(), &mut hasty, "Is it free?", || true).as_deref(), Some("no"));
-        assert!(hasty.seen.starts_with("Is it free? \ninput before"), "{}", hasty.seen);
-        assert!(hasty.seen.ends_with("does not count\nIs it free? "), "{}", hasty.seen);
+        assert!(hasty.seen.starts_with("Is it free? \nkeys pressed before"), "{}", hasty.seen);
+        assert!(hasty.seen.ends_with("answer now\nIs it free? "), "{}", hasty.seen);
     }
 
     #[test]

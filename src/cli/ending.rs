@@ -77,7 +77,7 @@ pub(super) fn never_came(injection: &Injection, simulated_s: f64) -> Failure {
         injection.kind.row().name,
         injection.start_s
     );
-    Failure::new(Exit::OutOfTolerance, message, "have it begin earlier, or run longer with --duration")
+    Failure::new(Exit::OutOfTolerance, message, "set an earlier time in --fault, or a longer --duration")
 }
 
 /// Returns the failure of a rig that `cause` stopped at this time of its scene; without a cause its process died.
@@ -90,7 +90,7 @@ pub(super) fn stopped_by(cause: Option<Cause>, time_s: f64, rig: &config::Rig) -
         }
         None => (
             Exit::SafetyStop,
-            "left alone: its process died, and the drives stopped by their own watchdogs".to_owned(),
+            "left without a master: its process died, and the drives stopped by their own watchdogs".to_owned(),
             "start the program anew".into(),
         ),
     };
@@ -240,7 +240,7 @@ fn boot_help(failure: &BootFailure) -> &'static str {
         BootFailure::Restarted { .. } => "check the node's supply, and give each device its own node id",
         BootFailure::Segment(failure) => match **failure {
             SegmentFailure::OtherMaster { .. } => {
-                "end the other master, or name the interface of a segment of its own; where a switch joins two segments, take it away"
+                "stop the other master, or use an interface with a segment of its own; if a switch joins two segments, remove it"
             }
             SegmentFailure::Identity { fits_at: None, .. } => {
                 "compare the device at that position with its profile in the rig file: one of them is the wrong one"

@@ -10,7 +10,7 @@ use yieldwall_drives::codes::ErrorCodes;
 
 use self::values::{object, readings};
 use super::desk::address;
-use super::failure::{Exit, Failure};
+use super::failure::{Exit, Failure, both};
 use super::faults;
 use super::output::Output;
 use yieldwall_config::injection::{CATALOGUE, DEFECTS, DefectKind, DefectSize, Kind};
@@ -34,8 +34,8 @@ pub(super) struct Arguments {
     /// Faults, defects, codes and objects by name, or codes in hexadecimal
     ///
     /// Names are such as node-reset, backlash, no-sub-index or statusword. Codes and values are hexadecimal, as printed: 8130h, 0x8130 or
-    /// 06090011. Objects may have an address, such as 1018h:2. Keys such as fixture.yield_n and exit codes such as exit-7 are explained
-    /// too.
+    /// 06090011. Objects may have an address, such as 1018h:2. Symbols such as R, keys such as fixture.yield_n, exit codes such as exit-7,
+    /// commands and their steps are explained too.
     #[arg(value_name = "NAME|CODE", required = true)]
     words: Vec<String>,
     /// Device profile, by name or .yaml file, whose error-code table applies
@@ -58,8 +58,16 @@ struct Meaning {
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let codes = codes(arguments, output)?;
     let mut explained = Vec::new();
-    for word in &arguments.words {
-        explained.push((word, meanings(word, codes.as_deref())?));
+    let words = match program::is_command(&arguments.words) {
+        true => vec![arguments.words.join(" ")],
+        false => arguments.words.clone(),
+    };
+    let mut end = Ok(());
+    for word in &words {
+        match meanings(word, codes.as_deref()) {
+            Ok(meanings) => explained.push((word, meanings)),
+            Err(failure) => end = both(end, Err(failure)),
+        }
     }
     if output.is_json() {
         let document = |(word, meanings): &(&String, Vec<Meaning>)| {
@@ -70,7 +78,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             });
             json!({ "word": word, "meanings": each.collect::<Vec<_>>() })
         };
-        return output.report(json!({ "explained": explained.iter().map(document).collect::<Vec<_>>() }));
+        return output.end(json!({ "explained": explained.iter().map(document).collect::<Vec<_>>() }), end);
     }
     let mut text = String::new();
     for (word, meanings) in &explained {
@@ -82,7 +90,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             text.push_str(&lines(4, explanation));
         }
     }
-    output.result(&text)
+    output.result(&text)?;
+    end
 }
 
 /// Returns cause, next step and source, a paragraph each, `indent` columns from the left.
@@ -253,15 +262,14 @@ fn unknown(word: &str, codes: Option<&ErrorCodes>) -> Failure {
     let help = match meant.or_else(|| program::similar(word)) {
         Some(help) => help,
         None => {
-            "`yieldwall faults` lists the faults that can be injected, docs/faults.md all; codes are hexadecimal, as 8130h; \
-             objects have an address, as 1018h:2"
+            "docs/faults.md lists the faults; write codes as 8130h, objects as 1018h:2, keys as fixture.yield_n, and exit codes as exit-7"
                 .to_owned()
         }
     };
     Failure::new(
         Exit::Usage,
         format!(
-            "{word} is not a known code, symbol, key, exit code or command, nor the name of a fault, a defect or an object"
+            "nothing is known of {word}: it is no code, symbol, key, command or step, and no fault, defect or object"
         ),
         help,
     )

@@ -62,47 +62,58 @@ pub(super) const EXITS: [Meaning; 11] = [
     meaning(
         Exit::Usage,
         "usage",
-        "the command line makes no sense, or a file could not be written",
-        "the option --help of the command lists its options",
+        "wrong command line, or a file could not be written",
+        "`--help` after the command lists its options",
     ),
     meaning(
         Exit::ConfigInvalid,
         "configuration, recording or kept results invalid",
-        "",
+        "run, config check: a file of the rig; replay, plot, compare: a recording; study, sweep: kept points; commission --resume: a report",
         "the message names file and line; `yieldwall config check FILE` checks again",
     ),
     meaning(
         Exit::BusUnavailable,
         "interface or bus unavailable",
-        "",
+        "run, sim, scan: the interface is missing or down; on EtherCAT: another master, or no reply",
         "`yieldwall doctor --bus INTERFACE` finds out why",
     ),
     meaning(
         Exit::DeviceMismatch,
-        "device missing or identity mismatch",
-        "",
+        "device missing or refuses, or identity mismatch",
+        "run, drill, commission: a device is missing or has another identity; od, reg, sii: the device refuses or does not answer; sensor: no \
+         valid sample",
         "`yieldwall scan --bus INTERFACE` lists the devices",
     ),
-    meaning(Exit::DeviceFault, "device in fault", "", "`yieldwall state NODE` shows the error code"),
+    meaning(
+        Exit::DeviceFault,
+        "device in fault",
+        "run, drill: a drive reported a fault; state: the fault remains after a reset; home: a homing error",
+        "`yieldwall state NODE` shows the error code",
+    ),
     meaning(
         Exit::OutOfTolerance,
         "check out of tolerance",
         "run: energy or torque limit; commission, drill, home: a step; od diff, sii, replay: a difference; soak: an invariant; od \
          dump: an uncertain value",
-        "the message names measure and limit",
+        "the message names the measured value and its limit",
     ),
     meaning(
         Exit::SafetyStop,
         "stopped by a safety limit",
-        "",
+        "run, jog, tune loop: a fault stopped the rig; home: a joint is blocked or moved too far; state: the drive still has torque",
         "`yieldwall explain FAULT` explains the fault that the message names",
     ),
-    meaning(Exit::TimingMissed, "timing requirement not met", "", "`yieldwall latency` measures this host"),
+    meaning(
+        Exit::TimingMissed,
+        "timing requirement not met",
+        "run --bus: the host misses its limit or has no record of `latency`; doctor: a setting of the host",
+        "`yieldwall latency` measures this host",
+    ),
     meaning(
         Exit::Interrupted,
         "interrupted",
         "Ctrl-C or SIGTERM ended the command",
-        "the same command goes on where results are kept, as in `study` and `soak`",
+        "the same command continues where results are kept: `study`, `sweep` and `soak --out`",
     ),
 ];
 
@@ -179,9 +190,10 @@ impl From<&LinesError> for Failure {
     fn from(error: &LinesError) -> Self {
         let (exit, help) = match error {
             LinesError::Busy { .. } => (Exit::Usage, "wait until it has ended, or choose another folder"),
-            LinesError::Line { .. } => {
-                (Exit::ConfigInvalid, "the file was changed or is of another version: move it away")
-            }
+            LinesError::Line { .. } => (
+                Exit::ConfigInvalid,
+                "the file was changed, or another version wrote it: delete it, or choose another folder",
+            ),
             LinesError::NoFile { .. } => (Exit::Usage, "move it away, or choose another folder"),
             LinesError::Io { .. } => (Exit::Usage, "choose a folder you can write to"),
         };

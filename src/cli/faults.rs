@@ -118,7 +118,7 @@ fn kind(name: &str) -> Result<Kind, String> {
     Kind::named(name).ok_or_else(|| {
         let known = CATALOGUE.iter().map(|row| row.name);
         match config::nearest_word(name, known) {
-            Some(meant) => format!("there is no fault {name}: did you mean {meant}?"),
+            Some(meant) => format!("no fault is named {name}: did you mean {meant}?"),
             None => format!("there is no fault {name}: `yieldwall faults` lists them"),
         }
     })

@@ -84,7 +84,7 @@ impl Margins {
                 let unit = if margins.is_cartesian { "kg" } else { "kg m^2" };
                 let [least, greatest] = margins.inertia;
                 vec![
-                    format!("loop at the {space}, margins at the worst pose:"),
+                    format!("loop at the {space}, worst pose:"),
                     format!("inertia              {least:.2} to {greatest:.2} {unit}"),
                     format!("delay                {} + zero-order hold", cycles(margins.delay_cycles)),
                     format!("viscous friction     {}", words(&margins.worst.with_friction)),

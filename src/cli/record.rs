@@ -172,7 +172,15 @@ fn repair(named: &Path, out: Option<&Path>, output: &mut Output) -> Result<(), F
     let out = out.map_or_else(|| file.with_extension("repaired.mcap"), Path::to_owned);
     let frames = if named.is_dir() { FramesFile::all_in(named, &out)? } else { Vec::new() };
     let cannot = |error: io::Error| unwritten(&out, &error);
-    let target = OpenOptions::new().write(true).create_new(true).open(&out).map_err(cannot)?;
+    let target = OpenOptions::new().write(true).create_new(true).open(&out);
+    let target = target.map_err(|error| match error.kind() {
+        io::ErrorKind::AlreadyExists => Failure::new(
+            Exit::Usage,
+            format!("{} exists already", out.display()),
+            "delete it, or name another file with --out",
+        ),
+        _ => cannot(error),
+    })?;
     let about = recording.about().clone();
     let saved = match &mut recording {
         Recording::Rig(reader) => save(reader, file, Writer::new(target, &about), cannot),

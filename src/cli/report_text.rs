@@ -194,7 +194,7 @@ fn contact_text(measures: &Measures) -> Option<String> {
 fn place_text(measures: &Measures) -> String {
     match measures.penetration_mm {
         0.0 => "never on the surface".to_owned(),
-        depth_mm => format!("stopped {depth_mm:.1} mm beyond the surface"),
+        depth_mm => format!("deepest penetration {depth_mm:.2} mm"),
     }
 }
 
@@ -231,11 +231,8 @@ pub(crate) fn measures_text(measures: &Measures) -> Vec<String> {
         lines.push(format!("          {in_contact}"));
     }
     if let Some(share) = measures.on_surface_fraction_when_pressed {
-        lines.push(format!(
-            "contact   on the surface for {:.1} s; {:.1} % of the time with a push of F to R",
-            measures.on_surface_s,
-            100.0 * share
-        ));
+        lines.push(format!("contact   on the surface for {:.1} s", measures.on_surface_s));
+        lines.push(format!("          held for {:.1} % of the time with a push of F to R", 100.0 * share));
         lines.push(format!("          {}", break_outs_text(measures)));
     } else if let Some(contact) = contact_text(measures).filter(|_| releases(measures) > 0) {
         lines.push(format!("contact   {contact}"));
@@ -332,7 +329,7 @@ mod tests {
         let free = Measures { on_surface_s: 0.0, ..measures(0, 0) };
         assert!(run_verdict(&Ok(()), (1.0, None), &free).contains("1.0 s, never on the surface, energy"));
         let past = Measures { on_surface_s: 0.0, penetration_mm: 2.16, ..measures(1, 0) };
-        let text = "stopped 2.2 mm beyond the surface, broke out once (the hand pushed with R)";
+        let text = "deepest penetration 2.16 mm, broke out once (the hand pushed with R)";
         assert!(run_verdict(&Ok(()), (1.0, None), &past).contains(&format!("1.0 s, {text}, energy")));
         assert!(measures_text(&past).contains(&format!("contact   {text}")), "{:?}", measures_text(&past));
         let spring = Measures { energy_bound_j: f64::INFINITY, ..free };

@@ -113,12 +113,12 @@ fn simulated(rig: &Loaded<config::Rig>, output: &Output) -> Result<EmbeddedRig, 
 
 fn watch(arguments: &Monitor, rig: &Loaded<config::Rig>, output: &mut Output) -> Result<(), Failure> {
     let times_s = [arguments.seconds, ROW_S];
-    let heading = AXES.map(|(axis, unit)| format!("{:>11}", format!("{axis} {unit}"))).concat();
+    let heading = AXES.map(|(axis, unit)| format!("{:>10}", format!("{axis} {unit}"))).concat();
     let mut rows = Vec::new();
     let (mut printed, mut has_asked) = (Ok(()), false);
     let mut told = |output: &mut Output, from_s: f64, row: Wrenches| {
         let mean = (row.count() > 0).then(|| row.mean());
-        let values = mean.map_or_else(|| format!("{:>11}", "-").repeat(AXES.len()), columns);
+        let values = mean.map_or_else(|| format!("{:>10}", "-").repeat(AXES.len()), columns);
         let above = if rows.is_empty() { format!("{:>8}{heading}\n", "time s") } else { String::new() };
         rows.push(json!({ "from_s": from_s, "samples": row.count(), "mean": mean.map(document) }));
         let line = output.news(&format!("{above}{from_s:8.1}{values}"));
@@ -218,7 +218,7 @@ fn zero(arguments: &Tare, rig: &Loaded<config::Rig>, output: &mut Output) -> Res
         let document = json!({ "sensor": rig.value.sensor.name, "zero": document(zero), "most_n": most_n });
         return output.report(document);
     }
-    let heading = AXES.map(|(axis, unit)| format!("{:>11}", format!("{axis} {unit}"))).concat();
+    let heading = AXES.map(|(axis, unit)| format!("{:>10}", format!("{axis} {unit}"))).concat();
     let force_n = yieldwall_motion::elementary::hypot(zero.0.x, zero.0.y);
     let kept = match rig.value.sensor.tare_up_to_n {
         Some(most_n) if force_n <= most_n.get() => {
@@ -255,7 +255,7 @@ fn ended<T>(found: Result<T, RunError>) -> Result<T, Failure> {
 
 fn columns(wrench: Wrench) -> String {
     // Without the sign of nothing.
-    wrench.0.iter().map(|value| format!("{:11.3}", if value.abs() < 5e-4 { 0.0 } else { *value })).collect()
+    wrench.0.iter().map(|value| format!("{:10.3}", if value.abs() < 5e-4 { 0.0 } else { *value })).collect()
 }
 
 fn document(wrench: Wrench) -> Value {

@@ -151,7 +151,10 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         });
         return output.end(document, end);
     }
-    output.news(&failure::verdict(&end, || format!("no violation in {} seeds", tally.seeds)))?;
+    output.news(&failure::verdict(&end, || match tally.seeds {
+        1 => "no violation in 1 seed".to_owned(),
+        seeds => format!("no violation in {seeds} seeds"),
+    }))?;
     output.news(&soak::text(&tally))?;
     output.news(&format!("{:40} {wall_s:.1} s, {:.0} cycles/s", "run in", tally.cycles as f64 / wall_s))?;
     for (what, missed) in [("injections", tally.missed_injections()), ("faults", tally.missed_faults())] {

@@ -294,7 +294,8 @@ fn the_model_of_the_simulated_drives_is_one_of_a_drive() {
         load_rig(Source::memory("odd.yaml", text))
     };
     assert!(with("maxon-epos4").is_ok());
-    for (profile, says) in [("simulated-force-sensor", "is not one of a drive"), ("maxon-epos5", "is not known")] {
+    for (profile, says) in [("simulated-force-sensor", "is not one of a drive"), ("maxon-epos5", "is no known profile")]
+    {
         let report = with(profile).unwrap_err();
         let finding = &report.diagnostics[0];
         assert!(

@@ -18,7 +18,7 @@ pub(super) fn explain_syntax(fault: Fault, file: &str, text: &Arc<str>) -> Diagn
     let (message, help) = match fault.cause {
         Cause::Empty => (
             format!("{file} is empty"),
-            "start from one of the files in config/, or print one with `yieldwall config show`".to_owned(),
+            "`yieldwall new RIG.yaml` writes a rig; `yieldwall config show builtin:play.yaml` prints one".to_owned(),
         ),
         Cause::SeveralDocuments => (
             "a second document starts here".to_owned(),

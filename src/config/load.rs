@@ -415,7 +415,7 @@ fn linked_profiles(findings: &mut Findings, source: &Source, named: Vec<NamedPro
     let mut found = Vec::new();
     for (key, name, fits) in named {
         if name.get().is_none() && !name.is_file() {
-            refuse_profile(findings, key, name.as_str(), "is not known", fits);
+            refuse_profile(findings, key, name.as_str(), "is no known profile", fits);
         }
         if !name.is_file() {
             continue;

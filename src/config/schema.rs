@@ -104,8 +104,11 @@ fn loosen(schema: &Value, definitions: &mut Map<String, Value>) -> Value {
 static ASKED: LazyLock<Value> = LazyLock::new(schema);
 
 /// Returns the description of a key, such as `fixture.yield_n`: of a rig, else of another kind of file that has it. `None` if none has.
+///
+/// As in `--set`, an entry of a list goes by its name (`drives.left.direction`), and the keys of a scene may begin with `scene.`.
 pub fn key_description(path: &str) -> Option<String> {
-    Kind::ALL.into_iter().find_map(|kind| Guide::new(kind).description(path))
+    let of_any = |path: &str| Kind::ALL.into_iter().find_map(|kind| Guide::new(kind).named(path));
+    of_any(path).or_else(|| path.strip_prefix("scene.").and_then(of_any))
 }
 
 /// Returns the key most similar to this one: of a rig, else of another kind of file that has it. A word without a dot may be the last
@@ -132,6 +135,20 @@ impl Guide {
     pub(super) fn description(&self, path: &str) -> Option<String> {
         let text = self.find(path)?.get("description")?.as_str()?;
         Some(text.replace('\n', " "))
+    }
+
+    /// Returns the text of a key in whose path an entry of a list has its name in place of its number.
+    fn named(&self, path: &str) -> Option<String> {
+        let mut numbered = String::new();
+        for part in path.split('.') {
+            let is_list = self.find(&numbered).is_some_and(|above| self.resolve(above).get("items").is_some());
+            match (is_list, numbered.is_empty()) {
+                (true, _) => numbered.push_str("[0]"),
+                (false, true) => numbered.push_str(part),
+                (false, false) => numbered.extend([".", part]),
+            }
+        }
+        self.description(&numbered)
     }
 
     /// Returns the key most similar to this one, part by part.

@@ -27,7 +27,7 @@ pub enum SetValueError {
     NoValue(String),
     /// A key is empty, has a character other than letters, digits, `_` and `-`, or names a whole drive.
     #[error(
-        "{0} is not a key: write the keys from the outermost one on, such as fixture.yield_n or drives.left.direction"
+        "{0} is not a key: write the whole path, outermost key first, such as fixture.yield_n or drives.left.direction"
     )]
     NoKey(String),
     /// The value is longer than one line.

@@ -9,9 +9,9 @@ use std::fmt;
 pub enum Verdict {
     /// As it should be.
     Ok,
-    /// It could not be read: it is unknown, and not fine.
+    /// The value could not be read.
     Unknown,
-    /// A rig runs with it, and less well.
+    /// A rig runs with reduced performance.
     Warning,
     /// It keeps a rig from running, or from running in time.
     Wrong,

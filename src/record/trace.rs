@@ -114,7 +114,7 @@ pub enum Reference {
     },
     /// Plane in space, or straight line in the plane of x and y.
     Plane {
-        /// A point of it in m.
+        /// Point on the line or plane in m.
         point_m: [f64; 3],
         /// Its normal, of any length but zero, out of the forbidden side.
         normal: [f64; 3],

@@ -123,7 +123,7 @@ impl<P: Place + ?Sized> Runner<P> {
 }
 
 impl<P: Place + ?Sized> Runner<P> {
-    /// Proves as [`Runner::prove`], for a rig that is moved for the first time: the permit is for a small motion with little
+    /// Proves the watchdogs as [`Runner::prove`] does, for the first motion of a rig: the permit is for a small motion with little
     /// torque. Each drive gets its torque limit, which holds in every command mode until the network is booted anew. So no other
     /// permit of this boot allows more torque. A drive that stops has no more torque either.
     ///

@@ -245,7 +245,7 @@ fn a_drive_is_adopted_and_has_its_values_again() {
     let source = config::Source::among("found.yaml", [("found.yaml".into(), text.clone().into())]);
     let config::Document::Profile(profile) = config::load(source).unwrap() else { panic!("{text}") };
     assert_eq!(profile.value.servo().unwrap().process_data.supported_modes(), 0x380);
-    assert!(missing.iter().any(|line| line.contains("as the drill shows it")), "{missing:?}");
+    assert!(missing.iter().any(|line| line.contains("by the result of `yieldwall drill`")), "{missing:?}");
     // Its controlword was never written, nor did anybody start it.
     let is_harmless = |frame: &&yieldwall_fieldbus::canopen::Frame| match frame.id() {
         0x601 | 0x701 => true,

@@ -27,7 +27,7 @@ pub enum DeviceError {
     Elsewhere {
         /// Meaning of the object.
         what: &'static str,
-        /// Where the simulated device has it.
+        /// Its place in the simulated device.
         wanted: String,
         /// Index in the profile.
         index: u16,

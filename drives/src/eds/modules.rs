@@ -159,7 +159,13 @@ pub(super) fn plug(eds: &mut Eds, reader: &mut Reader<'_>) -> Result<(), EdsErro
             if !extend(&mut eds.objects, extension, new) {
                 let message =
                     format!("the object {:04X}h has no place for all entries of its modules", extension.index);
-                reader.find(line, Level::Error, message, "those that have none are left out");
+                reader.find(
+                    line,
+                    Level::Error,
+                    message,
+                    "entries without a place are ignored: use fewer modules, or another order \
+                                                          of slots",
+                );
             }
         }
     }

@@ -24,7 +24,7 @@ pub struct Limits {
     #[cfg_attr(feature = "config", garde(dive))]
     #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Option::is_none"))]
     pub current: Option<CurrentLimit>,
-    /// Speed of the motor.
+    /// Object of the limit of the motor's speed.
     #[cfg_attr(feature = "config", garde(dive))]
     #[cfg_attr(
         feature = "config",

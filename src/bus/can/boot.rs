@@ -51,7 +51,7 @@ impl Boot {
             let watch_ms = master.heartbeat.as_millis() as u32 * HEARTBEAT_PERIODS;
             let value = u32::from(master.node_id) << 16 | watch_ms;
             // The write begins the watch anew.
-            steps.push(command("let the drive watch the master", consumer, value));
+            steps.push(command("set the heartbeat watchdog", consumer, value));
         }
         for (number, drive) in drives.iter().enumerate() {
             let own = axis(master, drive)?;
@@ -265,7 +265,7 @@ fn heartbeat(period_ms: u32) -> Step {
 fn no_producer() -> [Step; 2] {
     let step =
         |doing, index| Step { doing, index, sub: 0, bytes: 4, action: Action::Bits { mask: PRODUCES, value: 0 } };
-    [step("keep it from making SYNC", 0x1005), step("keep it from making TIME", 0x1012)]
+    [step("disable SYNC generation", 0x1005), step("disable TIME generation", 0x1012)]
 }
 
 /// The watchdogs that are set by objects of their own.

@@ -164,7 +164,7 @@ pub(crate) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     );
     missing.iter().for_each(|line| told.push_str(&item(line)));
     if !contradictions.is_empty() {
-        told.push_str("the data sheet contradicts the drive, whose word counts:\n");
+        told.push_str("the data sheet differs from the drive; the profile has the values of the drive:\n");
         contradictions.iter().for_each(|line| told.push_str(&item(line)));
     }
     told.push_str(&format!("written   {}; `yieldwall config check` checks it\n", path.display()));

@@ -58,7 +58,7 @@ pub(super) fn text(clocks: &[Clock]) -> String {
     }
     let first = clocks.iter().find(|(_, clock)| clock.is_some());
     let reference = first.map_or_else(String::new, |(device, _)| {
-        wrapped(&format!("the reference clock of a master is that of {}; apart: a clock less that one", device.words()))
+        wrapped(&format!("reference clock: {}; apart: offset of each clock from it", device.words()))
     });
     table(&rows) + &reference
 }

@@ -100,13 +100,13 @@ pub(super) fn found(device: &Device, counters: &Counters) -> Vec<String> {
     }
     if counters.processing_unit > 0 {
         findings.push(format!(
-            "{name}: datagrams that cannot be came in {}: somebody else sends on this wire",
+            "{name}: impossible datagrams arrived {}: another device sends on this segment; disconnect it",
             times(counters.processing_unit)
         ));
     }
     if counters.process_data_interface > 0 {
         findings.push(format!(
-            "{name}: its controller and its processor misunderstood each other {}: it is broken, or its firmware is",
+            "{name}: its EtherCAT controller and its processor failed to exchange data {}: update its firmware, or replace it",
             times(counters.process_data_interface)
         ));
     }

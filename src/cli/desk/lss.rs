@@ -169,7 +169,7 @@ fn set_id(arguments: &SetId, output: &mut Output) -> Result<(), Failure> {
     }
     let next = if arguments.device == "new" { "" } else { ", from its next reset on" };
     let lasts = if arguments.save { "" } else { ", until power-off; --save makes it last" };
-    let mut text = wrapped(&format!("{who} has the node id {}{next}{lasts}", new.raw()));
+    let mut text = wrapped(&format!("{who} gets the node id {}{next}{lasts}", new.raw()));
     if arguments.save {
         text.push_str("stored    the device keeps it beyond power-off\n");
     }

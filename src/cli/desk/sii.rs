@@ -302,7 +302,7 @@ pub(super) fn overwrite(
             return output.result("nothing to write: the chip holds the image\n");
         }
         output.result(&format!("{word:11} {} of {} words of the SII\n", words.len(), image.len() / 2))?;
-        output.news("    in force when the device is switched off and on")
+        output.news("    takes effect after a power cycle of the device")
     };
     if asking.dry_run || words.is_empty() {
         return told("would write", None, desk, output);

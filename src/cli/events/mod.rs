@@ -300,6 +300,14 @@ fn watchdog(finding: &Finding) -> Event {
     event
 }
 
+/// Returns lines for a file or a pipe: as long as they are, unless COLUMNS is set.
+fn for_columns(lines: String) -> String {
+    match fit::columns(io::stdout()) {
+        Some(columns) => fit::fitted(&lines, columns),
+        None => lines,
+    }
+}
+
 impl Teller {
     fn tell(&mut self, event: &Event) {
         let timed;
@@ -322,9 +330,9 @@ impl Teller {
             Form::Lines if event.name == "boot" && !tracing::enabled!(tracing::Level::DEBUG) => return,
             Form::Lines if event.name == "booted" => {
                 let text = format!("{} ({} boot steps)", event.text, self.boot_steps);
-                Event { text, ..event.clone() }.line()
+                for_columns(Event { text, ..event.clone() }.line())
             }
-            Form::Lines => event.line(),
+            Form::Lines => for_columns(event.line()),
             Form::Objects => format!("{}\n", event.document()),
         };
         let has_other_bar = matches!(self.form, Form::Terminal(_)) && self.bar.is_none() && io::stderr().is_terminal();

@@ -1,9 +1,10 @@
-//! Words of the program itself: symbols of the fixture, keys of files, exit codes, commands.
+//! Words of the program itself: symbols of the fixture, keys of files, exit codes, commands and their steps.
 
 use std::borrow::Cow;
 
 use clap::CommandFactory;
 use yieldwall_config::{key_description, nearest_key, nearest_word};
+use yieldwall_run::bringup::commission::{STEPS, Step};
 use yieldwall_run::explanation::Explanation;
 
 use crate::failure::EXITS;
@@ -17,7 +18,7 @@ const SYMBOLS: [(&str, &str, &str); 10] = [
     (
         "N_wait",
         "fixture.hold_steps",
-        "steps in which the proxy stays on the surface after an impact, so that a blow does not break through",
+        "number of cycles in which the proxy stays on the surface after an impact, so that a blow does not break through",
     ),
     (
         "K",
@@ -33,6 +34,45 @@ const SYMBOLS: [(&str, &str, &str); 10] = [
     ("h", "", "force of the hand on the tool in N, from the force sensor"),
     ("PSMC", "control.law", "proxy-based sliding mode control: the control law of the joints in torque mode"),
 ];
+
+/// Pages of commands, in `docs`.
+const PAGES: [(&str, &str); 16] = [
+    ("new run config", "configuration.md"),
+    ("play view", "live-page.md"),
+    ("compare reproduce plot", "figures.md"),
+    ("explain", "faults.md"),
+    ("faults", "fault-injection.md"),
+    ("tune", "bringup.md#the-loop"),
+    ("bus", "bus-budget.md"),
+    ("sweep study", "study-tables.md"),
+    ("soak", "soak.md"),
+    ("doctor", "doctor.md"),
+    ("commission jog home calibrate drill", "bringup.md"),
+    ("sensor", "force-sensors.md"),
+    ("latency", "realtime.md"),
+    ("sim", "hardware-in-the-loop.md"),
+    ("record replay report", "recording.md"),
+    ("scan info od pdo state emcy drive monitor nmt lss dc errors sii alias reg", "devices.md"),
+];
+
+/// Sections of `docs/configuration.md` for groups of keys; the other keys are in the last one.
+const SECTIONS: [(&str, &str); 4] = [
+    ("control.gains", "gains"),
+    ("simulation", "the-simulation"),
+    ("buses", "buses-and-addresses"),
+    ("", "the-keys-that-matter-most"),
+];
+
+/// Returns the command of a path such as `config check`.
+fn command(path: &str) -> Option<clap::Command> {
+    let program = super::super::Arguments::command();
+    path.split(' ').try_fold(program, |above, name| above.find_subcommand(name).cloned())
+}
+
+/// Whether these words together name a command.
+pub(super) fn is_command(words: &[String]) -> bool {
+    words.len() > 1 && command(&words.join(" ")).is_some()
+}
 
 /// Returns the meanings of a word of the program: at most one of each kind.
 pub(super) fn explained(word: &str) -> Vec<Explanation> {
@@ -65,14 +105,30 @@ pub(super) fn explained(word: &str) -> Vec<Explanation> {
     });
     // A key stands in a group: a bare word may be a name of anything.
     let key = word.contains('.').then(|| key_description(word)).flatten();
-    let key = key.map(|text| own("a key of a file", text, "docs/configuration.md describes the files".to_owned()));
-    let program = super::super::Arguments::command();
-    let command = program.get_subcommands().find(|command| command.get_name() == word);
-    let command = command.and_then(|command| {
-        let about = command.get_about()?.to_string();
-        Some(own("a command", about, format!("`yieldwall {word} --help` shows its options")))
+    let section = SECTIONS.iter().find(|(group, _)| word.starts_with(group)).map_or("", |(_, section)| section);
+    let key = key.map(|text| {
+        let next =
+            format!("docs/configuration.md#{section}; `yieldwall config show RIG.yaml` shows the value of a rig");
+        own("a key of a file", text, next)
     });
-    symbol.into_iter().chain(exit).chain(key).chain(command).collect()
+    let step = Step::named(word).map(|step| {
+        let next = format!(
+            "docs/bringup.md#the-guided-commissioning has its limits; `yieldwall commission RIG.yaml --from {word}` begins there"
+        );
+        own("a step of `yieldwall commission`", step.does().to_owned(), next)
+    });
+    let command = command(word).and_then(|command| {
+        let about = command.get_about()?.to_string();
+        let options = format!("`yieldwall {word} --help` shows its options");
+        Some(own("a command", about, page(word).map_or(options.clone(), |page| format!("{options}; docs/{page}"))))
+    });
+    symbol.into_iter().chain(exit).chain(key).chain(step).chain(command).collect()
+}
+
+/// Returns the page of a command in `docs`.
+fn page(command: &str) -> Option<&'static str> {
+    let first = command.split(' ').next()?;
+    PAGES.iter().find(|(commands, _)| commands.split(' ').any(|known| known == first)).map(|(_, page)| *page)
 }
 
 /// Returns help for a word that is similar to one of the program: a symbol, a key, an exit code or a command.
@@ -83,7 +139,9 @@ pub(super) fn similar(word: &str) -> Option<String> {
     }
     let symbol = SYMBOLS.iter().map(|(symbol, ..)| *symbol).find(|symbol| symbol.eq_ignore_ascii_case(word));
     let program = super::super::Arguments::command();
-    let command = || nearest_word(word, program.get_subcommands().map(|command| command.get_name())).map(str::to_owned);
+    let names = program.get_subcommands().map(|command| command.get_name()).chain(STEPS.map(Step::name));
+    let names: Vec<&str> = names.collect();
+    let command = || nearest_word(word, names).map(str::to_owned);
     let meant = symbol.map(str::to_owned).or_else(command).or_else(|| nearest_key(word))?;
     Some(format!("did you mean {meant}?"))
 }
@@ -98,6 +156,26 @@ mod tests {
             assert!(key.is_empty() || key_description(key).is_some(), "{symbol}: {key}");
             assert_eq!(explained(symbol).len(), 1, "{symbol}");
         }
+    }
+
+    #[test]
+    fn each_command_and_each_key_has_a_page_that_exists() {
+        let docs = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs");
+        let is_there = |page: &str| {
+            let (file, section) = page.split_once('#').unwrap_or((page, ""));
+            let text = std::fs::read_to_string(docs.join(file)).unwrap();
+            let anchor = |line: &str| line.strip_prefix("## ").map(|title| title.to_lowercase().replace(' ', "-"));
+            section.is_empty() || text.lines().filter_map(anchor).any(|title| title == section)
+        };
+        let program = crate::Arguments::command();
+        let all = program.get_subcommands().filter(|command| !command.is_hide_set()).map(|command| command.get_name());
+        for name in all.filter(|name| !["help", "man", "completions"].contains(name)) {
+            assert!(page(name).is_some_and(is_there), "{name}: {:?}", page(name));
+        }
+        for (_, section) in SECTIONS {
+            assert!(is_there(&format!("configuration.md#{section}")), "{section}");
+        }
+        assert!(is_there("bringup.md#the-guided-commissioning"));
     }
 
     #[test]
@@ -126,9 +204,16 @@ mod tests {
     }
 
     #[test]
-    fn keys_and_commands_are_explained() {
+    fn keys_steps_and_commands_are_explained() {
         assert!(explained("fixture.yield_n")[0].meaning.contains("R in N"));
+        for key in ["drives.left.direction", "scene.duration_s", "scene.hand.mass_kg", "duration_s.x"] {
+            assert_eq!(explained(key).is_empty(), key == "duration_s.x", "{key}");
+        }
         assert_eq!(explained("commission")[0].what, "a command");
+        assert_eq!(explained("config check")[0].what, "a command");
+        for step in STEPS {
+            assert_eq!(explained(step.name())[0].meaning, step.does(), "{}", step.name());
+        }
         assert!(explained("fixture.nothing").is_empty());
     }
 }

@@ -155,7 +155,7 @@ fn unknown(name: &str, why: NoShift) -> Failure {
                 "{name} is homed, but began only {:.2} deg from home, too near to reach its rate",
                 way_rad.to_degrees()
             ),
-            "move the arm by hand farther away, to where home lies ahead; switch the drives off and on, and try again",
+            "move the arm by hand farther from home, against the homing direction; power-cycle the drives, and try again",
         ),
         NoShift::NoPositions => (
             format!("{name} is homed, but positions are missing at the moment of its new reference"),

@@ -111,7 +111,7 @@ impl Facts<'_> {
                 trace.friction_n,
                 trace.yield_n
             ));
-            lines.push(format!("catch     impacts up to {:.0} mm/s stop on the surface without a hold", 1e3 * capture));
+            lines.push(format!("catch     impacts up to {:.0} mm/s stop on the surface with N_wait 0", 1e3 * capture));
         }
         lines.extend(measures_text(&self.report.measures));
         if let Some(counters) = self.report.bus {

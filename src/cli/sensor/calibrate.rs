@@ -110,7 +110,7 @@ fn text(
     (force_n, map): (f64, Option<&ForceMap>),
     rows: Option<&[[f64; 6]; 2]>,
 ) -> String {
-    let heading = super::AXES.map(|(axis, unit)| format!("{:>11}", format!("{axis} {unit}"))).concat();
+    let heading = super::AXES.map(|(axis, unit)| format!("{:>10}", format!("{axis} {unit}"))).concat();
     let mut text = format!("{:>16}{heading}\n", "pull x, y N");
     for pulled in pulled {
         let [x, y] = pulled.force.to_array();

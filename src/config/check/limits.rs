@@ -123,10 +123,18 @@ fn check_torque(findings: &mut Findings, rig: &Rig, index: usize, name: &str) {
     if per_mille > MOST_PER_MILLE {
         let most = MOST_PER_MILLE / 1000.0;
         let message = format!("{head}, more than the largest set-point of {name}: {most} times its rated {rated} N m");
-        findings.error("guard.torque_limit_n_m", message, "check both: torques go to the drive in per mille of rated")
+        findings.error(
+            "guard.torque_limit_n_m",
+            message,
+            "check both: drives receive torque in 0.1 % of the rated torque",
+        )
     } else if per_mille < 1.0 {
         let message = format!("{head}, less than one per mille of the rated {rated} N m of {name}");
-        findings.error("guard.torque_limit_n_m", message, "check both: torques go to the drive in per mille of rated")
+        findings.error(
+            "guard.torque_limit_n_m",
+            message,
+            "check both: drives receive torque in 0.1 % of the rated torque",
+        )
     } else if limit > rated {
         let message = format!("{head}, above the rated {rated} N m of {name}");
         let help = "lower it to the rated torque; above it the drive heats up and may limit or trip";

@@ -402,8 +402,9 @@ impl Checked<'_> {
         let key = "device.servo.brake";
         match (servo.brake.held_by, &servo.brake.output) {
             (BrakeHolder::Output, None) => {
-                let message = format!("`{key}` is held by an output, and does not say by which");
-                let help = "write `output: {value: .., mask: .., bit: 0, closed_if: set, closes_in_ms: ..}` by the manual (60FEh)";
+                let message = format!("`{key}` has `held_by: output`, and no output is given");
+                let help = "write `output: {value: .., mask: .., bit: 0, closed_if: set, closes_in_ms: ..}`; the manual of the drive \
+                            has the values (often of 60FEh)";
                 self.findings.error(key, message, help);
             }
             (BrakeHolder::Output, Some(output)) => {
@@ -439,9 +440,8 @@ impl Checked<'_> {
                 }
             };
             let step = if *index < 0x6000 { "vendor_object_step" } else { "object_step" };
-            let help = format!(
-                "write the distance of the objects from one axis to the next in `{step}`: the manual has both axes"
-            );
+            let help =
+                format!("write the index offset from one axis to the next in `{step}`: the manual has both axes");
             self.findings.error(KEY, message, help);
         }
         if axes.gap_step.saturating_mul(axes.count.saturating_sub(1).into()) >= COMMUNICATION {

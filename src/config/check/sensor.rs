@@ -26,7 +26,8 @@ fn check_tare(findings: &mut Findings, rig: &Rig) {
             .see("guard.force_limit_n", "force_limit_n");
     } else if friction_n > 0.0 && most_n > friction_n {
         let message = format!("`{key}` is {most_n} N, above the {friction_n} N of `fixture.friction_n`");
-        let help = "write less: a hand that rests while the rig is tared is taken for the zero, and its force moves the arm once it is gone";
+        let help = "write less: a hand that rests while the rig is tared becomes part of the zero, and the arm moves as soon as it \
+                    lets go";
         findings.warning(key, message, help).see("fixture.friction_n", "friction_n");
     }
 }
@@ -42,7 +43,7 @@ pub(super) fn check_sensor(findings: &mut Findings, rig: &Rig) {
             .error(
                 "sensor.low_pass_hz",
                 format!(
-                    "`sensor.low_pass_hz` is {} Hz, not below half of the {} Hz of `cycle.period_us`",
+                    "`sensor.low_pass_hz` is {} Hz, at or above half of the cycle rate of {} Hz",
                     *corner,
                     round(cycle_hz)
                 ),

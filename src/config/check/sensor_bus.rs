@@ -128,7 +128,7 @@ fn check_gap(findings: &mut Findings, rig: &Rig, key: &str, gap_us: u32) {
     let period_us = 1e6 / *rig.sensor.sample_rate_hz;
     if f64::from(gap_us) >= period_us {
         let message = format!(
-            "`{key}` is {gap_us} us, and a sample comes every {} us: halves of two could be taken for one",
+            "`{key}` is {gap_us} us, and a sample comes every {} us: frames of two samples could be paired",
             round(period_us)
         );
         findings
@@ -137,9 +137,9 @@ fn check_gap(findings: &mut Findings, rig: &Rig, key: &str, gap_us: u32) {
     }
     let Some(bus) = rig.buses.get(&rig.sensor.bus).and_then(Bus::canopen) else { return };
     if u64::from(gap_us) * u64::from(bus.bit_rate_bit_per_s) < BITS_OF_EIGHT_BYTES * 1_000_000 {
-        let message = format!("`{key}` is {gap_us} us, in which no frame of eight bytes can come");
+        let message = format!("`{key}` is {gap_us} us, less than a frame of eight bytes takes");
         let rate = format!("buses.{}.canopen.bit_rate_bit_per_s", rig.sensor.bus);
-        findings.error(key, message, "raise it, such as to 500 us at 1 Mbit/s").see(&rate, "bit_rate_bit_per_s");
+        findings.error(key, message, "raise it, for example to 500 us at 1 Mbit/s").see(&rate, "bit_rate_bit_per_s");
     }
 }
 
@@ -217,8 +217,8 @@ mod tests {
     #[test]
     fn halves_have_to_be_told_from_those_of_the_next_sample() {
         let (key, ids) = ("sensor.protocol.streaming.pair_gap_us", "sensor.protocol.streaming.data_ids");
-        assert_eq!(one(STREAMING, "pair_gap_us: 500", "pair_gap_us: 1000", key, "halves of two"), Severity::Error);
-        assert_eq!(one(STREAMING, "pair_gap_us: 500", "pair_gap_us: 90", key, "no frame"), Severity::Error);
+        assert_eq!(one(STREAMING, "pair_gap_us: 500", "pair_gap_us: 1000", key, "frames of two"), Severity::Error);
+        assert_eq!(one(STREAMING, "pair_gap_us: 500", "pair_gap_us: 90", key, "less than a frame"), Severity::Error);
         assert_eq!(one(STREAMING, "[0x360, 0x361]", "[0x361, 0x360]", ids, "would go first"), Severity::Error);
     }
 

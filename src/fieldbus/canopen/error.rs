@@ -17,10 +17,10 @@ pub enum CanopenError {
     #[error("PDO number {0} is outside 1 to 4")]
     PdoNumber(u8),
     /// Mapped objects of more than 64 bits.
-    #[error("mapped objects have {0} bits, a PDO holds 64")]
+    #[error("the mapped objects have {0} bits, and a PDO has room for 64: remove entries, or use a second PDO")]
     PdoBits(u32),
     /// More mapped objects than a mapping record of these devices holds.
-    #[error("{0} mapped objects, a mapping record holds 8")]
+    #[error("{0} objects are mapped, and a mapping record has room for 8: remove entries, or use a second PDO")]
     PdoEntries(usize),
     /// A mapping entry that names no object, one that cannot be mapped, or a wrong length.
     #[error("object {index:04X}h:{sub} cannot be mapped with {bits} bits")]

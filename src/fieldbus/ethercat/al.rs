@@ -203,7 +203,7 @@ al_status_codes! {
     0x0029 FREE_RUN_THREE_BUFFERS "free run needs three buffers", "control byte of sync manager 2 or 3";
     0x002a BACKGROUND_WATCHDOG "background watchdog", "firmware error";
     0x002b NO_PROCESS_DATA "no valid inputs and outputs", "look at the device's own error objects";
-    0x002c FATAL_SYNC "fatal synchronisation error", "SYNC0 stayed away in OP";
+    0x002c FATAL_SYNC "fatal synchronisation error", "SYNC0 did not arrive in OP";
     0x002d NO_SYNC "no SYNC0 was seen", "SYNC0 is not activated (0981h), or its start (0990h) is in the past";
     0x002e CYCLE_TOO_SHORT "cycle time too short", "faster than 1C32h:05 allows";
     0x0030 INVALID_DC "distributed clocks: configuration not valid", "0980h to 09A7h do not match what the device offers in its ESI";
@@ -220,7 +220,7 @@ al_status_codes! {
     0x0044 MAILBOX_FOE "mailbox: FoE error", "see the device manual";
     0x0045 MAILBOX_SOE "mailbox: SoE error", "see the device manual";
     0x004f MAILBOX_VOE "mailbox: VoE error", "see the device manual";
-    0x0050 SII_NO_ACCESS "SII: the device has no access", "the master keeps the SII: write 1 to 0500h";
+    0x0050 SII_NO_ACCESS "SII: the device has no access", "the master still owns the SII: release it (write 1 to 0500h)";
     0x0051 SII_ERROR "SII: access error", "memory chip or its content";
     0x0052 EXTERNAL_HARDWARE "external hardware not ready", "supply or attached module";
     0x0060 RESTARTED "device restarted by itself", "supply dip or firmware error";

@@ -203,7 +203,7 @@ pub struct Ask {
 }
 
 impl Ask {
-    /// Creates a datagram with so many bytes.
+    /// Creates a request for a datagram with `len` bytes of data.
     pub const fn new(command: Command, address: u32, len: usize) -> Self {
         Ask { command, address, len }
     }

@@ -90,7 +90,7 @@ impl Excitation {
         self.angles_rad.get(at).copied().unwrap_or_default()
     }
 
-    /// Its frequencies, the lowest first.
+    /// Returns the frequencies of the excitation in Hz, the lowest first.
     pub fn lines(&self) -> &[Line] {
         &self.lines
     }

@@ -289,6 +289,11 @@ fn pressed(trace: &Trace) -> Pressed {
     let mut in_contact = false;
     let mut was_on = false;
     for row in &trace.rows {
+        // While a fault holds or stops the rig, the fixture lets go of the proxy by design.
+        if row.supervisor_state > State::Running as u8 {
+            (in_contact, was_on) = (false, false);
+            continue;
+        }
         // By the proxy, which may have come round a corner when the tool has not, or the other way about.
         let push = -trace.normal_force_at_proxy_n(row);
         let is_freeing = trace.is_unilateral && push > 0.0;
@@ -466,6 +471,11 @@ mod tests {
         assert_eq!(leaving(-20.0), (0, 0), "a pull off a wall is no way through it");
         let kept = measure(&pressed_outward(), &CONTEXT);
         assert_eq!((kept.break_outs, kept.unintended_releases), (0, 0));
+        let mut stopped = pressed_outward();
+        for row in &mut stopped.rows[20..] {
+            (row.is_on_surface, row.supervisor_state) = (false, State::Stopped as u8);
+        }
+        assert_eq!(measure(&stopped, &CONTEXT).unintended_releases, 0, "the fault lets go, not the fixture");
     }
 
     #[test]

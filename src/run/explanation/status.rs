@@ -50,7 +50,7 @@ pub(super) fn row(state: Option<State>) -> StateText {
         ),
         Some(State::SwitchOnDisabled) => row(
             "the drive is well and has no torque",
-            "nobody asked for more, or its power supply or safe torque off is open",
+            "no master has enabled the drive, its supply is off, or safe torque off is active",
             "`yieldwall run RIG.yaml` enables it; if it stays, check supply, enable input and safe torque off",
         ),
         Some(State::ReadyToSwitchOn) => row(

@@ -29,17 +29,17 @@ pub fn profile(survey: &Survey, sheet: Option<(&Eds, &str)>, name: &str, version
         let _ = writeln!(text, "{line}");
     };
     put(
-        "# Written by `yieldwall drive adopt`: asked of the drive and tried out in Switch On Disabled, never in Operation Enabled.",
+        "# Written by `yieldwall drive adopt`: read from the drive and tested in Switch On Disabled, never in Operation Enabled.",
     );
     put("#");
     if missing.is_empty() {
         put("# Nothing is missing.");
     } else {
-        put("# Missing, or not to be seen there:");
+        put("# Missing, or not testable in that state:");
         missing.iter().for_each(|line| put(&format!("# - {line}")));
     }
     if !contradictions.is_empty() {
-        put("# Contradictions of the data sheet; what the drive says counts here:");
+        put("# The data sheet differs from the drive here; the profile has the values of the drive:");
         contradictions.iter().for_each(|line| put(&format!("# - {line}")));
     }
     put("profile:");
@@ -49,12 +49,12 @@ pub fn profile(survey: &Survey, sheet: Option<(&Eds, &str)>, name: &str, version
         put("  buses: [ethercat]");
     }
     put("  sources:");
-    put(&format!("    device: asked of the drive itself, serial number {serial:08X}h, by yieldwall {version}"));
+    put(&format!("    device: read from the drive, serial number {serial:08X}h, by yieldwall {version}"));
     if let Some((eds, file)) = sheet {
         let [vendor, product, file] = [eds.device.vendor.as_str(), eds.device.product.as_str(), file].map(plain);
         put(&format!("    eds: \"data sheet {file} of {vendor} {product}, compared with the drive\""));
     }
-    put("    cia402: CiA 402, the meaning of a value that the drive takes");
+    put("    cia402: CiA 402, the meaning of a value that the drive accepts");
     put("");
     put("identity:");
     put(&format!("  device_type: 0x{:08x}", survey.device_type));
@@ -258,18 +258,21 @@ fn missing(survey: &Survey, sheet: Option<&Eds>) -> Vec<String> {
     put(is_on_can && !survey.watches_heartbeat, "it does not watch a heartbeat (1016h:1): `run` refuses it");
     put(
         is_on_can && !survey.has_rpdo_timer,
-        "no event timer of RPDOs (1400h:5): that set-points stay away may go unnoticed until the heartbeat is missed",
+        "no event timer of RPDOs (1400h:5): the drive may notice missing set-points only when the heartbeat times out",
     );
     put(
         survey.has_rpdo_timer,
-        "what the drive does when the event timer of an RPDO runs out (`reaction`): taken for nothing. Write abort_connection, fault \
-         or nothing by the manual, or as the drill shows it",
+        "what the drive does when the event timer of an RPDO runs out (`reaction`): assumed nothing. Set abort_connection, fault or \
+         nothing by the manual or by the result of `yieldwall drill`",
     );
     put(
         is_on_can,
-        "whether it watches SYNC: not to be seen without process data; taken for no, and shown by the drill",
+        "whether it watches SYNC: not testable without process data; assumed no until `yieldwall drill` shows otherwise",
     );
-    put(survey.lost_master.is_none(), "6007h takes none of 1, 2 and 3: a lost master does not stop it by that");
+    put(
+        survey.lost_master.is_none(),
+        "6007h takes none of 1, 2 and 3: this object cannot make it stop when the master is lost",
+    );
     put(
         survey.lost_master.is_some_and(|value| value != 3),
         "6007h does not take 3: no quick stop when the master is lost",
@@ -278,11 +281,11 @@ fn missing(survey: &Survey, sheet: Option<&Eds>) -> Vec<String> {
         is_on_can && !survey.stops_on_error,
         "1029h:1 does not take 0: it may stay Operational on a communication error",
     );
-    put(!survey.takes_quick_stop, "605Ah does not take 2: how its quick stop ends is its own");
+    put(!survey.takes_quick_stop, "605Ah does not take 2: the manual has the state after its quick stop");
     let [has_torque, has_following_error, has_speed] = survey.limits;
     put(
         !has_torque,
-        "no torque limit (6072h): name its object in another unit (`limits.current`) by the manual, or confirm the drive's own limit in `commission`",
+        "no torque limit (6072h): take the object of a current limit (`limits.current`) from the manual, or confirm the drive's own limit in `commission`",
     );
     put(!has_following_error, "no following error window (6065h)");
     put(!has_speed, "no limit of the motor's speed (6080h with 608Fh)");
@@ -292,9 +295,9 @@ fn missing(survey: &Survey, sheet: Option<&Eds>) -> Vec<String> {
     put(is_on_can && !survey.has_dummies, "no bytes can be skipped in an RPDO; this program skips none");
     put(
         true,
-        "what the encoder knows at power-on and whether a reset loses it: write `encoder: multi_turn` or `single_turn` at the drive in the rig",
+        "whether the encoder keeps its position over power-off and reset: write `encoder: multi_turn` or `single_turn` at the drive in the rig",
     );
-    put(true, "who holds the brake, if there is one: write `held_by` of `brake`: none, drive or output");
+    put(true, "what controls the brake, if there is one: set `held_by` of `brake` to none, drive or output");
     for (index, sub) in zeros(survey) {
         missing.push(format!(
             "{index:04X}h:{sub} is mapped, and the rig has no value for it: each cycle sends 0; write its `value` by the manual, above all of a limit"

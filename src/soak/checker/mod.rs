@@ -120,7 +120,7 @@ impl Limits {
     }
 }
 
-/// The greatest values that were seen.
+/// Largest values of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Peaks {
     /// Torque of a drive, N m.

@@ -97,7 +97,7 @@ fn refuse_exchanging(reached: &mut DeviceHandle) -> Result<(), Failure> {
         }
     };
     let Some((state, command)) = state else { return Ok(()) };
-    let message = format!("{} is in {state}: its process data may not change", reached.words());
+    let message = format!("{} is in {state}: its process data can be changed only in Pre-operational", reached.words());
     let help = format!("`yieldwall {command} {} preop{}` first", reached.number(), reached.arguments());
     Err(Failure::new(Exit::Usage, message, help))
 }

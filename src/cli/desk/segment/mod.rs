@@ -161,7 +161,7 @@ impl SegmentSession {
         Self::at_place(place, opening, output)?.ok_or_else(|| {
             let help =
                 "name an Ethernet interface with --bus, or a rig with --rig, such as builtin:paper-ethercat.yaml";
-            Failure::new(Exit::Usage, "this is for devices on EtherCAT, and no rig on EtherCAT is named", help)
+            Failure::new(Exit::Usage, "this command is for EtherCAT, and no EtherCAT rig is given", help)
         })
     }
 
@@ -366,7 +366,7 @@ pub(super) fn no_objects(words: &str, position: u16, arguments: &str, error: &Se
         }
         _ => String::new(),
     };
-    Failure::new(Exit::DeviceMismatch, format!("{words}: reaching its objects: {error}"), help)
+    Failure::new(Exit::DeviceMismatch, format!("{words}: cannot access its objects: {error}"), help)
 }
 
 /// Returns the failure of a request on an object of a device.

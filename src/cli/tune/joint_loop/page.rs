@@ -131,7 +131,7 @@ fn step_chart(joint: &JointLoop) -> Option<Chart> {
         color,
     };
     Some(Chart {
-        title: "step of 0.5 mrad in 20 ms, on a slow travel".to_owned(),
+        title: "step of 0.5 mrad in 20 ms, during a slow motion".to_owned(),
         panels: vec![Panel {
             title: String::new(),
             x: Axis::linear("time (ms)"),

@@ -158,11 +158,11 @@ impl Figure {
 /// How a step ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// All was as it should be.
+    /// The step passed.
     Pass,
     /// Something is wrong.
     Fail,
-    /// It was not tried.
+    /// The step was skipped.
     Skipped,
 }
 
