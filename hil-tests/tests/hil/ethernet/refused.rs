@@ -159,7 +159,7 @@ fn frames_of_another_master_and_of_a_switch() {
             assert_eq!(code, BUS_UNAVAILABLE, "{message}");
             assert!(message.contains("a master is on this segment; nothing was written"), "{message}");
             assert!(
-                message.contains("12:00:00:00:00:34") && help.contains("end the other master"),
+                message.contains("12:00:00:00:00:34") && help.contains("stop the other master"),
                 "{message}; {help}"
             );
         }
