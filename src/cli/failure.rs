@@ -79,7 +79,7 @@ pub(super) const EXITS: [Meaning; 11] = [
     ),
     meaning(
         Exit::DeviceMismatch,
-        "device missing or refuses, or identity mismatch",
+        "device missing or refusing, or identity mismatch",
         "run, drill, commission: a device is missing or has another identity; od, reg, sii: the device refuses or does not answer; sensor: no \
          valid sample",
         "`yieldwall scan --bus INTERFACE` lists the devices",

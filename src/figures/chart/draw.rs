@@ -33,7 +33,7 @@ const RING: f64 = 9.0;
 /// Widths of lines, in pixels of the SVG: of a series, and of an interval.
 pub(super) const LINE: f64 = 1.8;
 const WHISKER: f64 = 1.0;
-/// How much wider the white rim of a line over cells is, by which it is seen in grey.
+/// Width of the white rim of a line over cells beyond that of the line, in pixels of the SVG: the rim sets the line off in grey.
 const LINE_RIM: f64 = 2.4;
 /// Dashes and gaps of a line, in pixels of the SVG: its sample has two.
 pub(super) const DASHES: &str = "8 4";
@@ -42,10 +42,10 @@ pub(super) const OPEN: f64 = 0.55;
 pub(super) const WHITE: &str = "#ffffff";
 /// By how much a mark is larger than that of the next series, so that its rim is seen where both stand in one place.
 const RIM: f64 = 0.08;
-/// How far within the frame marks stand that lie beyond it, as a share of the axis, and how much farther those of the next series.
+/// Distance from the frame of marks for points beyond it, as a share of the axis, and the further distance of the next series.
 const EDGE: f64 = 0.015;
 const NEXT_EDGE: f64 = 0.03;
-/// How far within the frame all such marks stand in a panel with rings, so that a ring about one of them is whole.
+/// Distance from the frame of all such marks in a panel with rings: the frame does not cut a ring about one of them.
 const RING_EDGE: f64 = 0.05;
 /// Pixels of the PNG for each of the SVG.
 const PICTURE_SCALE: f32 = 2.0;

@@ -12,7 +12,7 @@ use super::{Chart, Color, Mark, Series};
 /// Half the width of a mark and the radius of a ring, in pixels of the SVG.
 const MARK: f64 = 4.0;
 const RING: f64 = 5.5;
-/// How far a line reaches to both sides of the middle of its sample, and where it begins beside a mark.
+/// Half the length of the line in a sample, and the distance from the middle at which it begins beside a mark, in pixels of the SVG.
 const REACH: f64 = 10.0;
 const BESIDE_MARK: f64 = 6.5;
 /// Middle of a sample, from the end that the plotting crate gives it.
